@@ -1,0 +1,260 @@
+"""From the things in a scene to a Problem: systems, pairs and rows, and what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from .constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from .constraints.shapes import Array, Convex, HalfSpace, PlacedShape, Sphere
+from .errors import InputError
+from .problem import Problem
+from .scene_model import SceneModel
+from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .system.articulated import Control
+from .urdf import Robot
+
+_PALETTE = (
+    (0.20, 0.45, 0.70, 1.0),
+    (0.90, 0.55, 0.20, 1.0),
+    (0.30, 0.60, 0.40, 1.0),
+    (0.75, 0.35, 0.40, 1.0),
+    (0.50, 0.45, 0.70, 1.0),
+    (0.85, 0.75, 0.35, 1.0),
+)
+
+
+@dataclass(frozen=True)
+class RobotItem:
+    """A robot, where it stands, and how it starts."""
+
+    robot: Robot
+    base: str
+    position: Array
+    rotation: Array
+    q0: Array
+    v0: Array
+    control: Control | None
+
+
+@dataclass(frozen=True)
+class BodyItem:
+    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame."""
+
+    name: str
+    shape: Convex
+    mass: float
+    inertia: Array
+    centre: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
+    fixed: bool
+
+
+@dataclass(frozen=True)
+class SphereItem:
+    """Frictionless spheres under one name."""
+
+    name: str
+    positions: Array
+    radii: Array
+    masses: Array
+    velocities: Array
+
+    def names(self) -> list[str]:
+        """Return one name a sphere."""
+        if len(self.radii) == 1:
+            return [self.name]
+        return [f"{self.name}[{k}]" for k in range(len(self.radii))]
+
+
+@dataclass
+class SceneItems:
+    """All that was added to a scene, in its order."""
+
+    gravity: Array
+    restitution: float
+    walls: dict[str, HalfSpace] = field(default_factory=dict)
+    robots: list[RobotItem] = field(default_factory=list)
+    bodies: list[BodyItem] = field(default_factory=list)
+    spheres: list[SphereItem] = field(default_factory=list)
+    pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
+
+    def names(self) -> set[str]:
+        """Return the names that are taken."""
+        return {
+            *self.walls,
+            *(r.robot.name for r in self.robots),
+            *(b.name for b in self.bodies),
+            *(s.name for s in self.spheres),
+        }
+
+    def restitution_of(self, a: str, b: str) -> float:
+        """Return e between two shapes: a shape's own setting goes before its entity's."""
+        for first in (a, _entity(a)):
+            for second in (b, _entity(b)):
+                e = self.pair_restitution.get(frozenset((first, second)))
+                if e is not None:
+                    return e
+        return self.restitution
+
+
+@dataclass
+class _Builder:
+    """Systems, shapes and initial state, collected block after block."""
+
+    items: SceneItems
+    systems: list[System] = field(default_factory=list)
+    shapes: list[PlacedShape] = field(default_factory=list)
+    q0: list[Array] = field(default_factory=list)
+    v0: list[Array] = field(default_factory=list)
+    omitted: list[tuple[str, str]] = field(default_factory=list)
+    apart: set[tuple[str, str]] = field(default_factory=set)
+    limits: list[tuple[Array, Array, Array, Array, list[str]]] = field(default_factory=list)
+    spheres: list[int] = field(default_factory=list)
+
+    def counts(self) -> tuple[int, int, int]:
+        """Return how many q, v and bodies there are so far."""
+        return (
+            sum(s.nq for s in self.systems),
+            sum(s.nv for s in self.systems),
+            sum(len(s.bodies) - 1 for s in self.systems),
+        )
+
+    def add_robot(self, item: RobotItem) -> None:
+        nq, nv, nb = self.counts()
+        model = item.robot.model.copy()
+        model.gravity.linear = self.items.gravity
+        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
+        self.q0.append(item.q0)
+        self.v0.append(item.v0)
+        self.shapes += [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
+        self.apart |= item.robot.apart
+        self.omitted += item.robot.omitted
+        joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
+        here = np.array([model.idx_qs[j] for j in joints], dtype=np.intp)
+        rate = np.array([model.idx_vs[j] for j in joints], dtype=np.intp)
+        lower, upper = model.lowerPositionLimit[here], model.upperPositionLimit[here]
+        names = [f"{item.robot.name}/{model.names[j]}" for j in joints]
+        # Pinocchio writes "no limit" as the largest float
+        lower, upper = np.where(lower < -1e100, -np.inf, lower), np.where(upper > 1e100, np.inf, upper)
+        if joints and (np.isfinite(lower) | np.isfinite(upper)).any():
+            self.limits.append((here + nq, rate + nv, lower, upper, names))
+
+    def add_bodies(self, bodies: list[BodyItem]) -> None:
+        moving = [b for b in bodies if not b.fixed]
+        nb = self.counts()[2]
+        for k, b in enumerate(bodies):
+            color = _PALETTE[k % len(_PALETTE)] if not b.fixed else (0.7, 0.7, 0.72, 1.0)
+            placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, color)
+            if not b.fixed:
+                body = nb + moving.index(b) + 1
+                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, color)
+            self.shapes.append(placed)
+        if not moving:
+            return
+        masses = np.array([b.mass for b in moving])
+        inertias = np.array([b.inertia for b in moving])
+        names = tuple(b.name for b in moving)
+        self.systems.append(FreeBodies(masses, inertias, self.items.gravity, names))
+        for b in moving:
+            quaternion = pin.Quaternion(b.rotation).normalized().coeffs()
+            self.q0.append(np.concatenate([b.position + b.rotation @ b.centre, quaternion]))
+            self.v0.append(np.concatenate([b.velocity, b.rotation.T @ b.angular_velocity]))
+
+    def add_spheres(self, spheres: list[SphereItem]) -> None:
+        if not spheres:
+            return
+        nb = self.counts()[2]
+        names = [n for item in spheres for n in item.names()]
+        radii = np.concatenate([s.radii for s in spheres])
+        self.systems.append(Spheres(np.concatenate([s.masses for s in spheres]), self.items.gravity, tuple(names)))
+        colors = [_PALETTE[(k + 1) % len(_PALETTE)] for k, s in enumerate(spheres) for _ in s.radii]
+        for k, (name, radius, color) in enumerate(zip(names, radii, colors, strict=True)):
+            placed = PlacedShape(name, Sphere(float(radius)), nb + k + 1, np.eye(3), np.zeros(3), color)
+            self.spheres.append(len(self.shapes))
+            self.shapes.append(placed)
+        self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
+        self.v0.append(np.concatenate([s.velocities.reshape(-1) for s in spheres]))
+        self.omitted.append((f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}", "no friction can turn them"))
+
+    def constraints(self, system: System) -> Iterator[Constraint]:
+        items = self.items
+        for here, rate, lower, upper, names in self.limits:
+            yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution)
+        moving = [s for s in self.shapes if s.body]
+        wall_pairs = [(name, wall, s) for name, wall in items.walls.items() for s in moving]
+        if wall_pairs:
+            labels = [f"{s.name} | {name}" for name, _, s in wall_pairs]
+            e = np.array([items.restitution_of(name, s.name) for name, _, s in wall_pairs])
+            walls, shapes = [w for _, w, _ in wall_pairs], [s for _, _, s in wall_pairs]
+            yield HalfSpaceContacts(system, walls, shapes, labels, e)
+        pairs = list(self._shape_pairs())
+        if pairs:
+            first, second = [a for a, _ in pairs], [b for _, b in pairs]
+            e = np.array([items.restitution_of(a.name, b.name) for a, b in pairs])
+            yield SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e)
+        if len(self.spheres) > 1:
+            yield self._sphere_contacts(system)
+
+    def _shape_pairs(self) -> Iterator[tuple[PlacedShape, PlacedShape]]:
+        spheres = set(self.spheres)
+        for i, a in enumerate(self.shapes):
+            for j in range(i + 1, len(self.shapes)):
+                b = self.shapes[j]
+                # two spheres are found in bulk; nothing of the world moves against the world
+                if a.body == b.body or (i in spheres and j in spheres):
+                    continue
+                if (a.name, b.name) not in self.apart:
+                    yield a, b
+
+    def _sphere_contacts(self, system: System) -> SphereContacts:
+        items = self.items.spheres
+        group = np.repeat(np.arange(len(items)), [len(s.radii) for s in items])
+        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
+        first = self.shapes[self.spheres[0]].body
+        radii = np.concatenate([s.radii for s in items])
+        names = tuple(n for s in items for n in s.names())
+        return SphereContacts(system, slice(system.nq - 3 * len(radii), system.nq), first, radii, names, group, e)
+
+
+def assemble(items: SceneItems) -> Problem:
+    """Return the Problem of a scene.
+
+    Raises
+    ------
+    InputError
+        If nothing moves.
+    InadmissibleStartError
+        If two things overlap at the start.
+    """
+    builder = _Builder(items)
+    for robot in items.robots:
+        builder.add_robot(robot)
+    builder.add_bodies(items.bodies)
+    builder.add_spheres(items.spheres)
+    if not builder.systems:
+        raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
+    system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
+    constraints = list(builder.constraints(system))
+    sizes = [s.shape.bound for s in builder.shapes if s.body]
+    model = SceneModel(items, tuple(builder.shapes), tuple(builder.omitted))
+    return Problem(
+        system,
+        constraints,
+        np.concatenate(builder.q0),
+        np.concatenate(builder.v0),
+        restitution=items.restitution,
+        length=float(np.median(sizes)) if sizes else 1.0,
+        scene=model,
+    )
+
+
+def _entity(name: str) -> str:
+    return name.split("/", 1)[0].split("[", 1)[0]

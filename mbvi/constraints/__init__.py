@@ -1,0 +1,20 @@
+"""Unilateral constraints f(q) >= 0 and their gradients: they know no time step."""
+
+from .active import Constraint, Rows
+from .admissible_set import AdmissibleSet
+from .gap_function import GapFunction
+from .half_space import HalfSpaceContacts
+from .joint_limit import JointLimits
+from .signed_distance import SignedDistances
+from .spheres import SphereContacts
+
+__all__ = [
+    "AdmissibleSet",
+    "Constraint",
+    "GapFunction",
+    "HalfSpaceContacts",
+    "JointLimits",
+    "Rows",
+    "SignedDistances",
+    "SphereContacts",
+]

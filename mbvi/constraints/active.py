@@ -1,0 +1,49 @@
+"""The active constraints at one (t, q), and what a constraint must give."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+Array = np.ndarray
+
+NOWHERE = np.full(3, np.nan)
+
+
+class Rows(NamedTuple):
+    """Active rows, J(q) with its gradients.
+
+    Attributes
+    ----------
+    constraint : ndarray of int, shape (k,)
+        Which constraint each row belongs to; a flat face gives several rows of one.
+    gap : ndarray, shape (k,)
+        f, negative where penetrated [m or rad].
+    jacobian : ndarray, shape (k, nv)
+        grad f in the tangent space.
+    restitution : ndarray, shape (k,)
+        e of each row; NaN where the problem's own applies.
+    point, normal : ndarray, shape (k, 3)
+        Contact point and unit normal in the world, from the first body named to the second [m]; NaN where the
+        constraint is no contact.
+    """
+
+    constraint: Array
+    gap: Array
+    jacobian: Array
+    restitution: Array
+    point: Array
+    normal: Array
+
+
+class Constraint(Protocol):
+    """What a new constraint must give; `active`, `names` and `restitution` are optional beside it."""
+
+    def gap(self, t: float, q: Array) -> Array | float:
+        """Return f at (t, q): a number, or shape (m,)."""
+        ...
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return grad f in the tangent space: shape (nv,), or (m, nv)."""
+        ...

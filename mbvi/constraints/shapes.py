@@ -1,0 +1,314 @@
+"""Convex shapes: their Coal geometry, the points they stand on, and their inertia as homogeneous solids.
+
+Every shape is centred on its own frame; lengths in metres; capsules and cylinders lie along z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from ..errors import InputError
+
+Array = np.ndarray
+
+_RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6)])
+_CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+# faces met at a flatter angle than this do not bound a patch
+_FACING = 0.1
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball of a radius [m]."""
+
+    radius: float
+    smooth = True
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return self.radius
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        return coal.Sphere(self.radius)
+
+    def standing_points(self) -> tuple[Array, float]:
+        """Return points, shape (k, 3), and a radius: the shape's reach below a plane is theirs."""
+        return np.zeros((1, 3)), self.radius
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        return 0.4 * mass * self.radius**2 * np.eye(3)
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid of three semi-axes [m]."""
+
+    radii: tuple[float, float, float]
+    smooth = True
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return max(self.radii)
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        return coal.Ellipsoid(*self.radii)
+
+    def standing_points(self) -> tuple[Array, float]:
+        """Return none: the lowest point moves over the surface, see `lowest`."""
+        return np.zeros((0, 3)), 0.0
+
+    def lowest(self, up: Array) -> Array:
+        """Return the points, shape (k, 3), that are lowest against a direction given in the shape's frame."""
+        scaled = np.asarray(self.radii) * up
+        return -(np.asarray(self.radii) * scaled / np.sqrt(scaled @ scaled))[None]
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        a, b, c = np.square(self.radii)
+        return 0.2 * mass * np.diag([b + c, a + c, a + b])
+
+
+class _Polyhedron:
+    """What boxes and hulls share: vertices to stand on, and faces `normal . x <= offset`."""
+
+    smooth = False
+    vertices: Array
+    faces: tuple[Array, Array]
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    def standing_points(self) -> tuple[Array, float]:
+        """Return the vertices, shape (k, 3), and radius 0."""
+        return self.vertices, 0.0
+
+    def exit(self, points: Array, direction: Array) -> Array:
+        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        normals, offsets = self.faces
+        slope = normals @ direction
+        facing = slope > _FACING
+        return ((offsets[facing] - points @ normals[facing].T) / slope[facing]).min(axis=1)
+
+
+@dataclass(frozen=True)
+class Box(_Polyhedron):
+    """A box of three edge lengths [m]."""
+
+    size: tuple[float, float, float]
+
+    @property
+    def vertices(self) -> Array:  # type: ignore[override]
+        """The corners, shape (8, 3)."""
+        return _CORNERS * np.asarray(self.size)
+
+    @property
+    def faces(self) -> tuple[Array, Array]:  # type: ignore[override]
+        """Outward normals, shape (6, 3), and offsets, shape (6,)."""
+        half = 0.5 * np.asarray(self.size)
+        return np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([half, half])
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        return coal.Box(*self.size)
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        a, b, c = np.square(self.size)
+        return mass / 12 * np.diag([b + c, a + c, a + b])
+
+
+class Hull(_Polyhedron):
+    """The convex hull of points.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Points in the shape's frame [m]; only the hull's vertices are kept.
+
+    Raises
+    ------
+    InputError
+        If the points span no volume.
+    """
+
+    def __init__(self, points: Array) -> None:
+        points = np.asarray(points, dtype=float)
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError) as error:
+            raise InputError(f"the convex hull of {len(points)} points has no volume") from error
+        self.vertices = np.ascontiguousarray(points[hull.vertices])
+        number = np.full(len(points), -1)
+        number[hull.vertices] = np.arange(len(hull.vertices))
+        self.triangles = number[hull.simplices]
+        self.faces = np.ascontiguousarray(hull.equations[:, :3]), -hull.equations[:, 3]
+        corner = self.vertices[self.triangles]
+        outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        inward = (outward * self.faces[0]).sum(axis=1) < 0.0
+        self.triangles[inward] = self.triangles[inward][:, ::-1]
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        points.extend(list(self.vertices))
+        triangles.extend([coal.Triangle(*map(int, t)) for t in self.triangles])
+        return coal.Convex(points, triangles)
+
+    def mass_properties(self, mass: float) -> tuple[Array, Array]:
+        """Return centre of mass, shape (3,), and inertia about it, shape (3, 3), at constant density."""
+        # tetrahedra from the origin, signed by the outward triangles
+        corner = self.vertices[self.triangles]
+        volume = np.einsum("ti,ti->t", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6
+        centre = np.einsum("t,ti->i", volume, corner.sum(axis=1)) / (4 * volume.sum())
+        total = corner.sum(axis=1)
+        second = np.einsum("t,tki,tkj->ij", volume, corner, corner) + np.einsum("t,ti,tj->ij", volume, total, total)
+        covariance = mass * (second / (20 * volume.sum()) - np.outer(centre, centre))
+        return centre, np.trace(covariance) * np.eye(3) - covariance
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre of mass, shape (3, 3) [kg m^2]."""
+        return self.mass_properties(mass)[1]
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder of a length between two half balls of a radius [m]."""
+
+    radius: float
+    length: float
+    smooth = False
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return self.radius + 0.5 * self.length
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        return coal.Capsule(self.radius, self.length)
+
+    def standing_points(self) -> tuple[Array, float]:
+        """Return the centres of the two ends, shape (2, 3), and the radius."""
+        return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, self.radius
+
+    def exit(self, points: Array, direction: Array) -> Array:
+        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        z = np.clip(points[:, 2], -0.5 * self.length, 0.5 * self.length)
+        from_axis = points - z[:, None] * np.array([0.0, 0.0, 1.0])
+        return _leave_ball(from_axis, direction, self.radius)
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        r, length = self.radius, self.length
+        ball, tube = 4 / 3 * r, length
+        m_ball, m_tube = mass * ball / (ball + tube), mass * tube / (ball + tube)
+        axial = m_tube * r**2 / 2 + m_ball * 0.4 * r**2
+        side = m_tube * (length**2 / 12 + r**2 / 4) + m_ball * (0.4 * r**2 + length**2 / 4 + 0.375 * length * r)
+        return np.diag([side, side, axial])
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A solid cylinder of a radius and a length [m]."""
+
+    radius: float
+    length: float
+    smooth = False
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return float(np.hypot(self.radius, 0.5 * self.length))
+
+    def coal(self) -> Any:
+        """Return the Coal geometry."""
+        return coal.Cylinder(self.radius, self.length)
+
+    def standing_points(self) -> tuple[Array, float]:
+        """Return twelve points of each rim, shape (24, 3), and radius 0; the lowest moves, see `lowest`."""
+        end = np.array([0.0, 0.0, 0.5 * self.length])
+        return np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end]), 0.0
+
+    def lowest(self, up: Array) -> Array:
+        """Return the lowest point of each rim, shape (2, 3), against a direction given in the shape's frame."""
+        flat = np.array([up[0], up[1], 0.0])
+        length = np.sqrt(flat @ flat)
+        if length < 1e-9:
+            return np.zeros((0, 3))
+        end = np.array([0.0, 0.0, 0.5 * self.length])
+        rim = -self.radius / length * flat
+        return np.stack([rim - end, rim + end])
+
+    def exit(self, points: Array, direction: Array) -> Array:
+        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        way = np.full(len(points), np.inf)
+        if abs(direction[2]) > _FACING:
+            way = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
+        across = np.hypot(direction[0], direction[1])
+        if across > _FACING:
+            flat = points * np.array([1.0, 1.0, 0.0])
+            unit = np.array([direction[0], direction[1], 0.0]) / across
+            way = np.minimum(way, _leave_ball(flat, unit, self.radius) / across)
+        return way
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        side = mass * (self.length**2 / 12 + self.radius**2 / 4)
+        return np.diag([side, side, 0.5 * mass * self.radius**2])
+
+
+def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
+    """Return how far from points, shape (k, 3), a line along a unit direction leaves a ball about the origin."""
+    along = points @ direction
+    inside = along**2 - (points**2).sum(axis=1) + radius**2
+    return np.sqrt(np.maximum(inside, 0.0)) - along
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """What a wall or floor leaves free: normal . x >= offset in the world [m]."""
+
+    normal: tuple[float, float, float]
+    offset: float
+
+
+Convex = Sphere | Ellipsoid | Box | Hull | Capsule | Cylinder
+
+
+@dataclass(frozen=True)
+class PlacedShape:
+    """A shape fixed to a body.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the scene: "hopper/foot", "floor".
+    shape : Convex
+        The shape.
+    body : int
+        The body it is fixed to; 0 is the world.
+    rotation : ndarray, shape (3, 3)
+    position : ndarray, shape (3,)
+        Where the shape's frame stands in the body's [m].
+    color : tuple of float
+        Red, green, blue, opacity in [0, 1].
+    """
+
+    name: str
+    shape: Convex
+    body: int
+    rotation: Array
+    position: Array
+    color: tuple[float, float, float, float] = (0.6, 0.65, 0.72, 1.0)

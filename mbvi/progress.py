@@ -1,0 +1,54 @@
+"""A bar on a terminal, for runs long enough to want one."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+from tqdm import tqdm
+
+# seconds before a run's length is judged, and the length from which a bar is shown
+_PATIENCE, _LONG = 0.5, 3.0
+
+
+class Progress:
+    """Shows how far a run is.
+
+    Parameters
+    ----------
+    total : int
+        Steps to take.
+    shown : bool or None
+        Always, never, or on a terminal where the run looks long.
+    """
+
+    def __init__(self, total: int, shown: bool | None) -> None:
+        self._total, self._bar = total, None
+        self._start = time.perf_counter()
+        wanted = sys.stderr.isatty() if shown is None else shown
+        self._next = (self._start + (0.0 if shown else _PATIENCE)) if wanted else float("inf")
+        self._always = bool(shown)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def poll(self, done: int) -> None:
+        """Say that `done` steps are taken."""
+        now = time.perf_counter()
+        if now < self._next:
+            return
+        self._next = now + 0.1
+        expected = (now - self._start) / done * self._total
+        if self._bar is None and (self._always or expected > _LONG):
+            self._bar = tqdm(total=self._total, unit="step", unit_scale=True)
+        if self._bar is not None:
+            self._bar.update(done - self._bar.n)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            if error is None:
+                self._bar.update(self._total - self._bar.n)
+            self._bar.close()

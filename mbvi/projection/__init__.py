@@ -1,0 +1,17 @@
+"""Projections in the kinetic metric: they know no robot and no time step."""
+
+from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
+from .project import Projection, Projector, impact, project
+
+__all__ = [
+    "BlockMetric",
+    "BodiesMetric",
+    "DenseMetric",
+    "DiagonalMetric",
+    "Metric",
+    "Projection",
+    "Projector",
+    "as_metric",
+    "impact",
+    "project",
+]

@@ -1,0 +1,203 @@
+"""The kinetic metric |w|_M = (w' M w)^(1/2), factorised block by block as M = L L'."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ..errors import InputError
+
+Array = np.ndarray
+
+
+class Metric(Protocol):
+    """A symmetric positive definite matrix M = L L' that is only ever applied.
+
+    Every method takes a vector of shape (nv,) or columns of shape (nv, m).
+    """
+
+    def apply(self, w: Array) -> Array:
+        """Return M w."""
+        ...
+
+    def whiten(self, w: Array) -> Array:
+        """Return L^-1 w: forces and gradients in the coordinates where M is the identity."""
+        ...
+
+    def unwhiten(self, y: Array) -> Array:
+        """Return L'^-1 y: velocities back from the coordinates where M is the identity."""
+        ...
+
+    def dense(self) -> Array:
+        """Return M itself, shape (nv, nv)."""
+        ...
+
+
+def solve(metric: Metric, w: Array) -> Array:
+    """Return M^-1 w."""
+    return metric.unwhiten(metric.whiten(w))
+
+
+def norm(metric: Metric, w: Array) -> float:
+    """Return |w|_M [J^(1/2) up to the factor 2^(1/2)]."""
+    return float(np.sqrt(max(w @ metric.apply(w), 0.0)))
+
+
+class DenseMetric:
+    """One full block, of which only the upper triangle is read.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (nv, nv)
+        M.
+
+    Raises
+    ------
+    InputError
+        If M is not positive definite.
+    """
+
+    def __init__(self, matrix: Array) -> None:
+        self.matrix = matrix
+        # LAPACK's U' U with U = L'; only the upper triangle is read and written
+        self.upper, info = lapack.dpotrf(matrix, 0, 0)
+        if info:
+            raise InputError(
+                f"the mass matrix is not positive definite (leading minor {info} of {len(matrix)}): "
+                "check masses, inertias and the coordinates' redundancy"
+            )
+
+    def apply(self, w: Array) -> Array:  # noqa: D102
+        return self.dense() @ w
+
+    def whiten(self, w: Array) -> Array:  # noqa: D102
+        return lapack.dtrtrs(self.upper, w, 0, 1)[0]
+
+    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+        return lapack.dtrtrs(self.upper, y, 0, 0)[0]
+
+    def dense(self) -> Array:  # noqa: D102
+        upper = np.triu(self.matrix)
+        return upper + np.triu(upper, 1).T
+
+
+class DiagonalMetric:
+    """A diagonal M: point masses and frictionless spheres.
+
+    Parameters
+    ----------
+    diagonal : ndarray, shape (nv,)
+        The positive entries.
+    """
+
+    def __init__(self, diagonal: Array) -> None:
+        self.diagonal = diagonal
+        self.root = np.sqrt(diagonal)
+
+    def apply(self, w: Array) -> Array:  # noqa: D102
+        return (self.diagonal * w.T).T
+
+    def whiten(self, w: Array) -> Array:  # noqa: D102
+        return (w.T / self.root).T
+
+    unwhiten = whiten
+
+    def dense(self) -> Array:  # noqa: D102
+        return np.diag(self.diagonal)
+
+
+class BodiesMetric:
+    """Free bodies side by side: constant blocks of shape (6, 6).
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (n, 6, 6)
+        The mass matrix of each body.
+    """
+
+    def __init__(self, blocks: Array) -> None:
+        self.blocks = blocks
+        self.inverse_lower = np.linalg.inv(np.linalg.cholesky(blocks))
+        self.inverse_upper = np.ascontiguousarray(self.inverse_lower.transpose(0, 2, 1))
+
+    @staticmethod
+    def _each(blocks: Array, w: Array) -> Array:
+        return (blocks @ w.reshape(len(blocks), 6, -1)).reshape(w.shape)
+
+    def apply(self, w: Array) -> Array:  # noqa: D102
+        return self._each(self.blocks, w)
+
+    def whiten(self, w: Array) -> Array:  # noqa: D102
+        return self._each(self.inverse_lower, w)
+
+    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+        return self._each(self.inverse_upper, y)
+
+    def dense(self) -> Array:  # noqa: D102
+        n = 6 * len(self.blocks)
+        full = np.zeros((n, n))
+        for k, block in enumerate(self.blocks):
+            full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = block
+        return full
+
+
+class BlockMetric:
+    """Several metrics side by side.
+
+    Parameters
+    ----------
+    parts : sequence of Metric
+        The diagonal blocks.
+    slices : sequence of slice
+        Where each of them stands in w.
+    """
+
+    def __init__(self, parts: Sequence[Metric], slices: Sequence[slice]) -> None:
+        self.parts = parts
+        self.slices = slices
+
+    def apply(self, w: Array) -> Array:  # noqa: D102
+        return np.concatenate([p.apply(w[s]) for p, s in zip(self.parts, self.slices, strict=True)])
+
+    def whiten(self, w: Array) -> Array:  # noqa: D102
+        return np.concatenate([p.whiten(w[s]) for p, s in zip(self.parts, self.slices, strict=True)])
+
+    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+        return np.concatenate([p.unwhiten(y[s]) for p, s in zip(self.parts, self.slices, strict=True)])
+
+    def dense(self) -> Array:  # noqa: D102
+        n = self.slices[-1].stop
+        full = np.zeros((n, n))
+        for p, s in zip(self.parts, self.slices, strict=True):
+            full[s, s] = p.dense()
+        return full
+
+
+def as_metric(M: Array | Metric, nv: int) -> Metric:
+    """Return M as a `Metric`.
+
+    Parameters
+    ----------
+    M : ndarray, shape (nv, nv), or Metric
+        Symmetric positive definite.
+    nv : int
+        The size it must have.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, an entry is not finite, or M is not symmetric positive definite.
+    """
+    if not isinstance(M, (np.ndarray, list, tuple)):
+        return M
+    matrix = np.asarray(M, dtype=float)
+    if matrix.shape != (nv, nv):
+        raise InputError(f"M has shape {matrix.shape}; the velocity asks for ({nv}, {nv})")
+    if not np.isfinite(matrix).all():
+        raise InputError("M has entries that are not finite")
+    if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-9 * np.abs(matrix).max(initial=0.0):
+        raise InputError("M is not symmetric")
+    return DenseMetric(matrix)

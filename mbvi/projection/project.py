@@ -1,0 +1,212 @@
+"""The projection min |w - x|_M subject to J w >= c, and the impact law (8) built on it.
+
+With M = L L', A = L^-1 J' scaled to unit columns and z = L'(w - x), this is the point of least norm of a
+polyhedron: min |z|^2 subject to A' z >= d. A guess at the active set is tried first, then ProxQP finds it; either
+way the result is solved anew on that set and judged by its own residual, so its accuracy is that of the linear
+algebra and not of a stopping test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InfeasibleError, InputError, ProjectionError
+from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
+from .metric import Array, Metric, as_metric
+from .proxqp import ProxQP
+
+_ROUNDING = 1e-13
+_POSITIVE = 1e-7
+
+
+class Projection(NamedTuple):
+    """The nearest velocity, the percussions that lead to it, and how well both fit.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (nv,)
+        w = argmin |w - x|_M with J w >= lower.
+    percussion : ndarray, shape (m,)
+        p >= 0 with M (w - x) = J' p [N s, N m s] (Lemma 3.3 with the sign turned).
+    residual : float
+        max |min(p, J w - lower)| over the rows scaled to a unit gradient in the metric, relative to the largest of
+        the speeds J x and lower so scaled.
+    """
+
+    velocity: Array
+    percussion: Array
+    residual: float
+
+
+class Projector:
+    """Projections in a row: the QP solvers are kept, one per number of rows, and started from their last result.
+
+    Parameters
+    ----------
+    residual : float
+        The relative KKT residual above which a projection raises.
+    """
+
+    def __init__(self, residual: float = 1e-6) -> None:
+        self.residual = residual
+        self._solver = ProxQP()
+
+    def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
+        """Project x; see `project`, whose checks this leaves out."""
+        speed = J @ x
+        missing = lower - speed
+        if not missing.size or missing.max() <= 0.0:
+            return Projection(x, np.zeros(len(missing)), 0.0)
+        columns = metric.whiten(J.T)
+        lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+        if not lengths.all():
+            return self._without_zero_rows(x, metric, J, lower, lengths > 0.0)
+        missing /= lengths
+        scale = missing.max()
+        A = columns / lengths
+        d = missing / scale
+        (z, p), residual = self._solve(A, d)
+        speeds = np.abs(speed) + np.abs(lower)
+        residual *= scale / max((speeds / lengths).max(), scale)
+        # written so that a NaN is refused too
+        if not residual <= self.residual:
+            raise self._failure(x, metric, J, lower, residual)
+        return Projection(x + scale * metric.unwhiten(z), scale * p / lengths, residual)
+
+    def _solve(self, A: Array, d: Array) -> tuple[Candidate, float]:
+        """Return the best candidate for min |z|^2, A' z >= d and its residual."""
+        best, least = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
+        for candidate in self._candidates(A, d):
+            if candidate is None:
+                continue
+            residual = kkt_residual(A, d, candidate)
+            if residual < least:
+                best, least = candidate, residual
+            if residual <= _ROUNDING * (1.0 + np.abs(candidate.z).max()):
+                break
+        return best, least
+
+    def _candidates(self, A: Array, d: Array) -> Iterator[Candidate | None]:
+        """Yield the cheapest first: a guess at the active set, ProxQP's, ProxQP itself, an exact method."""
+        G = A.T @ A
+        yield solve_on(A, G, d, d > 0.0)
+        p = np.maximum(self._solver.solve(G, d), 0.0)
+        yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
+        yield Candidate(A @ p, p)
+        yield dual_active_set(A, d, _ROUNDING)
+
+    def _without_zero_rows(self, x: Array, metric: Metric, J: Array, lower: Array, kept: Array) -> Projection:
+        """Project with the rows whose gradient vanishes left out: they ask 0 >= lower."""
+        if (lower[~kept] > 0.0).any():
+            raise InfeasibleError(
+                "a constraint whose gradient vanishes asks for a positive rate: no velocity gives it",
+                {"x": x, "M": metric.dense(), "J": J, "lower": lower},
+            )
+        part = self.project(x, metric, J[kept], lower[kept])
+        percussion = np.zeros(len(lower))
+        percussion[kept] = part.percussion
+        return Projection(part.velocity, percussion, part.residual)
+
+    def _failure(self, x: Array, metric: Metric, J: Array, lower: Array, residual: float) -> ProjectionError:
+        problem = {"x": x, "M": metric.dense(), "J": J, "lower": lower}
+        if self._solver.infeasible:
+            return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
+        return ProjectionError(
+            f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "
+            f"above {self.residual:.1e}; the problem is in `.problem`",
+            problem,
+            float(residual),
+        )
+
+
+def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -> Projection:
+    """Project a velocity onto {w : J w >= lower} in the kinetic metric.
+
+    Parameters
+    ----------
+    x : ndarray, shape (nv,)
+        Velocity to project [m/s, rad/s].
+    M : ndarray, shape (nv, nv), or Metric
+        Mass matrix, symmetric positive definite.
+    J : ndarray, shape (m, nv)
+        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero.
+    lower : float or ndarray, shape (m,)
+        Least rate of each constraint [m/s, rad/s]; 0 gives the projection onto the tangent cone.
+
+    Returns
+    -------
+    Projection
+        Velocity, percussions and residual.
+
+    Raises
+    ------
+    InputError
+        On wrong shapes, entries that are not finite, M not symmetric positive definite.
+    InfeasibleError
+        If no velocity meets the constraints.
+    ProjectionError
+        If the relative KKT residual stays above 1e-6; what was reached is in the result either way.
+
+    Notes
+    -----
+    Proj_M(T_K, x) of equation (8); percussions as in Lemma 3.3 with the sign turned.
+    """
+    velocity, J, bound = _checked(x, J, lower, "lower")
+    return Projector().project(velocity, as_metric(M, velocity.size), J, bound)
+
+
+def impact(v: Array, M: Array | Metric, J: Array, e: Array | float) -> Array:
+    """Apply the impact law v+ = -e v- + (1 + e) Proj_M(T, v-).
+
+    Parameters
+    ----------
+    v : ndarray, shape (nv,)
+        Velocity before, v-.
+    M : ndarray, shape (nv, nv), or Metric
+        Mass matrix.
+    J : ndarray, shape (m, nv)
+        Gradients of the active constraints.
+    e : float or ndarray, shape (m,)
+        Restitution in [0, 1], one for all or one each.
+
+    Returns
+    -------
+    ndarray, shape (nv,)
+        Velocity after, v+.
+
+    Raises
+    ------
+    InputError, ProjectionError
+        As `project`; also if e is outside [0, 1].
+
+    Notes
+    -----
+    Equation (8). Since T is a cone, v+ = argmin |w - v|_M subject to J w >= -e J v, which carries one e per
+    constraint as well.
+    """
+    velocity, J, restitution = _checked(v, J, e, "e")
+    # written so that a NaN is refused too
+    if not ((restitution >= 0.0) & (restitution <= 1.0)).all():
+        raise InputError(f"restitution e must lie in [0, 1]; got {e}")
+    metric = as_metric(M, velocity.size)
+    return Projector().project(velocity, metric, J, -restitution * (J @ velocity)).velocity
+
+
+def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:
+    """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
+    x = np.asarray(x, dtype=float)
+    J = np.ascontiguousarray(J, dtype=float)
+    if x.ndim != 1:
+        raise InputError(f"the velocity has shape {x.shape}; (nv,) is asked for")
+    if J.ndim != 2 or J.shape[1] != x.size:
+        raise InputError(f"J has shape {J.shape}; the velocity asks for (m, {x.size})")
+    try:
+        bound = np.broadcast_to(np.asarray(bound, dtype=float), J.shape[:1])
+    except ValueError as error:
+        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({len(J)},)") from error
+    if not (np.isfinite(x).all() and np.isfinite(J).all() and np.isfinite(bound).all()):
+        raise InputError(f"x, J and {name} must be finite")
+    return x, J, bound

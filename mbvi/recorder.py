@@ -1,0 +1,132 @@
+"""Keeps what a run leaves behind, and tells an impact from a contact that merely goes on pressing."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from .errors import MbviWarning
+from .problem import Problem
+from .schemes import Step
+from .trajectory import Array, Impact, Trajectory
+
+# two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
+_SAME_POINT = 0.1
+
+
+class Recorder:
+    """States in arrays made once, impacts in a list.
+
+    Parameters
+    ----------
+    problem : Problem
+        What runs.
+    count : int
+        How many states there will be.
+    """
+
+    def __init__(self, problem: Problem, count: int) -> None:
+        self.problem = problem
+        self.t = np.empty(count)
+        self.q = np.empty((count, problem.system.nq))
+        self.v = np.empty((count, problem.system.nv))
+        self.penetration = np.zeros(count)
+        self.residual = np.zeros(count)
+        self.impacts: list[Impact] = []
+        self.notes: list[str] = []
+        self.count = 0
+        self._last: Step | None = None
+
+    def state(self, t: float, q: Array, v: Array, penetration: float) -> None:
+        """Record a state."""
+        k = self.count
+        self.t[k], self.q[k], self.v[k] = t, q, v
+        self.penetration[k] = penetration
+        self.count = k + 1
+
+    def step(self, step: Step, keep: bool) -> None:
+        """Take note of a step: its impacts always, its state if `keep`."""
+        if step.percussion.size:
+            if self.count < len(self.residual):
+                self.residual[self.count] = max(self.residual[self.count], step.residual)
+            if step.percussion.any():
+                self._impact(step)
+        if keep:
+            depth = -step.active.gap.min() if step.active.gap.size else 0.0
+            self.state(step.t, step.q, step.v, max(depth, 0.0))
+        self._last = step
+
+    def trajectory(self, scheme: str, h: float) -> Trajectory:
+        """Return what was recorded."""
+        return Trajectory(
+            self.t,
+            self.q,
+            self.v,
+            tuple(self.impacts),
+            self.residual,
+            scheme,
+            h,
+            tuple(self.notes),
+            self.problem,
+            True,
+            self.penetration,
+        )
+
+    def _impact(self, step: Step) -> None:
+        """Record an instant at which a constraint closed, with all that passed the blow on.
+
+        A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
+        took part if they press more than twice as hard as the step before.
+        """
+        pressing = step.percussion > 0.0
+        driven = 2.0 * np.abs(step.free - step.before) + 1e-12
+        closing = pressing & (step.before < -driven)
+        if not closing.any():
+            return
+        before = self._pressed_before(step)
+        if not (closing & (before == 0.0)).any():
+            return
+        chosen = np.flatnonzero(pressing & (step.percussion > 2.0 * before))
+        impact = self._make(step, chosen)
+        if impact.energy_change > 1e-9 * max(self._energy_scale(step, chosen), 1e-300) and self._mixed(step, chosen):
+            self._say(
+                f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
+                f"{impact.energy_change:.3g} J: Newton's law with several e promises no loss"
+            )
+        self.impacts.append(impact)
+
+    def _make(self, step: Step, chosen: Array) -> Impact:
+        active = step.active
+        names = tuple(self.problem.constraints.name(int(c)) for c in active.constraint[chosen])
+        parts = (step.percussion, step.before, step.after, active.point, active.normal)
+        return Impact(step.t, names, *(part[chosen] for part in parts))
+
+    def _pressed_before(self, step: Step) -> Array:
+        """Return the percussion each pressing row had in the last step, 0 where it had none."""
+        pressed = np.zeros(len(step.percussion))
+        last = self._last
+        if last is None or not last.percussion.any():
+            return pressed
+        for k in np.flatnonzero(step.percussion > 0.0):
+            same = (last.active.constraint == step.active.constraint[k]) & (last.percussion > 0.0)
+            if not same.any():
+                continue
+            shift = np.linalg.norm(last.active.point[same] - step.active.point[k], axis=1)
+            near = ~(shift > _SAME_POINT * self.problem.length)
+            pressed[k] = last.percussion[same][near].sum()
+        return pressed
+
+    @staticmethod
+    def _energy_scale(step: Step, chosen: Array) -> float:
+        return float(step.percussion[chosen] @ (np.abs(step.before[chosen]) + np.abs(step.after[chosen])))
+
+    @staticmethod
+    def _mixed(step: Step, chosen: Array) -> bool:
+        e = step.active.restitution[chosen]
+        return bool(e.min() < e.max())
+
+    def _say(self, note: str) -> None:
+        if not self.notes:
+            warnings.warn(note, MbviWarning, stacklevel=6)
+        self.notes.append(note)

@@ -1,0 +1,464 @@
+"""What a user writes: robots, bodies, walls, their restitution, and from these a Problem."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
+from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, Sphere
+from .errors import InputError
+from .problem import check_restitution
+from .system.articulated import Control
+from .urdf import Robot, load_robot
+
+if TYPE_CHECKING:
+    from .problem import Problem
+
+_ORIGIN = (0.0, 0.0, 0.0)
+_UPRIGHT = np.eye(3)
+
+
+class Scene:
+    """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
+
+    Parameters
+    ----------
+    gravity : array_like, shape (3,)
+        Acceleration of gravity [m/s^2].
+    restitution : float
+        Newton's e in [0, 1] of every contact and joint limit without one of its own.
+
+    Notes
+    -----
+    Each `add_...` returns the name it goes by in impacts and in `set_restitution`. In q and v of the built problem come
+    the robots in their order, then the rigid bodies, then the spheres.
+    """
+
+    def __init__(self, gravity: Sequence[float] | Array = (0.0, 0.0, -9.81), restitution: float = 0.0) -> None:
+        self._items = SceneItems(
+            gravity=_vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
+        )
+
+    @classmethod
+    def _from_items(cls, items: SceneItems) -> Scene:
+        scene = cls()
+        scene._items = items
+        return scene
+
+    def add_halfspace(self, normal: Sequence[float] | Array, offset: float = 0.0, name: str | None = None) -> str:
+        """Add a wall or floor: free where normal . x >= offset.
+
+        Parameters
+        ----------
+        normal : array_like, shape (3,)
+            Direction into the free side; its length does not matter to the wall, but divides the offset with it.
+        offset : float
+            Signed distance of the wall from the origin along a unit normal [m].
+        name : str, optional
+            "floor" for the first by default.
+
+        Raises
+        ------
+        InputError
+            If the normal is zero or the name is taken.
+        """
+        n = _vector(normal, "normal")
+        length = float(np.linalg.norm(n))
+        if length == 0.0:
+            raise InputError("the normal of a half-space must not be zero")
+        if not np.isfinite(offset):
+            raise InputError(f"offset must be finite; got {offset}")
+        name = self._new_name(name, "floor")
+        self._items.walls[name] = HalfSpace(tuple(n / length), float(offset) / length)
+        return name
+
+    def add_urdf(
+        self,
+        path: str | os.PathLike[str],
+        base: str = "free",
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        joints: Mapping[str, float] | None = None,
+        velocity: Mapping[str, float] | None = None,
+        control: Control | None = None,
+        name: str | None = None,
+        srdf: str | None = None,
+    ) -> str:
+        """Add a robot.
+
+        Parameters
+        ----------
+        path : path
+            URDF file.
+        base : "free" or "fixed"
+            Whether its root link floats or is welded to the world.
+        position, rotation : array_like, shapes (3,) and (3, 3)
+            Initial pose of a free root link, or the pose of a fixed one [m].
+        joints, velocity : mapping of str to float, optional
+            Initial positions and velocities by joint name; zero by default, or the middle of the limits where these
+            leave zero out.
+        control : callable, optional
+            control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v.
+        name : str, optional
+            The URDF's own by default.
+        srdf : path, optional
+            File whose `disable_collisions` pairs are left out.
+
+        Raises
+        ------
+        UrdfError
+            If a file is missing, is no URDF, or describes no physical mechanism.
+        InputError
+            On an unknown joint, a wrong shape, a rotation that is none.
+        """
+        if base not in ("free", "fixed"):
+            raise InputError(f"base must be 'free' or 'fixed'; got {base!r}")
+        if control is not None and not callable(control):
+            raise InputError("control must be a function control(t, q, v) -> tau")
+        place, turn = _vector(position, "position"), _rotation(rotation)
+        robot = load_robot(path, base, turn, place, name, srdf)
+        if name is None and robot.name in self._items.names():
+            name = self._new_name(None, robot.name)
+            robot = load_robot(path, base, turn, place, name, srdf)
+        self._new_name(robot.name, robot.name)
+        q0, v0 = _initial_state(robot, base, place, turn, joints or {}, velocity or {})
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control))
+        return robot.name
+
+    def add_sphere(
+        self,
+        radius: float,
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add one frictionless sphere: three degrees of freedom, its centre.
+
+        Parameters
+        ----------
+        radius, mass : float
+            Radius [m] and mass [kg].
+        position, velocity : array_like, shape (3,)
+            Of its centre [m, m/s].
+        name : str, optional
+            "sphere", then numbered, by default.
+        fixed : bool
+            Whether it is part of the world.
+
+        Raises
+        ------
+        InputError
+            On a radius or mass that is not positive, or a wrong shape.
+        """
+        radius = _positive(radius, "radius")
+        if fixed:
+            return self._add_body(Sphere(radius), mass, position, _UPRIGHT, velocity, _ORIGIN, name, "sphere", True)
+        name = self._new_name(name, "sphere")
+        centre, speed = _vector(position, "position"), _vector(velocity, "velocity")
+        self._items.spheres.append(
+            SphereItem(name, centre[None], np.array([radius]), np.array([_positive(mass, "mass")]), speed[None])
+        )
+        return name
+
+    def add_spheres(
+        self,
+        positions: Array,
+        radius: float | Array,
+        mass: float | Array,
+        velocities: Array | None = None,
+        name: str | None = None,
+    ) -> str:
+        """Add many frictionless spheres.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 3)
+            Centres [m].
+        radius, mass : float or array_like, shape (n,)
+            Radii [m] and masses [kg].
+        velocities : array_like, shape (n, 3), optional
+            Velocities of the centres [m/s]; at rest by default.
+        name : str, optional
+            "spheres" by default; the k-th is "spheres[k]".
+
+        Raises
+        ------
+        InputError
+            On wrong shapes, or a radius or mass that is not positive.
+        """
+        centres = np.array(positions, dtype=float)
+        if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres):
+            raise InputError(f"positions has shape {centres.shape}; (n, 3) is asked for")
+        speeds = np.zeros_like(centres) if velocities is None else np.array(velocities, dtype=float)
+        if speeds.shape != centres.shape:
+            raise InputError(f"velocities has shape {speeds.shape}; positions ask for {centres.shape}")
+        if not (np.isfinite(centres).all() and np.isfinite(speeds).all()):
+            raise InputError("positions and velocities must be finite")
+        sizes = []
+        for values, what in ((radius, "radius"), (mass, "mass")):
+            try:
+                each = np.broadcast_to(np.asarray(values, dtype=float), (len(centres),)).copy()
+            except ValueError as error:
+                raise InputError(f"{what} has shape {np.shape(values)}; one or {len(centres)} are asked for") from error
+            if not ((each > 0.0) & np.isfinite(each)).all():
+                raise InputError(f"every {what} must be positive")
+            sizes.append(each)
+        name = self._new_name(name, "spheres")
+        self._items.spheres.append(SphereItem(name, centres, sizes[0], sizes[1], speeds))
+        return name
+
+    def add_box(
+        self,
+        size: Sequence[float] | Array,
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        angular_velocity: Sequence[float] | Array = _ORIGIN,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add a homogeneous box.
+
+        Parameters
+        ----------
+        size : array_like, shape (3,)
+            Edge lengths [m].
+        mass : float
+            Mass [kg].
+        position, rotation : array_like, shapes (3,) and (3, 3)
+            Pose of its frame [m].
+        velocity, angular_velocity : array_like, shape (3,)
+            Of its centre of mass, both in the world [m/s, rad/s].
+        name : str, optional
+            "box", then numbered, by default.
+        fixed : bool
+            Whether it is part of the world.
+
+        Raises
+        ------
+        InputError
+            On a length or mass that is not positive, a wrong shape, a rotation that is none.
+        """
+        edges = tuple(_positive(x, "size") for x in _vector(size, "size"))
+        shape = Box(edges)  # type: ignore[arg-type]
+        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "box", fixed)
+
+    def add_ellipsoid(
+        self,
+        radii: Sequence[float] | Array,
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        angular_velocity: Sequence[float] | Array = _ORIGIN,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add a homogeneous ellipsoid of three semi-axes, shape (3,) [m]; the rest as `add_box`."""
+        axes = tuple(_positive(x, "radii") for x in _vector(radii, "radii"))
+        shape = Ellipsoid(axes)  # type: ignore[arg-type]
+        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "ellipsoid", fixed)
+
+    def add_capsule(
+        self,
+        radius: float,
+        length: float,
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        angular_velocity: Sequence[float] | Array = _ORIGIN,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add a homogeneous capsule along its z axis, `length` between the ends' centres [m]; the rest as `add_box`."""
+        shape = Capsule(_positive(radius, "radius"), _positive(length, "length"))
+        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "capsule", fixed)
+
+    def add_cylinder(
+        self,
+        radius: float,
+        length: float,
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        angular_velocity: Sequence[float] | Array = _ORIGIN,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add a homogeneous cylinder along its z axis [m]; the rest as `add_box`."""
+        shape = Cylinder(_positive(radius, "radius"), _positive(length, "length"))
+        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "cylinder", fixed)
+
+    def add_mesh(
+        self,
+        path: str | os.PathLike[str],
+        mass: float = 1.0,
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        velocity: Sequence[float] | Array = _ORIGIN,
+        angular_velocity: Sequence[float] | Array = _ORIGIN,
+        scale: float = 1.0,
+        name: str | None = None,
+        fixed: bool = False,
+    ) -> str:
+        """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
+
+        `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
+        file's coordinates [m per unit].
+        """
+        hull = Hull(_positive(scale, "scale") * _mesh_vertices(Path(path)))
+        return self._add_body(hull, mass, position, rotation, velocity, angular_velocity, name, Path(path).stem, fixed)
+
+    def set_restitution(self, first: str, second: str, e: float) -> None:
+        """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
+
+        Parameters
+        ----------
+        first, second : str
+            Names; the same twice is a robot's contact with itself or the spheres' among each other.
+        e : float
+            Newton's e in [0, 1]; a link's own setting goes before its robot's, the last said before the earlier.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or e is outside [0, 1].
+        """
+        known = self._items.names() | {s.name for r in self._items.robots for s in r.robot.shapes}
+        for name in (first, second):
+            if name not in known:
+                raise InputError(f"unknown name {name!r}; known are {', '.join(sorted(known)) or 'none yet'}")
+        self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
+
+    def build(self) -> Problem:
+        """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
+
+        Raises
+        ------
+        InputError
+            If nothing moves.
+        InadmissibleStartError
+            If two things overlap at the start.
+        """
+        return assemble(self._items)
+
+    def _new_name(self, name: str | None, default: str) -> str:
+        taken = self._items.names()
+        if name is not None:
+            if name in taken:
+                raise InputError(f"the name {name!r} is taken; give another one")
+            return name
+        number = 1
+        while default in taken:
+            number += 1
+            default = f"{default.removesuffix(f'_{number - 1}')}_{number}"
+        return default
+
+    def _add_body(
+        self,
+        shape: Convex,
+        mass: float,
+        position: Sequence[float] | Array,
+        rotation: Array | Sequence[Sequence[float]],
+        velocity: Sequence[float] | Array,
+        angular_velocity: Sequence[float] | Array,
+        name: str | None,
+        default: str,
+        fixed: bool,
+    ) -> str:
+        mass = _positive(mass, "mass")
+        place, turn = _vector(position, "position"), _rotation(rotation)
+        speed, spin = _vector(velocity, "velocity"), _vector(angular_velocity, "angular_velocity")
+        name = self._new_name(name, default)
+        centre, inertia = np.zeros(3), shape.inertia(mass)
+        if isinstance(shape, Hull):
+            centre, inertia = shape.mass_properties(mass)
+        self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed))
+        return name
+
+
+def _initial_state(
+    robot: Robot,
+    base: str,
+    position: Array,
+    rotation: Array,
+    joints: Mapping[str, float],
+    velocity: Mapping[str, float],
+) -> tuple[Array, Array]:
+    import pinocchio as pin
+
+    model = robot.model
+    q, v = robot.reference.copy(), np.zeros(model.nv)
+    names = list(model.names)
+    first = 1
+    if base == "free":
+        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, position))
+        first = 2
+    for given, what in ((joints, "position"), (velocity, "velocity")):
+        for joint, value in given.items():
+            if joint not in names[first:]:
+                raise InputError(f"{robot.name} has no joint {joint!r}; known are {', '.join(names[first:]) or 'none'}")
+            if not np.isfinite(value):
+                raise InputError(f"the {what} of joint {joint!r} is not finite")
+            k = names.index(joint)
+            if model.nvs[k] != 1:
+                raise InputError(f"joint {joint!r} has {model.nvs[k]} degrees of freedom; one number cannot place it")
+            if what == "velocity":
+                v[model.idx_vs[k]] = value
+            elif model.nqs[k] == 1:
+                q[model.idx_qs[k]] = value
+            else:
+                # a joint without limits stores cosine and sine
+                q[model.idx_qs[k] : model.idx_qs[k] + 2] = np.cos(value), np.sin(value)
+    return q, v
+
+
+def _mesh_vertices(path: Path) -> Array:
+    import coal
+
+    if not path.is_file():
+        raise InputError(f"no such file: {path}")
+    try:
+        mesh = coal.MeshLoader().load(str(path), np.ones(3))
+        return np.array(mesh.vertices())
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be read as a mesh: {str(error).strip().splitlines()[0]}") from error
+
+
+def _vector(values: Sequence[float] | Array, name: str) -> Array:
+    try:
+        vector = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is no array of three numbers: {values!r}") from error
+    if vector.shape != (3,):
+        raise InputError(f"{name} has shape {vector.shape}; (3,) is asked for")
+    if not np.isfinite(vector).all():
+        raise InputError(f"{name} must be finite; got {vector.tolist()}")
+    return vector
+
+
+def _rotation(values: Array | Sequence[Sequence[float]]) -> Array:
+    matrix = np.array(values, dtype=float)
+    if matrix.shape != (3, 3):
+        raise InputError(f"rotation has shape {matrix.shape}; (3, 3) is asked for")
+    # written so that a NaN is refused too
+    if not (np.abs(matrix.T @ matrix - np.eye(3)).max() < 1e-6 and np.linalg.det(matrix) > 0.0):
+        raise InputError("rotation is no rotation matrix: its columns must be orthonormal and right-handed")
+    return matrix
+
+
+def _positive(value: float, name: str) -> float:
+    # written so that a NaN is refused too
+    if not (value > 0.0 and np.isfinite(value)):
+        raise InputError(f"{name} must be positive and finite; got {value}")
+    return float(value)

@@ -1,0 +1,81 @@
+"""What a Problem remembers of its scene: for the report, the replay and the file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from .constraints.shapes import HalfSpace, PlacedShape
+from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+
+if TYPE_CHECKING:
+    from .assembly import SceneItems
+    from .problem import Problem
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """The scene behind a Problem.
+
+    Attributes
+    ----------
+    items : SceneItems
+        What the user added.
+    shapes : tuple of PlacedShape
+        Every shape on the body that carries it; 0 is the world.
+    omitted : tuple of (str, str)
+        What was left out of the model, and why.
+    """
+
+    items: SceneItems
+    shapes: tuple[PlacedShape, ...]
+    omitted: tuple[tuple[str, str], ...]
+
+    @property
+    def walls(self) -> dict[str, HalfSpace]:
+        """Half-spaces by name."""
+        return self.items.walls
+
+    def report(self, problem: Problem) -> str:
+        """Return in words what is modelled, what was left out, and why."""
+        lines = ["Modelled"]
+        lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
+        lines.append(f"  {problem.system.nv} degrees of freedom in all")
+        for constraint in problem.constraints.constraints:
+            if isinstance(constraint, JointLimits):
+                lines.append(f"  {len(constraint.names)} joint limits")
+            elif isinstance(constraint, HalfSpaceContacts):
+                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space")
+            elif isinstance(constraint, SignedDistances):
+                lines.append(f"  {len(constraint.names)} pairs of shapes")
+            elif isinstance(constraint, SphereContacts):
+                lines.append("  every pair of spheres, found when near")
+        e = {self.items.restitution, *self.items.pair_restitution.values()}
+        lines.append(f"  restitution {', '.join(f'{x:g}' for x in sorted(e))}")
+        lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
+        lines.append("Left out")
+        lines += [f"  {what}: {why}" for what, why in self.omitted] or ["  nothing"]
+        counted = Counter(why for what, why in self.omitted if what.startswith("pair "))
+        lines += [f"  ({n} pairs: {why})" for why, n in counted.items()]
+        return "\n".join(lines)
+
+
+def _parts(system: System) -> tuple[System, ...]:
+    return system.parts if isinstance(system, BlockSystem) else (system,)
+
+
+def _describe(system: System) -> str:
+    if isinstance(system, ArticulatedSystem):
+        model = system.model
+        base = "free" if "FreeFlyer" in model.joints[1].shortname() else "fixed"
+        joints = model.njoints - 1 - (base == "free")
+        mass = sum(i.mass for i in list(model.inertias)[1:])
+        name = system.bodies[1].split("/")[0]
+        return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
+    if isinstance(system, Spheres):
+        return f"{system.nv // 3} spheres, 3 degrees of freedom each"
+    if isinstance(system, FreeBodies):
+        return f"{system.nv // 6} free bodies, 6 degrees of freedom each"
+    return f"a system of {system.nv} degrees of freedom"

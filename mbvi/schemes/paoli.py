@@ -1,0 +1,40 @@
+"""The proximal-like scheme of L. Paoli, equations (10)-(11)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..problem import Problem
+from ..projection import Projector
+from ..system.system import Array
+from .step import Step
+
+_NONE = np.zeros(0)
+
+
+class Paoli:
+    """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i pushed by the forces.
+
+    v_{i+1} = -e v_i + (1 + e) Proj_M(T_K(q_{i+1}), v_i + h / (1 + e) M^-1 g(t_{i+1}, q_{i+1}, v_i)), computed as
+    argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, which is the same since T_K is a cone and carries one e
+    per constraint as well.
+
+    Notes
+    -----
+    Order 1; velocity level; any e in [0, 1]; several constraints at once. One evaluation of M, g and the active
+    gradients a step, none of the gradients in free flight. A step may end up to h |v-| inside a constraint, and
+    stays there where the velocity then is along it.
+    """
+
+    def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
+        """Return the state at t + h; see `Scheme`."""
+        system = problem.system
+        t, q = t + h, system.integrate(q, h * v)
+        active = problem.constraints.active(t, q, problem.tolerance)
+        if not active.gap.size:
+            return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, _NONE, _NONE, _NONE, 0.0)
+        metric, J = system.metric(q), active.jacobian
+        free = system.free_velocity(t, q, v, h, metric)
+        before = J @ v
+        velocity, percussion, residual = projector.project(free, metric, J, -active.restitution * before)
+        return Step(t, q, velocity, active, percussion, before, J @ free, J @ velocity, residual)

@@ -1,0 +1,171 @@
+"""The loop, and nothing else."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+
+from .errors import DivergedError, InputError
+from .problem import Problem
+from .progress import Progress
+from .projection import Projector
+from .recorder import Recorder
+from .schemes import Paoli, Scheme, Step
+from .trajectory import Trajectory
+from .trajectory_file import Writer
+
+_DEFAULT_STEP = 1e-3
+
+
+def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residual: float = 1e-6) -> Iterator[Step]:
+    """Step a problem by hand, without end.
+
+    Parameters
+    ----------
+    problem : Problem
+        What moves.
+    scheme : Scheme, optional
+        `Paoli()` by default.
+    step : float
+        Time step h [s].
+    residual : float
+        Relative KKT residual above which a projection raises.
+
+    Returns
+    -------
+    iterator of Step
+        The state after each step. If v0 is not in T_K(q0) the first is at t0, with the law (8) applied once.
+
+    Raises
+    ------
+    InputError
+        If h is not positive and finite.
+    ProjectionError
+        If a projection does not reach the residual.
+    DivergedError
+        If a step leaves numbers that are not finite.
+    """
+    h, scheme, projector = _positive(step, "step"), _scheme(scheme), Projector(_positive(residual, "residual"))
+    return _walk(problem, scheme, h, projector)
+
+
+def simulate(
+    problem: Problem,
+    scheme: Scheme | None = None,
+    *,
+    duration: float,
+    step: float | None = None,
+    every: int = 1,
+    residual: float = 1e-6,
+    out: str | os.PathLike[str] | None = None,
+    progress: bool | None = None,
+) -> Trajectory:
+    """Simulate a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        What moves.
+    scheme : Scheme, optional
+        `Paoli()` by default.
+    duration : float
+        How long [s]; the last step is cut so that the run ends there.
+    step : float, optional
+        Time step h [s]; 1e-3 by default.
+    every : int
+        Only every so many steps are recorded, and the last; impacts always are.
+    residual : float
+        Relative KKT residual above which a projection raises.
+    out : path, optional
+        HDF5 file written while the run goes on.
+    progress : bool, optional
+        Whether to show a bar; by default on a terminal, for long runs.
+
+    Returns
+    -------
+    Trajectory
+        States, impacts and how well each projection was solved.
+
+    Raises
+    ------
+    InputError
+        If duration, step, every or residual is not positive and finite.
+    TrajectoryFileError
+        If `out` cannot be written; before the first step.
+    ProjectionError, DivergedError
+        As `steps`.
+    """
+    duration, residual = _positive(duration, "duration"), _positive(residual, "residual")
+    h = _DEFAULT_STEP if step is None else _positive(step, "step")
+    if int(every) != every or every < 1:
+        raise InputError(f"every must be a positive integer; got {every!r}")
+    scheme, projector = _scheme(scheme), Projector(residual)
+    # whole steps, and what is left of the duration after them
+    whole = int(duration / h * (1.0 + 1e-12))
+    rest = duration - whole * h
+    total = whole + (rest > 1e-9 * h)
+    recorder = Recorder(problem, 1 + -(-total // int(every)))
+    with Writer(out, problem, type(scheme).__name__, h, recorder) as writer, Progress(total, progress) as bar:
+        state = _start(problem, projector)
+        recorder.step(state, True)
+        for i in range(1, total + 1):
+            t = problem.t0 + (i - 1) * h
+            state = _advance(problem, scheme, t, state, h if i <= whole else rest, projector)
+            recorder.step(state, i % every == 0 or i == total)
+            writer.poll()
+            bar.poll(i)
+        # the sum of the steps is off by rounding
+        recorder.t[-1] = problem.t0 + duration
+    return recorder.trajectory(type(scheme).__name__, h)
+
+
+def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
+    state = _start(problem, projector)
+    if state.percussion.any():
+        yield state
+    i = 0
+    while True:
+        state = _advance(problem, scheme, problem.t0 + i * h, state, h, projector)
+        i += 1
+        yield state
+
+
+def _advance(problem: Problem, scheme: Scheme, t: float, state: Step, h: float, projector: Projector) -> Step:
+    done = scheme.step(problem, t, state.q, state.v, h, projector)
+    # a NaN or an infinity in any entry shows in the sum
+    if not np.isfinite(done.v.sum()):
+        raise DivergedError(
+            f"the velocity is no longer finite at t = {done.t:.6g} s: the forces change too fast for h = {h:g} s; "
+            "take a smaller step, or give light links damping or more inertia"
+        )
+    return done
+
+
+def _start(problem: Problem, projector: Projector) -> Step:
+    """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
+    t, q, v = problem.t0, problem.q0, problem.v0
+    active = problem.constraints.active(t, q, problem.tolerance)
+    before = active.jacobian @ v
+    rounding = 1e-12 * (np.abs(active.jacobian) @ np.abs(v))
+    if (before >= -rounding).all():
+        return Step(t, q, v, active, np.zeros(len(before)), before, before, before, 0.0)
+    metric = problem.system.metric(q)
+    v, percussion, residual = projector.project(v, metric, active.jacobian, -active.restitution * before)
+    return Step(t, q, v, active, percussion, before, before, active.jacobian @ v, residual)
+
+
+def _scheme(scheme: Scheme | None) -> Scheme:
+    if scheme is None:
+        return Paoli()
+    if isinstance(scheme, type) or not hasattr(scheme, "step"):
+        raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {scheme!r}")
+    return scheme
+
+
+def _positive(value: float, name: str) -> float:
+    # written so that a NaN is refused too
+    if not (isinstance(value, (int, float, np.number)) and value > 0.0 and np.isfinite(value)):
+        raise InputError(f"{name} must be a positive, finite number; got {value!r}")
+    return float(value)

@@ -1,0 +1,9 @@
+"""Mechanical systems: mass matrix M(q), forces g(t, q, v), and the retraction q + h v of their configurations."""
+
+from .articulated import ArticulatedSystem
+from .blocks import BlockSystem
+from .bodies import FreeBodies, Spheres
+from .lagrangian import LagrangianSystem
+from .system import System
+
+__all__ = ["ArticulatedSystem", "BlockSystem", "FreeBodies", "LagrangianSystem", "Spheres", "System"]

@@ -1,0 +1,90 @@
+"""Several systems side by side: block-diagonal M."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..projection import BlockMetric, Metric
+from .system import Array, System
+
+
+class _Block(NamedTuple):
+    system: System
+    q: slice
+    v: slice
+    first_body: int
+
+
+class BlockSystem:
+    """Independent systems whose q, v and bodies follow each other.
+
+    Parameters
+    ----------
+    parts : sequence of System
+        The systems; body k of a part is body `first + k` here.
+    """
+
+    def __init__(self, parts: Sequence[System]) -> None:
+        self.parts = tuple(parts)
+        blocks, names = [], ["world"]
+        q = v = 0
+        for part in parts:
+            blocks.append(_Block(part, slice(q, q + part.nq), slice(v, v + part.nv), len(names) - 1))
+            names.extend(part.bodies[1:])
+            q, v = q + part.nq, v + part.nv
+        self.nq, self.nv = q, v
+        self.bodies = tuple(names)
+        self.blocks = tuple(blocks)
+        self._slices = [b.v for b in blocks]
+
+    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+        return np.concatenate([b.system.integrate(q[b.q], dv[b.v]) for b in self.blocks])
+
+    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+        return np.concatenate([b.system.difference(q0[b.q], q1[b.q]) for b in self.blocks])
+
+    def metric(self, q: Array) -> BlockMetric:  # noqa: D102
+        return BlockMetric([b.system.metric(q[b.q]) for b in self.blocks], self._slices)
+
+    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+        return np.concatenate([b.system.force(t, q[b.q], v[b.v]) for b in self.blocks])
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+        parts = metric.parts if isinstance(metric, BlockMetric) else [None] * len(self.blocks)
+        free = [b.system.free_velocity(t, q[b.q], v[b.v], h, part) for b, part in zip(self.blocks, parts, strict=True)]
+        return np.concatenate(free)
+
+    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+        return sum(b.system.kinetic_energy(q[b.q], v[b.v]) for b in self.blocks)
+
+    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+        return sum(b.system.potential_energy(t, q[b.q]) for b in self.blocks)
+
+    def _block_of(self, body: int) -> _Block:
+        return next(b for b in reversed(self.blocks) if b.first_body < body)
+
+    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
+        b = self._block_of(body)
+        return b.system.placement(q[b.q], body - b.first_body)
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+        rows = np.zeros((len(point), self.nv))
+        for b in self.blocks:
+            last = b.first_body + len(b.system.bodies) - 1
+            sides = [
+                np.where((side > b.first_body) & (side <= last), side - b.first_body, 0) for side in (first, second)
+            ]
+            here = np.flatnonzero(sides[0] | sides[1])
+            if here.size:
+                part = b.system.separation_rows(q[b.q], sides[0][here], sides[1][here], point[here], normal[here])
+                rows[here, b.v] = part
+        return rows
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+        b = self._block_of(body)
+        reach = np.zeros(self.nv)
+        reach[b.v] = b.system.reach(body - b.first_body, centre, radius)
+        return reach

@@ -1,0 +1,164 @@
+"""Many free bodies in flat arrays: six degrees of freedom each, three for a frictionless sphere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..projection import BodiesMetric, DiagonalMetric, Metric
+from . import rotations
+from .system import Array
+
+
+class Spheres:
+    """Frictionless homogeneous spheres: their rotation never matters and is not built.
+
+    Parameters
+    ----------
+    masses : ndarray, shape (n,)
+        Masses [kg].
+    gravity : ndarray, shape (3,)
+        Acceleration of gravity [m/s^2].
+    names : sequence of str
+        One a sphere.
+
+    Notes
+    -----
+    q holds the centres, v their velocities, in the world.
+    """
+
+    def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
+        self.nq = self.nv = 3 * len(masses)
+        self.bodies = ("world", *names)
+        self._metric = DiagonalMetric(np.repeat(masses, 3))
+        self._gravity = np.tile(gravity, len(masses))
+
+    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+        return q + dv
+
+    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+        return q1 - q0
+
+    def metric(self, q: Array) -> Metric:  # noqa: D102
+        return self._metric
+
+    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+        return self._metric.diagonal * self._gravity
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+        return v + h * self._gravity
+
+    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+        return float(0.5 * v @ (self._metric.diagonal * v))
+
+    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+        return float(-q @ (self._metric.diagonal * self._gravity))
+
+    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
+        return _IDENTITY, q[3 * body - 3 : 3 * body]
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+        rows = np.zeros((len(point), self.nv))
+        for side, sign in ((first, -1.0), (second, 1.0)):
+            here = np.flatnonzero(side)
+            columns = 3 * side[here, None] - 3 + _AXES
+            rows[here[:, None], columns] += sign * normal[here]
+        return rows
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+        reach = np.zeros(self.nv)
+        reach[3 * body - 3 : 3 * body] = 1.0
+        return reach
+
+
+class FreeBodies:
+    """Free rigid bodies.
+
+    Parameters
+    ----------
+    masses : ndarray, shape (n,)
+        Masses [kg].
+    inertias : ndarray, shape (n, 3, 3)
+        Inertia about the centre of mass in the body's own axes [kg m^2].
+    gravity : ndarray, shape (3,)
+        Acceleration of gravity [m/s^2].
+    names : sequence of str
+        One a body.
+
+    Notes
+    -----
+    Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
+    centre of mass in the world and the angular velocity in the body's axes, so that M is constant. The retraction is
+    that of R^3 x SO(3): the centre moves straight, the rotation turns about a fixed axis.
+    """
+
+    def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
+        n = len(masses)
+        self.nq, self.nv = 7 * n, 6 * n
+        self.bodies = ("world", *names)
+        self._masses, self._inertias, self._gravity = masses, inertias, gravity
+        blocks = np.zeros((n, 6, 6))
+        blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
+        blocks[:, 3:, 3:] = inertias
+        self._metric = BodiesMetric(blocks)
+        self._weight = masses[:, None] * gravity
+
+    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+        old, step = q.reshape(-1, 7), dv.reshape(-1, 6)
+        new = np.empty_like(old)
+        new[:, :3] = old[:, :3] + step[:, :3]
+        new[:, 3:] = rotations.compose(old[:, 3:], rotations.exp(step[:, 3:]))
+        new[:, 3:] /= np.sqrt(np.einsum("ij,ij->i", new[:, 3:], new[:, 3:]))[:, None]
+        return new.reshape(-1)
+
+    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+        old, new = q0.reshape(-1, 7), q1.reshape(-1, 7)
+        dv = np.empty((len(old), 6))
+        dv[:, :3] = new[:, :3] - old[:, :3]
+        dv[:, 3:] = rotations.log(rotations.compose(rotations.conjugate(old[:, 3:]), new[:, 3:]))
+        return dv.reshape(-1)
+
+    def metric(self, q: Array) -> Metric:  # noqa: D102
+        return self._metric
+
+    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+        g = np.empty((len(self._masses), 6))
+        spin = v.reshape(-1, 6)[:, 3:]
+        momentum = np.einsum("kij,kj->ki", self._inertias, spin)
+        g[:, :3] = self._weight
+        g[:, 3] = momentum[:, 1] * spin[:, 2] - momentum[:, 2] * spin[:, 1]
+        g[:, 4] = momentum[:, 2] * spin[:, 0] - momentum[:, 0] * spin[:, 2]
+        g[:, 5] = momentum[:, 0] * spin[:, 1] - momentum[:, 1] * spin[:, 0]
+        return g.reshape(-1)
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+        return v + h * self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
+
+    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+        return float(0.5 * v @ self._metric.apply(v))
+
+    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+        return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
+
+    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
+        pose = q[7 * body - 7 : 7 * body]
+        return rotations.matrix(pose[3:]), pose[:3]
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+        rows = np.zeros((len(point), self.nv))
+        for side, sign in ((first, -1.0), (second, 1.0)):
+            for row in np.flatnonzero(side):
+                body = int(side[row])
+                R, centre = self.placement(q, body)
+                rows[row, 6 * body - 6 : 6 * body - 3] += sign * normal[row]
+                rows[row, 6 * body - 3 : 6 * body] += sign * (R.T @ rotations.cross(point[row] - centre, normal[row]))
+        return rows
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+        reach = np.zeros(self.nv)
+        reach[6 * body - 6 : 6 * body - 3] = 1.0
+        reach[6 * body - 3 : 6 * body] = radius + float(np.linalg.norm(centre))
+        return reach
+
+
+_IDENTITY = np.eye(3)
+_AXES = np.arange(3)

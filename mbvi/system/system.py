@@ -1,0 +1,88 @@
+"""What a scheme may ask of a mechanical system."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..projection import Metric
+
+Array = np.ndarray
+
+
+class System(Protocol):
+    """M(q) dv/dt = g(t, q, v) on a configuration manifold (equation 1).
+
+    Bodies are numbered from 1; body 0 is the world. Velocities are in the tangent space at q.
+
+    Attributes
+    ----------
+    nq, nv : int
+        Sizes of q and v.
+    bodies : tuple of str
+        Names, the world first.
+    """
+
+    nq: int
+    nv: int
+    bodies: tuple[str, ...]
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        """Return q + dv along the retraction, shape (nq,)."""
+        ...
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """Return the tangent vector, shape (nv,), that leads from q0 to q1."""
+        ...
+
+    def metric(self, q: Array) -> Metric:
+        """Return M(q), factorised."""
+        ...
+
+    def force(self, t: float, q: Array, v: Array) -> Array:
+        """Return g(t, q, v), shape (nv,) [N, N m]."""
+        ...
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
+        """Return v + h M^-1 g, shape (nv,); `metric` is M(q) where the caller has it already."""
+        ...
+
+    def kinetic_energy(self, q: Array, v: Array) -> float:
+        """Return v' M v / 2 [J]."""
+        ...
+
+    def potential_energy(self, t: float, q: Array) -> float:
+        """Return the potential energy [J]."""
+        ...
+
+    def placement(self, q: Array, body: int) -> tuple[Array, Array]:
+        """Return rotation, shape (3, 3), and origin, shape (3,), of a body's frame in the world [m]."""
+        ...
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+        """Return the gradient of the separation of two bodies at m contact points.
+
+        Parameters
+        ----------
+        q : ndarray, shape (nq,)
+            Configuration.
+        first, second : ndarray of int, shape (m,)
+            The bodies; 0 where the side belongs to the world or to another system.
+        point, normal : ndarray, shape (m, 3)
+            Contact points and unit normals from the first to the second body, in the world.
+
+        Returns
+        -------
+        ndarray, shape (m, nv)
+            Rows r with r . v = normal . (velocity of second - velocity of first) at the point.
+        """
+        ...
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
+        """Return how far each velocity can carry a point of a ball fixed to a body, shape (nv,) [m per unit].
+
+        No point of the ball moves by more than `reach @ |dv|` along the retraction by dv. Entries are positive
+        exactly for the velocities that move the body.
+        """
+        ...

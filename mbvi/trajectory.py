@@ -1,0 +1,212 @@
+"""What happened: states, impacts, percussions, energies, penetration."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .problem import Problem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One instant at which the velocity jumped, with every constraint that took part.
+
+    Attributes
+    ----------
+    time : float
+        When [s].
+    constraints : tuple of str, length k
+        Names, one a contact point or limit.
+    percussion : ndarray, shape (k,)
+        p >= 0 along each gradient [N s, N m s].
+    before, after : ndarray, shape (k,)
+        Normal velocity, negative when closing [m/s, rad/s].
+    point, normal : ndarray, shape (k, 3)
+        Contact point and unit normal in the world [m]; NaN where the constraint is no contact.
+    """
+
+    time: float
+    constraints: tuple[str, ...]
+    percussion: Array
+    before: Array
+    after: Array
+    point: Array
+    normal: Array
+
+    @property
+    def energy_change(self) -> float:
+        """Work of the percussions, sum of p (before + after) / 2 [J]; negative when energy is lost."""
+        return float(0.5 * self.percussion @ (self.before + self.after))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The result of a run; arrays are read-only.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n + 1,)
+        Times [s].
+    q : ndarray, shape (n + 1, nq)
+        Configurations.
+    v : ndarray, shape (n + 1, nv)
+        Velocities, each on [t_i, t_{i+1}).
+    impacts : tuple of Impact
+        Jumps of the velocity, in order.
+    residual : ndarray, shape (n + 1,)
+        Largest relative KKT residual of the projections since the state before.
+    scheme : str
+        Which scheme made it.
+    step : float
+        Its time step [s].
+    notes : tuple of str
+        What a reader of the result should know.
+    problem : Problem or None
+        What was simulated; None where a file could not bring it back.
+    complete : bool
+        Whether the run reached its end; False for the file of a run that was cut off.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    impacts: tuple[Impact, ...]
+    residual: Array
+    scheme: str
+    step: float
+    notes: tuple[str, ...] = ()
+    problem: Problem | None = field(default=None, repr=False)
+    complete: bool = True
+    _penetration: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    _energies: Array | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.q, self.v, self.residual, self._penetration):
+            array.setflags(write=False)
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return q_h(t) and v_h(t), the approximants of Theorem 3.2.
+
+        Parameters
+        ----------
+        t : float
+            Time in [t_0, t_n] [s].
+
+        Returns
+        -------
+        q : ndarray, shape (nq,)
+            q_i + (t - t_i) v_i along the retraction; where the run was thinned, between the recorded states.
+        v : ndarray, shape (nv,)
+            v_i.
+
+        Raises
+        ------
+        InputError
+            If t lies outside the run.
+        """
+        if not self.t[0] <= t <= self.t[-1]:
+            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
+        i = int(np.searchsorted(self.t, t, side="right")) - 1
+        if i == len(self.t) - 1:
+            return self.q[i].copy(), self.v[i].copy()
+        part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        if self.problem is None:
+            return self.q[i] + part * (self.q[i + 1] - self.q[i]), self.v[i].copy()
+        system = self.problem.system
+        return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), self.v[i].copy()
+
+    def energies(self) -> tuple[Array, Array]:
+        """Return kinetic and potential energy, shapes (n + 1,) [J].
+
+        Both are taken half a step after t_i, at q_i + h v_i / 2 with v_i: there the two belong together, while at t_i
+        itself v_i is already half a step ahead of q_i.
+
+        Raises
+        ------
+        InputError
+            If the run came from a file without its problem or its energies.
+        """
+        if self._energies is not None:
+            return self._energies[:, 0].copy(), self._energies[:, 1].copy()
+        if self.problem is None:
+            raise InputError("this file holds neither energies nor a problem to compute them from")
+        both = energies(self.problem, self.t, self.q, self.v, self.step)
+        return both[:, 0], both[:, 1]
+
+    def energy(self) -> Array:
+        """Return the total energy, shape (n + 1,) [J], at the consistent times of `energies`."""
+        kinetic, potential = self.energies()
+        return kinetic + potential
+
+    def penetration(self) -> Array:
+        """Return the deepest penetration at each time, shape (n + 1,), >= 0 [m or rad]."""
+        return self._penetration
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the run and its problem to an HDF5 file.
+
+        Raises
+        ------
+        TrajectoryFileError
+            If the file cannot be written.
+        """
+        from .trajectory_file import save
+
+        save(self, path)
+
+    def replay(self, speed: float = 1.0) -> None:
+        """Play the run in a browser through meshcat; `speed` 1 is true time.
+
+        Raises
+        ------
+        InputError
+            If the run has no scene to show.
+        """
+        from .view import replay
+
+        replay(self, speed=speed)
+
+    def replay_html(self, path: str | os.PathLike[str]) -> None:
+        """Write one page that plays the run by itself, with no server and no network.
+
+        Raises
+        ------
+        InputError
+            If the run has no scene to show.
+        TrajectoryFileError
+            If the page cannot be written.
+        """
+        from .view import replay_html
+
+        replay_html(self, path)
+
+    def impact_table(self, most: int = 20) -> str:
+        """Return the impacts as a table, the `most` strongest if there are more."""
+        chosen = sorted(self.impacts, key=lambda i: -float(i.percussion.max()))[:most]
+        lines = [f"{'time [s]':>10}  {'percussion':>10}  {'before':>9}  {'after':>9}  constraint"]
+        for impact in sorted(chosen, key=lambda i: i.time):
+            for k, name in enumerate(impact.constraints):
+                time = f"{impact.time:10.4f}" if k == 0 else " " * 10
+                lines.append(
+                    f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}  {name}"
+                )
+        left = len(self.impacts) - len(chosen)
+        return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))
+
+
+def energies(problem: Problem, t: Array, q: Array, v: Array, h: float) -> Array:
+    """Return kinetic and potential energy of each state half a step on, shape (n, 2) [J]."""
+    system, values = problem.system, np.empty((len(t), 2))
+    for i, (ti, qi, vi) in enumerate(zip(t, q, v, strict=True)):
+        middle = system.integrate(qi, 0.5 * h * vi)
+        values[i] = system.kinetic_energy(middle, vi), system.potential_energy(float(ti) + 0.5 * h, middle)
+    return values
