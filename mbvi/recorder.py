@@ -89,7 +89,8 @@ class Recorder:
             return
         chosen = np.flatnonzero(pressing & (step.percussion > 2.0 * before))
         impact = self._make(step, chosen)
-        if impact.energy_change > 1e-9 * max(self._energy_scale(step, chosen), 1e-300) and self._mixed(step, chosen):
+        scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
+        if impact.energy_change > 1e-9 * scale and step.active.restitution.min() < step.active.restitution.max():
             self._say(
                 f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
                 f"{impact.energy_change:.3g} J: Newton's law with several e promises no loss"
@@ -97,10 +98,12 @@ class Recorder:
         self.impacts.append(impact)
 
     def _make(self, step: Step, chosen: Array) -> Impact:
-        active = step.active
+        active, e = step.active, step.active.restitution
         names = tuple(self.problem.constraints.name(int(c)) for c in active.constraint[chosen])
-        parts = (step.percussion, step.before, step.after, active.point, active.normal)
-        return Impact(step.t, names, *(part[chosen] for part in parts))
+        p, before, after = (part[chosen] for part in (step.percussion, step.before, step.after))
+        pushed = (step.free - step.before) * (1.0 - e) / (1.0 + e)
+        energy_change = 0.5 * float(step.percussion @ (step.before + step.after + pushed))
+        return Impact(step.t, names, p, before, after, active.point[chosen], active.normal[chosen], energy_change)
 
     def _pressed_before(self, step: Step) -> Array:
         """Return the percussion each pressing row had in the last step, 0 where it had none."""
@@ -116,15 +119,6 @@ class Recorder:
             near = ~(shift > _SAME_POINT * self.problem.length)
             pressed[k] = last.percussion[same][near].sum()
         return pressed
-
-    @staticmethod
-    def _energy_scale(step: Step, chosen: Array) -> float:
-        return float(step.percussion[chosen] @ (np.abs(step.before[chosen]) + np.abs(step.after[chosen])))
-
-    @staticmethod
-    def _mixed(step: Step, chosen: Array) -> bool:
-        e = step.active.restitution[chosen]
-        return bool(e.min() < e.max())
 
     def _say(self, note: str) -> None:
         if not self.notes:

@@ -32,6 +32,9 @@ class Impact:
         Normal velocity, negative when closing [m/s, rad/s].
     point, normal : ndarray, shape (k, 3)
         Contact point and unit normal in the world [m]; NaN where the constraint is no contact.
+    energy_change : float
+        Kinetic energy gained by the law (8) at this instant [J], never positive for one e: the sum over all pressing
+        rows of p (1 - e) / 2 times the normal velocity that the law acts on, J v with 1 / (1 + e) of the step's force.
     """
 
     time: float
@@ -41,11 +44,7 @@ class Impact:
     after: Array
     point: Array
     normal: Array
-
-    @property
-    def energy_change(self) -> float:
-        """Work of the percussions, sum of p (before + after) / 2 [J]; negative when energy is lost."""
-        return float(0.5 * self.percussion @ (self.before + self.after))
+    energy_change: float
 
 
 @dataclass(frozen=True)

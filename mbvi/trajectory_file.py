@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
+from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,7 @@ _IMPACTS = {
     "after": ("m/s or rad/s", "normal velocity after"),
     "point": ("m", "contact point in the world; NaN where the constraint is no contact"),
     "normal": ("1", "unit normal in the world, from the first body named to the second"),
+    "energy_change": ("J", "kinetic energy gained by the whole impact"),
 }
 
 
@@ -77,10 +78,10 @@ class Writer:
 
     def poll(self) -> None:
         """Write what is new if the last piece is old enough."""
-        now = time.perf_counter()
+        now = perf_counter()
         if now >= self._next:
             self._flush()
-            self._next = time.perf_counter() + _INTERVAL
+            self._next = perf_counter() + _INTERVAL
 
     def _flush(self) -> None:
         file, r = self._file, self._recorder
@@ -200,6 +201,7 @@ def _write_impacts(file: h5py.File, impacts: Sequence[Impact], first: int) -> No
     counts = [len(i.constraints) for i in impacts]
     _append(group["instant"], np.repeat(np.arange(first, first + len(impacts)), counts))
     _append(group["time"], np.repeat([i.time for i in impacts], counts))
+    _append(group["energy_change"], np.repeat([i.energy_change for i in impacts], counts))
     _append(group["constraint"], np.array([n for i in impacts for n in i.constraints], dtype=object))
     for name in ("percussion", "before", "after", "point", "normal"):
         _append(group[name], np.concatenate([getattr(i, name) for i in impacts]))
@@ -242,6 +244,9 @@ def _read_impacts(group: h5py.Group) -> tuple[Impact, ...]:
     for start, stop in zip(starts, [*starts[1:], n], strict=True):
         rows = slice(start, stop)
         names = tuple(name.decode() for name in columns["constraint"][rows])
-        parts = (columns[k][rows] for k in ("percussion", "before", "after", "point", "normal"))
-        impacts.append(Impact(float(columns["time"][start]), names, *parts))
+        p, before, after, point, normal = (
+            columns[k][rows] for k in ("percussion", "before", "after", "point", "normal")
+        )
+        time, energy_change = (float(columns[k][start]) for k in ("time", "energy_change"))
+        impacts.append(Impact(time, names, p, before, after, point, normal, energy_change))
     return tuple(impacts)

@@ -93,6 +93,7 @@ def load_robot(
         _move_base(geometry.geometryObjects, rotation, position)
     shapes, omitted = _shapes(geometry, name, _colors(root))
     _check_masses(model, geometry, file)
+    _check_inertias(model, file)
     reference, moved = _reference(model)
     omitted += _unmodelled(model, root)
     omitted += moved
@@ -131,7 +132,7 @@ def _parse(text: str, file: Path) -> ElementTree.Element:
 
 
 def _check_links(root: ElementTree.Element, file: Path) -> None:
-    """Refuse inertias that belong to no body: Pinocchio takes them as they are."""
+    """Refuse an <inertial> that cannot be read."""
     for link in root.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -146,14 +147,23 @@ def _check_links(root: ElementTree.Element, file: Path) -> None:
         moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if not (np.isfinite(mass) and np.isfinite(moments).all()):
             raise UrdfError(f"{where}: its mass or inertia is not finite")
-        a, b, c = np.linalg.eigvalsh(moments)
-        if mass < 0.0 or a < -_TRIANGLE * max(c, 0.0) or c < 0.0:
-            raise UrdfError(f"{where}: unphysical inertia, mass {mass:g} and principal moments {a:g}, {b:g}, {c:g}")
-        if a + b < c * (1.0 - _TRIANGLE):
+
+
+def _check_inertias(model: pin.Model, file: Path) -> None:
+    """Refuse moving bodies that no matter can make, each with all links welded into it."""
+    for joint in range(1, model.njoints):
+        inertia = model.inertias[joint]
+        a, b, c = np.linalg.eigvalsh(inertia.inertia)
+        if inertia.mass < 0.0 or a < -_TRIANGLE * abs(c) or a + b < c * (1.0 - _TRIANGLE):
             raise UrdfError(
-                f"{where}: unphysical inertia, principal moments {a:g} + {b:g} < {c:g}; no body has them: "
-                "the sum of two must reach the third"
+                f"{file}: link {_links_on(model, joint)}: unphysical inertia, mass {inertia.mass:g} and principal "
+                f"moments {a:g}, {b:g}, {c:g}: none may be negative and the sum of two must reach the third"
             )
+
+
+def _links_on(model: pin.Model, joint: int) -> str:
+    names = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
+    return " + ".join(f"'{n}'" for n in names) or "?"
 
 
 def _check_meshes(root: ElementTree.Element, file: Path, folders: Sequence[str]) -> None:
@@ -175,9 +185,9 @@ def _check_masses(model: pin.Model, geometry: pin.GeometryModel, file: Path) -> 
         hanging = sum(model.inertias[k].mass for k in model.subtrees[joint])
         if model.inertias[joint].mass > 0.0 or (hanging > 0.0 and joint not in shaped):
             continue
-        link = next((f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY), "?")
         raise UrdfError(
-            f"{file}: link '{link}' moves with joint '{model.names[joint]}' but has no mass; give it an <inertial>"
+            f"{file}: link {_links_on(model, joint)} moves with joint '{model.names[joint]}' but has no mass; "
+            "give it an <inertial>"
         )
 
 

@@ -96,7 +96,7 @@ def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:
     Returns
     -------
     Candidate or None
-        None if the constraints contradict each other or the exchanges do not end.
+        None if the constraints contradict each other.
 
     Notes
     -----
@@ -138,8 +138,6 @@ def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:
         Q, R = np.linalg.qr(A[:, active])
         y = np.linalg.solve(R.T, d[active])
         z, u = Q @ y, np.maximum(np.linalg.solve(R, y), 0.0)
-    else:
-        return None
     p = np.zeros(len(d))
     p[active] = u
     return Candidate(z, p)

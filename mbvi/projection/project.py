@@ -19,7 +19,7 @@ from .metric import Array, Metric, as_metric
 from .proxqp import ProxQP
 
 _ROUNDING = 1e-13
-_POSITIVE = 1e-7
+_TINY, _POSITIVE = 1e-12, 1e-7
 
 
 class Projection(NamedTuple):
@@ -53,12 +53,17 @@ class Projector:
     def __init__(self, residual: float = 1e-6) -> None:
         self.residual = residual
         self._solver = ProxQP()
+        self._contradiction = False
 
     def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
         """Project x; see `project`, whose checks this leaves out."""
         speed = J @ x
         missing = lower - speed
         if not missing.size or missing.max() <= 0.0:
+            return Projection(x, np.zeros(len(missing)), 0.0)
+        size = (np.abs(speed) + np.abs(lower)).max()
+        if missing.max() <= _TINY * size and (missing <= _ROUNDING * (np.abs(J) @ np.abs(x) + np.abs(lower))).all():
+            # what is missing is the rounding of J x
             return Projection(x, np.zeros(len(missing)), 0.0)
         columns = metric.whiten(J.T)
         lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
@@ -79,13 +84,15 @@ class Projector:
     def _solve(self, A: Array, d: Array) -> tuple[Candidate, float]:
         """Return the best candidate for min |z|^2, A' z >= d and its residual."""
         best, least = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
+        self._contradiction = False
         for candidate in self._candidates(A, d):
             if candidate is None:
                 continue
             residual = kkt_residual(A, d, candidate)
             if residual < least:
                 best, least = candidate, residual
-            if residual <= _ROUNDING * (1.0 + np.abs(candidate.z).max()):
+            # a huge z may be a wrong one, so that it does not excuse any residual
+            if residual <= _ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3):
                 break
         return best, least
 
@@ -96,7 +103,9 @@ class Projector:
         p = np.maximum(self._solver.solve(G, d), 0.0)
         yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
         yield Candidate(A @ p, p)
-        yield dual_active_set(A, d, _ROUNDING)
+        exact = dual_active_set(A, d, _ROUNDING)
+        self._contradiction = exact is None
+        yield exact
 
     def _without_zero_rows(self, x: Array, metric: Metric, J: Array, lower: Array, kept: Array) -> Projection:
         """Project with the rows whose gradient vanishes left out: they ask 0 >= lower."""
@@ -112,7 +121,7 @@ class Projector:
 
     def _failure(self, x: Array, metric: Metric, J: Array, lower: Array, residual: float) -> ProjectionError:
         problem = {"x": x, "M": metric.dense(), "J": J, "lower": lower}
-        if self._solver.infeasible:
+        if self._contradiction:
             return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
         return ProjectionError(
             f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "

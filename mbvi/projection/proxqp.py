@@ -12,17 +12,10 @@ _MAX_KEPT = 64
 
 
 class ProxQP:
-    """One dense ProxQP object per number of rows, each started from its last result.
-
-    Attributes
-    ----------
-    infeasible : bool
-        Whether the last problem was reported unbounded, that is the projection infeasible.
-    """
+    """One dense ProxQP object per number of rows, each started from its last result."""
 
     def __init__(self) -> None:
         self._kept: dict[int, proxqp.dense.QP] = {}
-        self.infeasible = False
 
     def solve(self, G: Array, d: Array) -> Array:
         """Return approximate multipliers, shape (m,), of any sign within the solver's accuracy.
@@ -42,7 +35,6 @@ class ProxQP:
         else:
             qp.update(H=G, g=-d, update_preconditioner=False)
         qp.solve()
-        self.infeasible = qp.results.info.status == proxqp.PROXQP_DUAL_INFEASIBLE
         p = np.array(qp.results.x)
         if qp.results.info.status != proxqp.PROXQP_SOLVED:
             # a failed object must not start the next problem from where it stopped
@@ -57,6 +49,7 @@ class ProxQP:
         settings = qp.settings
         settings.eps_abs = _ACCURACY
         settings.eps_rel = 0.0
+        settings.max_iter = 1000
         settings.default_mu_in = 1e-3
         settings.compute_preconditioner = False
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
