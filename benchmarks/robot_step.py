@@ -33,6 +33,7 @@ from collections import defaultdict  # noqa: E402
 from collections.abc import Callable, Iterator  # noqa: E402
 from contextlib import ExitStack, contextmanager  # noqa: E402
 from dataclasses import dataclass  # noqa: E402
+from importlib import import_module  # noqa: E402
 from importlib.metadata import version  # noqa: E402
 from itertools import islice  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -121,10 +122,17 @@ def mbvi_rows(case: Case, count: int) -> float:
     return float(np.mean([step.active.gap.size for step in islice(walk, 1, count)]))
 
 
-def mbvi_time(case: Case, count: int) -> float:
-    """Return the time of one step among `count`, set-up taken away [s]."""
-    one, many = (_run_time(case, n) for n in (1, count))
-    return (many - one) / (count - 1)
+def mbvi_times(case: Case, count: int, repeats: int, between: Callable[[], None] = lambda: None) -> Array:
+    """Return the time of one step among `count`, set-up taken away, shape (repeats,) [s].
+
+    `between` is called after each repeat.
+    """
+    one, many = np.empty(repeats), np.empty(repeats)
+    for k in range(repeats):
+        one[k], many[k] = _run_time(case, 1), _run_time(case, count)
+        between()
+    # the set-up is longer than many steps: its median, for its own scatter would drown them
+    return (many - np.median(one)) / (count - 1)
 
 
 def _run_time(case: Case, count: int) -> float:
@@ -195,13 +203,12 @@ def line(case: Case, count: int, repeats: int) -> str:
     """Time one case, the two engines taking turns, and return its line of the table."""
     rows = mbvi_rows(case, count)
     if mujoco is None:
-        mine = statistics.median(mbvi_time(case, count) for _ in range(repeats))
-        return f"{case.name:20}{1e6 * mine:12.1f}{'-':>14}{'-':>8}{rows:12.2f}{'-':>14}"
-    peer = Peer(case)
-    both = [(mbvi_time(case, count), peer.time(count)) for _ in range(repeats)]
-    mine, other = (1e6 * statistics.median(column) for column in zip(*both, strict=True))
-    ratio = statistics.median(a / b for a, b in both)
-    return f"{case.name:20}{mine:12.1f}{other:14.1f}{ratio:8.1f}{rows:12.2f}{peer.rows(count):14.2f}"
+        mine = np.median(mbvi_times(case, count, repeats))
+        return f"{case.name:20}{1e6 * mine:12.1f}{'-':>16}{'-':>7}{rows:11.2f}{'-':>13}"
+    peer, others = Peer(case), []
+    times = mbvi_times(case, count, repeats, between=lambda: others.append(peer.time(count)))
+    mine, other, ratio = 1e6 * np.median(times), 1e6 * np.median(others), np.median(times / others)
+    return f"{case.name:20}{mine:12.1f}{other:16.1f}{ratio:7.1f}{rows:11.2f}{peer.rows(count):13.2f}"
 
 
 class Stopwatch:
@@ -249,6 +256,11 @@ class Stopwatch:
         """Return the time spent in a function itself [s]."""
         return self._spent[name] - self.calls[name] * self._inside - self._called[name] * self._outside
 
+    def total(self) -> float:
+        """Return the time spent in all timed functions and in timing them [s]."""
+        outside = sum(self.calls.values()) - sum(self._called.values())
+        return sum(self._spent.values()) + outside * self._outside
+
     def _cost(self, count: int = 2000) -> tuple[float, float]:
         """Return what timing adds to a function, and to whoever calls it, a call [s]."""
         nothing = self.wrap("nothing", lambda: None)
@@ -273,6 +285,7 @@ def timed_layers(problem: mbvi.Problem, watch: Stopwatch) -> Iterator[list[str]]
     from mbvi.projection import Projector
     from mbvi.recorder import Recorder
 
+    metric = type(problem.system.metric(problem.q0))
     owners: list[tuple[Any, tuple[str, ...]]] = [
         (mbvi.Paoli, ("step",)),
         (pin, ("integrate", "difference", "crba", "nonLinearEffects", "aba")),
@@ -281,6 +294,9 @@ def timed_layers(problem: mbvi.Problem, watch: Stopwatch) -> Iterator[list[str]]
         *((kind, ("active", "contacts")) for kind in dict.fromkeys(map(type, problem.constraints.constraints))),
         (type(problem.system), ("metric", "force", "free_velocity")),
         (Projector, ("project",)),
+        # inside the projection
+        (metric, ("whiten", "unwhiten")),
+        (import_module("mbvi.projection.project"), ("solve_on", "kkt_residual")),
         (Recorder, ("step",)),
     ]
     names = []
@@ -288,7 +304,7 @@ def timed_layers(problem: mbvi.Problem, watch: Stopwatch) -> Iterator[list[str]]
         for owner, attributes in owners:
             for attribute in attributes:
                 if hasattr(owner, attribute):
-                    names.append(f"{owner.__name__}.{attribute}")
+                    names.append(f"{owner.__name__.rpartition('.')[2]}.{attribute}")
                     timed = watch.wrap(names[-1], getattr(owner, attribute))
                     stack.enter_context(mock.patch.object(owner, attribute, timed))
         yield names
@@ -297,23 +313,24 @@ def timed_layers(problem: mbvi.Problem, watch: Stopwatch) -> Iterator[list[str]]
 def profile(case: Case, count: int, repeats: int) -> str:
     """Return where the time of a step goes: microseconds and calls a step of each layer, its callees left out."""
     watch = Stopwatch()
-    bare, own, calls = [], defaultdict(list), {}
+    bare = 1e6 * np.median(mbvi_times(case, count, repeats))
+    runs: dict[int, list[Array]] = {1: [], count: []}
     for _ in range(repeats):
-        bare.append(1e6 * mbvi_time(case, count))
         with timed_layers(case.problem, watch) as names:
-            watch.clear()
-            whole = _run_time(case, count)
-        for name in names:
-            own[name].append(1e6 * watch.own(name) / count)
-            calls[name] = watch.calls[name] / count
-        inside = sum(watch._spent.values())
-        own["simulate: loop"].append(1e6 * (whole - inside) / count)
-    medians = {name: statistics.median(values) for name, values in own.items()}
-    total = sum(medians.values())
-    lines = [f"{case.name}: {statistics.median(bare):.1f} us a step untimed, {total:.1f} the sum of the layers"]
-    for name, value in medians.items():
-        if calls.get(name, 1.0) > 0.0:
-            lines.append(f"    {name:36}{value:8.2f} us{100.0 * value / total:7.1f} %{calls.get(name, 1.0):8.2f} calls")
+            for steps, found in runs.items():
+                watch.clear()
+                whole = _run_time(case, steps)
+                found.append(np.array([*(watch.own(name) for name in names), whole - watch.total()]))
+                calls = np.array([*(watch.calls[name] for name in names), steps])
+                found[-1] = np.stack([found[-1], calls])
+    # as for the whole step, set-up and first step are taken away
+    spent, calls = (np.median(runs[count], axis=0) - np.median(runs[1], axis=0)) / (count - 1)
+    spent *= 1e6
+    total = spent.sum()
+    lines = [f"{case.name}: {bare:.1f} us a step untimed, {total:.1f} the sum of the layers"]
+    for name, value, often in zip([*names, "simulate"], spent, calls, strict=True):
+        if often > 0.0:
+            lines.append(f"    {name:36}{value:8.2f} us{100.0 * value / total:7.1f} %{often:8.2f} calls")
     return "\n".join(lines)
 
 
@@ -340,7 +357,7 @@ def main() -> None:
         parser.error("at least 2 steps and 1 repeat are asked for")
     print(header(count, repeats), end="\n\n")
     columns = (("mbvi us/step", 12), ("MuJoCo us/step", 16), ("ratio", 7), ("rows mbvi", 11), ("rows MuJoCo", 13))
-    print(f"{'case':18}" + "".join(f"{title:>{width}}" for title, width in columns))
+    print(f"{'case':20}" + "".join(f"{title:>{width}}" for title, width in columns))
     chosen = cases()
     for case in chosen:
         print(line(case, count, repeats), flush=True)

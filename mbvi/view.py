@@ -1,1 +1,364 @@
 """Replay in meshcat: live in a browser, or one page that plays by itself."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import meshcat
+import numpy as np
+from meshcat.animation import Animation, AnimationClip, AnimationTrack
+from meshcat.commands import SetProperty
+from meshcat.geometry import pack_numpy_array
+from scipy.spatial.transform import Rotation
+
+from .errors import InputError, TrajectoryFileError
+from .view_meshes import Array, arrow_mesh, plate_mesh, shape_mesh
+from .view_page import Page
+
+if TYPE_CHECKING:
+    from .scene_model import SceneModel
+    from .trajectory import Trajectory
+
+_FRAMES = 60.0
+_MOST_INSTANTS = 2000
+_MOST_ARROWS = 300
+# seconds an arrow takes to vanish, of which it stays whole at first
+_FADE, _WHOLE = 0.3, 0.08
+# what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
+_SLACK = 1e-3
+# where the camera stands as seen from the middle, how much it sees, and the least width of a window [heights]
+_DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
+_FIELD, _ASPECT = 40.0, 1.3
+
+
+def replay(run: Trajectory, speed: float = 1.0) -> None:
+    """Show a run in a browser through meshcat; returns when it has played.
+
+    Parameters
+    ----------
+    run : Trajectory
+        What to show; see `arrows` for the percussions.
+    speed : float
+        Seconds of the run per second of the replay.
+
+    Raises
+    ------
+    InputError
+        If the run has no scene to show or the speed is not positive.
+    """
+    _scene(run)
+    # written so that a NaN is refused too
+    if not 0.0 < speed < np.inf:
+        raise InputError(f"speed must be positive and finite; got {speed}")
+    vis = meshcat.Visualizer()
+    try:
+        vis.open()
+        animation = stage(vis, run, speed)
+        # a server that dies with the script before a browser has come would show nothing
+        vis.wait()
+        vis.set_animation(animation)
+    finally:
+        vis.window.zmq_socket.close()
+    time.sleep(float(run.t[-1] - run.t[0]) / speed)
+
+
+def replay_html(run: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write one page that plays a run at true speed, with no server and no network.
+
+    Parameters
+    ----------
+    run : Trajectory
+        What to show; see `arrows` for the percussions.
+    path : path
+        The page; an old one is replaced.
+
+    Raises
+    ------
+    InputError
+        If the run has no scene to show.
+    TrajectoryFileError
+        If the page cannot be written.
+    """
+    _scene(run)
+    page = Page()
+    vis = meshcat.Visualizer(window=page)
+    vis.set_animation(stage(vis, run), play=False)
+    try:
+        Path(path).write_text(page.html(), encoding="utf-8")
+    except OSError as error:
+        raise TrajectoryFileError(f"the page {path} cannot be written: {error.strerror or error}") from error
+
+
+def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Animation:
+    """Draw the scene of a run as it starts, and return its animation.
+
+    Parameters
+    ----------
+    vis : meshcat.Visualizer
+        Where to draw.
+    run : Trajectory
+        A run with a scene.
+    speed : float
+        Seconds of the run per second of the replay.
+    """
+    scene = _scene(run)
+    moves = motion(run, speed)
+    lower, upper = _bounds(scene, moves)
+    radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
+    _light(vis, 0.5 * (lower + upper), radius, upper - lower)
+    walls = list(scene.walls.values())
+    for name, wall in scene.walls.items():
+        others = [w for w in walls if w is not wall]
+        node = vis["walls"][_label(name)]
+        node.set_object(plate_mesh(wall, others, lower, upper))
+        # a wall is seen, and stops light, from its free side only
+        _cast_shadow(node["<object>"], False)
+    animation = Animation(default_framerate=1)
+    _draw_shapes(vis, scene, moves, radius, animation)
+    _draw_arrows(vis, run, radius, speed, float(moves.times[-1]), animation)
+    return animation
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the bodies that carry shapes are at the key times.
+
+    Attributes
+    ----------
+    bodies : list of int
+        The bodies.
+    times : ndarray, shape (n,)
+        Key times since the start of the replay [s].
+    frame : ndarray of bool, shape (n,)
+        Which of them are frames; the others are impacts.
+    position, quaternion : ndarray, shape (n, bodies, 3) and (n, bodies, 4)
+        Origins [m] and rotations (x, y, z, w) in the world.
+    """
+
+    bodies: list[int]
+    times: Array
+    frame: Array
+    position: Array
+    quaternion: Array
+
+
+def motion(run: Trajectory, speed: float = 1.0) -> Motion:
+    """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run with a scene.
+    speed : float
+        Seconds of the run per second of the replay.
+    """
+    assert run.problem is not None
+    bodies = sorted({s.body for s in _scene(run).shapes if s.body})
+    start, end = float(run.t[0]), float(run.t[-1])
+    count = max(int(_FRAMES * (end - start) / speed), 1)
+    strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
+    # whole microseconds, so that no two keys are nearer than floats of the browser can tell
+    frames = np.round(np.linspace(0.0, (end - start) / speed, count + 1), 6)
+    instants = np.round([(i.time - start) / speed for i in strongest], 6)
+    times = np.unique(np.concatenate([frames, instants]))
+    position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
+    rotation = np.empty((len(bodies), 3, 3))
+    for k, t in enumerate(np.clip(start + speed * times, start, end)):
+        q, _ = run.at(float(t))
+        for b, body in enumerate(bodies):
+            rotation[b], position[k, b] = run.problem.system.placement(q, body)
+        quaternion[k] = Rotation.from_matrix(rotation).as_quat()
+    # of the two quaternions of a rotation, the one nearer to the last
+    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
+    quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
+    return Motion(bodies, times, np.isin(times, frames), position, quaternion)
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion."""
+
+    time: float
+    point: Array
+    normal: Array
+    length: float
+
+
+def arrows(run: Trajectory) -> list[Arrow]:
+    """Return the percussions at contact points in order of time, the 300 strongest if there are more.
+
+    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
+    """
+    found = [
+        (float(p), impact.time, point, normal)
+        for impact in run.impacts
+        for p, point, normal in zip(impact.percussion, impact.point, impact.normal, strict=True)
+        if p > 0.0 and np.isfinite(point).all()
+    ]
+    strongest = sorted(found, key=lambda a: -a[0])[:_MOST_ARROWS]
+    shown = [Arrow(t, x, n, 0.1 + 0.5 * float(np.sqrt(p / strongest[0][0]))) for p, t, x, n in strongest]
+    return sorted(shown, key=lambda a: a.time)
+
+
+def _scene(run: Trajectory) -> SceneModel:
+    if run.problem is None:
+        raise InputError("this run came from a file without its problem: there is no scene to replay; chart t, q and v")
+    if run.problem.scene is None:
+        raise InputError(
+            "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
+        )
+    return run.problem.scene
+
+
+def _draw_shapes(
+    vis: meshcat.Visualizer, scene: SceneModel, moves: Motion, radius: float, animation: Animation
+) -> None:
+    parts = {0: vis["fixed"]}
+    for b, body in enumerate(moves.bodies):
+        name = next(s.name for s in scene.shapes if s.body == body)
+        node = parts[body] = vis["bodies"][f"{body} {_label(name)}"]
+        position, quaternion = moves.position[:, b], moves.quaternion[:, b]
+        node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
+        tracks = {
+            "position": _track("position", "vector3", moves, position, _SLACK * radius),
+            "quaternion": _track("quaternion", "quaternion", moves, quaternion, _SLACK),
+        }
+        moving = {name: track for name, track in tracks.items() if track is not None}
+        if moving:
+            animation.clips[node.path] = AnimationClip(moving, fps=1)
+    for k, placed in enumerate(scene.shapes):
+        mesh, turn = shape_mesh(placed)
+        node = parts[placed.body][f"{k} {_label(placed.name)}"]
+        node.set_object(mesh)
+        node.set_transform(_pose(placed.rotation @ turn, placed.position))
+
+
+def _draw_arrows(
+    vis: meshcat.Visualizer, run: Trajectory, radius: float, speed: float, end: float, animation: Animation
+) -> None:
+    for k, arrow in enumerate(arrows(run)):
+        node = vis["percussions"][str(k)]
+        node.set_object(arrow_mesh())
+        node.set_transform(_pose(_turn_to(arrow.normal), arrow.point))
+        node.set_property("visible", False)
+        _cast_shadow(node["<object>"], False)
+        # the opacity of a node cannot be animated: the arrow gets thin instead
+        shown = (arrow.time - float(run.t[0])) / speed
+        keys = np.array([shown, shown + _WHOLE, shown + _FADE])
+        size = arrow.length * radius * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+        kept = keys <= max(end, shown)
+        # every clip ends with the run: one that ended before would not start again when played from earlier
+        seen = {0.0: False}
+        seen[shown] = True
+        if keys[-1] < end:
+            seen[float(keys[-1])] = False
+        seen.setdefault(end, bool(keys[-1] >= end))
+        tracks = {
+            "scale": _Track("scale", "vector3", keys[kept], size[kept]),
+            "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
+        }
+        animation.clips[node.path] = AnimationClip(tracks, fps=1)
+
+
+class _Track(AnimationTrack):
+    """A track whose keys go to the browser as two arrays of floats: a quarter of the bytes of a list of keys."""
+
+    def lower(self) -> dict[str, Any]:
+        return {
+            "name": f".{self.name}",
+            "type": self.jstype,
+            "times": pack_numpy_array(self.frames)["array"],
+            "values": pack_numpy_array(self.values.T)["array"],
+        }
+
+
+def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> _Track | None:
+    """Return the track of one body, without impacts that did not bend its path; None if it never moved."""
+    if np.abs(values - values[0]).max() <= 1e-3 * slack:
+        return None
+    at, frame = moves.times, moves.frame
+    straight = np.stack([np.interp(at, at[frame], column[frame]) for column in values.T], axis=1)
+    kept = frame | (np.abs(values - straight).max(axis=1) > slack)
+    return _Track(name, kind, at[kept], values[kept])
+
+
+def _bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
+    """Return the corners of a box that holds all motion, and of the fixed shapes what is near it."""
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    turns = [Rotation.from_quat(moves.quaternion[:, b]) for b in range(len(moves.bodies))]
+    for placed in scene.shapes:
+        if placed.body:
+            b = moves.bodies.index(placed.body)
+            centre = moves.position[:, b] + turns[b].apply(placed.position)
+            lower = np.minimum(lower, centre.min(axis=0) - placed.shape.bound)
+            upper = np.maximum(upper, centre.max(axis=0) + placed.shape.bound)
+    near = 0.5 * float((upper - lower).max())
+    first, last = lower - near, upper + near
+    for placed in scene.shapes:
+        if not placed.body:
+            lower = np.minimum(lower, np.maximum(placed.position - placed.shape.bound, first))
+            upper = np.maximum(upper, np.minimum(placed.position + placed.shape.bound, last))
+    return lower, upper
+
+
+def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -> None:
+    """Set camera, lights and background; the scene is shrunk to half diagonal 1, for which the lights are made."""
+    pose = np.eye(4) / radius
+    pose[:3, 3], pose[3, 3] = -centre / radius, 1.0
+    vis.set_transform(pose)
+    right = np.cross([0.0, 0.0, 1.0], _DIRECTION) / np.hypot(*_DIRECTION[:2])
+    axes = np.stack([right, np.cross(_DIRECTION, right), _DIRECTION])
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size / radius
+    across, along, depth = np.abs(corners @ axes.T[:, 0]), np.abs(corners @ axes.T[:, 1]), corners @ _DIRECTION
+    slope = np.tan(np.radians(0.5 * _FIELD))
+    distance = float((depth + np.maximum(across / (_ASPECT * slope), along / slope)).max())
+    x, y, z = 1.08 * distance * _DIRECTION
+    camera = vis["/Cameras/default/rotated/<object>"]
+    camera.set_property("fov", _FIELD)
+    # the camera's own frame has y up
+    camera.set_property("position", [x, z, -y])
+    for hidden in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
+        vis[hidden].set_property("visible", False)
+    vis["/Background"].set_property("top_color", [0.66, 0.78, 0.90])
+    vis["/Background"].set_property("bottom_color", [0.96, 0.96, 0.94])
+    lamp = vis["/Lights/SpotLight"]
+    lamp.set_property("visible", True)
+    for key, value in {"position": [2.0, -2.5, 5.5], "angle": 0.5, "penumbra": 0.6}.items():
+        lamp["<object>"].set_property(key, value)
+    _cast_shadow(lamp["<object>"], True)
+    for light, intensity in {"SpotLight": 0.55, "FillLight": 0.25, "AmbientLight": 0.55}.items():
+        vis[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
+
+
+class _Property(SetProperty):
+    """A property by its exact name: meshcat would write it in lower case."""
+
+    def lower(self) -> dict[str, Any]:
+        return {**super().lower(), "property": self.key}
+
+
+def _cast_shadow(node: meshcat.Visualizer, value: bool) -> None:
+    node.window.send(_Property("castShadow", value, node.path))
+
+
+def _pose(rotation: Array, position: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def _turn_to(direction: Array) -> Array:
+    """Return a rotation, shape (3, 3), that takes z to a unit direction."""
+    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    side = np.cross(other, direction)
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(direction, side), direction], axis=1)
+
+
+def _label(name: str) -> str:
+    """Return a name that meshcat does not take for a path."""
+    return name.replace("/", " ")
