@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .constraints import AdmissibleSet, Constraint
-from .errors import InadmissibleStartError, InputError, MbviError
+from .errors import InadmissibleStartError, InputError
 from .system import System
 from .system.system import Array
 
@@ -125,7 +125,7 @@ def _vector(values: Array | Sequence[float], size: int, name: str) -> Array:
     try:
         vector = np.array(values, dtype=float)
     except (ValueError, TypeError) as error:
-        raise MbviError(f"{name} is no array of numbers") from error
+        raise InputError(f"{name} is no array of numbers") from error
     if vector.shape != (size,):
         raise InputError(f"{name} has shape {vector.shape}; the system asks for ({size},)")
     if not np.isfinite(vector).all():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +15,14 @@ from meshcat.geometry import pack_numpy_array
 from scipy.spatial.transform import Rotation
 
 from .errors import InputError, TrajectoryFileError
-from .view_meshes import Array, arrow_mesh, plate_mesh, shape_mesh
+from .view_meshes import arrow_mesh, plate_mesh, shape_mesh
+from .view_motion import Array, Motion, arrows, bounds, motion, scene_of
 from .view_page import Page
 
 if TYPE_CHECKING:
     from .scene_model import SceneModel
     from .trajectory import Trajectory
 
-_FRAMES = 60.0
-_MOST_INSTANTS = 2000
-_MOST_ARROWS = 300
 # seconds an arrow takes to vanish, of which it stays whole at first
 _FADE, _WHOLE = 0.3, 0.08
 # what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
@@ -50,7 +47,7 @@ def replay(run: Trajectory, speed: float = 1.0) -> None:
     InputError
         If the run has no scene to show or the speed is not positive.
     """
-    _scene(run)
+    scene_of(run)
     # written so that a NaN is refused too
     if not 0.0 < speed < np.inf:
         raise InputError(f"speed must be positive and finite; got {speed}")
@@ -83,7 +80,7 @@ def replay_html(run: Trajectory, path: str | os.PathLike[str]) -> None:
     TrajectoryFileError
         If the page cannot be written.
     """
-    _scene(run)
+    scene_of(run)
     page = Page()
     vis = meshcat.Visualizer(window=page)
     vis.set_animation(stage(vis, run), play=False)
@@ -105,113 +102,21 @@ def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Anima
     speed : float
         Seconds of the run per second of the replay.
     """
-    scene = _scene(run)
+    scene = scene_of(run)
     moves = motion(run, speed)
-    lower, upper = _bounds(scene, moves)
+    lower, upper = bounds(scene, moves)
     radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
     _light(vis, 0.5 * (lower + upper), radius, upper - lower)
-    walls = list(scene.walls.values())
-    for name, wall in scene.walls.items():
-        others = [w for w in walls if w is not wall]
-        node = vis["walls"][_label(name)]
+    for k, (name, wall) in enumerate(scene.walls.items()):
+        node = vis["walls"][_label(k, name)]
+        others = [w for w in scene.walls.values() if w is not wall]
         node.set_object(plate_mesh(wall, others, lower, upper))
-        # a wall is seen, and stops light, from its free side only
+        # it is drawn from its free side only, and must not take the light from behind either
         _cast_shadow(node["<object>"], False)
     animation = Animation(default_framerate=1)
     _draw_shapes(vis, scene, moves, radius, animation)
     _draw_arrows(vis, run, radius, speed, float(moves.times[-1]), animation)
     return animation
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Where the bodies that carry shapes are at the key times.
-
-    Attributes
-    ----------
-    bodies : list of int
-        The bodies.
-    times : ndarray, shape (n,)
-        Key times since the start of the replay [s].
-    frame : ndarray of bool, shape (n,)
-        Which of them are frames; the others are impacts.
-    position, quaternion : ndarray, shape (n, bodies, 3) and (n, bodies, 4)
-        Origins [m] and rotations (x, y, z, w) in the world.
-    """
-
-    bodies: list[int]
-    times: Array
-    frame: Array
-    position: Array
-    quaternion: Array
-
-
-def motion(run: Trajectory, speed: float = 1.0) -> Motion:
-    """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
-
-    Parameters
-    ----------
-    run : Trajectory
-        A run with a scene.
-    speed : float
-        Seconds of the run per second of the replay.
-    """
-    assert run.problem is not None
-    bodies = sorted({s.body for s in _scene(run).shapes if s.body})
-    start, end = float(run.t[0]), float(run.t[-1])
-    count = max(int(_FRAMES * (end - start) / speed), 1)
-    strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
-    # whole microseconds, so that no two keys are nearer than floats of the browser can tell
-    frames = np.round(np.linspace(0.0, (end - start) / speed, count + 1), 6)
-    instants = np.round([(i.time - start) / speed for i in strongest], 6)
-    times = np.unique(np.concatenate([frames, instants]))
-    position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
-    rotation = np.empty((len(bodies), 3, 3))
-    for k, t in enumerate(np.clip(start + speed * times, start, end)):
-        q, _ = run.at(float(t))
-        for b, body in enumerate(bodies):
-            rotation[b], position[k, b] = run.problem.system.placement(q, body)
-        quaternion[k] = Rotation.from_matrix(rotation).as_quat()
-    # of the two quaternions of a rotation, the one nearer to the last
-    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
-    quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
-    return Motion(bodies, times, np.isin(times, frames), position, quaternion)
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion."""
-
-    time: float
-    point: Array
-    normal: Array
-    length: float
-
-
-def arrows(run: Trajectory) -> list[Arrow]:
-    """Return the percussions at contact points in order of time, the 300 strongest if there are more.
-
-    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
-    """
-    found = [
-        (float(p), impact.time, point, normal)
-        for impact in run.impacts
-        for p, point, normal in zip(impact.percussion, impact.point, impact.normal, strict=True)
-        if p > 0.0 and np.isfinite(point).all()
-    ]
-    strongest = sorted(found, key=lambda a: -a[0])[:_MOST_ARROWS]
-    shown = [Arrow(t, x, n, 0.1 + 0.5 * float(np.sqrt(p / strongest[0][0]))) for p, t, x, n in strongest]
-    return sorted(shown, key=lambda a: a.time)
-
-
-def _scene(run: Trajectory) -> SceneModel:
-    if run.problem is None:
-        raise InputError("this run came from a file without its problem: there is no scene to replay; chart t, q and v")
-    if run.problem.scene is None:
-        raise InputError(
-            "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
-        )
-    return run.problem.scene
 
 
 def _draw_shapes(
@@ -220,7 +125,7 @@ def _draw_shapes(
     parts = {0: vis["fixed"]}
     for b, body in enumerate(moves.bodies):
         name = next(s.name for s in scene.shapes if s.body == body)
-        node = parts[body] = vis["bodies"][f"{body} {_label(name)}"]
+        node = parts[body] = vis["bodies"][_label(body, name)]
         position, quaternion = moves.position[:, b], moves.quaternion[:, b]
         node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
         tracks = {
@@ -232,7 +137,7 @@ def _draw_shapes(
             animation.clips[node.path] = AnimationClip(moving, fps=1)
     for k, placed in enumerate(scene.shapes):
         mesh, turn = shape_mesh(placed)
-        node = parts[placed.body][f"{k} {_label(placed.name)}"]
+        node = parts[placed.body][_label(k, placed.name)]
         node.set_object(mesh)
         node.set_transform(_pose(placed.rotation @ turn, placed.position))
 
@@ -247,18 +152,15 @@ def _draw_arrows(
         node.set_property("visible", False)
         _cast_shadow(node["<object>"], False)
         # the opacity of a node cannot be animated: the arrow gets thin instead
-        shown = (arrow.time - float(run.t[0])) / speed
-        keys = np.array([shown, shown + _WHOLE, shown + _FADE])
-        size = arrow.length * radius * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
-        kept = keys <= max(end, shown)
+        shown = round((arrow.time - float(run.t[0])) / speed, 6)
+        fade = [shown, shown + _WHOLE, shown + _FADE]
+        keys = np.unique(np.minimum(fade, end))
+        thick = np.interp(keys, fade, [1.0, 1.0, 0.0])
+        size = arrow.length * radius * np.stack([thick, thick, np.ones_like(keys)], axis=1)
         # every clip ends with the run: one that ended before would not start again when played from earlier
-        seen = {0.0: False}
-        seen[shown] = True
-        if keys[-1] < end:
-            seen[float(keys[-1])] = False
-        seen.setdefault(end, bool(keys[-1] >= end))
+        seen = {0.0: False, shown: True, min(fade[2], end): False, end: fade[2] > end}
         tracks = {
-            "scale": _Track("scale", "vector3", keys[kept], size[kept]),
+            "scale": _Track("scale", "vector3", keys, size),
             "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
         }
         animation.clips[node.path] = AnimationClip(tracks, fps=1)
@@ -284,25 +186,6 @@ def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> 
     straight = np.stack([np.interp(at, at[frame], column[frame]) for column in values.T], axis=1)
     kept = frame | (np.abs(values - straight).max(axis=1) > slack)
     return _Track(name, kind, at[kept], values[kept])
-
-
-def _bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
-    """Return the corners of a box that holds all motion, and of the fixed shapes what is near it."""
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    turns = [Rotation.from_quat(moves.quaternion[:, b]) for b in range(len(moves.bodies))]
-    for placed in scene.shapes:
-        if placed.body:
-            b = moves.bodies.index(placed.body)
-            centre = moves.position[:, b] + turns[b].apply(placed.position)
-            lower = np.minimum(lower, centre.min(axis=0) - placed.shape.bound)
-            upper = np.maximum(upper, centre.max(axis=0) + placed.shape.bound)
-    near = 0.5 * float((upper - lower).max())
-    first, last = lower - near, upper + near
-    for placed in scene.shapes:
-        if not placed.body:
-            lower = np.minimum(lower, np.maximum(placed.position - placed.shape.bound, first))
-            upper = np.maximum(upper, np.minimum(placed.position + placed.shape.bound, last))
-    return lower, upper
 
 
 def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -> None:
@@ -359,6 +242,6 @@ def _turn_to(direction: Array) -> Array:
     return np.stack([side, np.cross(direction, side), direction], axis=1)
 
 
-def _label(name: str) -> str:
-    """Return a name that meshcat does not take for a path."""
-    return name.replace("/", " ")
+def _label(number: int, name: str) -> str:
+    """Return a name no other node has, and that meshcat does not take for a path."""
+    return f"{number} {name}".replace("/", " ")

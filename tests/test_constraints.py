@@ -1,5 +1,7 @@
 """Gaps and gradients of every kind of constraint: against finite differences, closed forms and Coal itself."""
 
+from functools import partial
+
 import coal
 import numpy as np
 import pytest
@@ -60,7 +62,7 @@ def test_gradient_to_a_half_space(shape, rng):
         n = rotation(rng)[0]
         contacts = HalfSpaceContacts(system, [HalfSpace(tuple(n), 0.3)], [placed(shape, 1, rng)], ["pair"], np.zeros(1))
         q = configuration(rng, rng.normal(size=(1, 3)))
-        numeric = difference_quotient(system, lambda x: contacts.gap(0.0, x), q)
+        numeric = difference_quotient(system, partial(contacts.gap, 0.0), q)
         np.testing.assert_allclose(contacts.gradient(0.0, q), numeric, atol=1e-7)
 
 
@@ -75,10 +77,10 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
         direction = rng.normal(size=3)
         q = configuration(rng, np.array([np.zeros(3), apart * direction / np.linalg.norm(direction)]))
         shift = 1e-6
-        numeric = difference_quotient(system, lambda x: coal_distance(contacts, x), q, shift)
+        numeric = difference_quotient(system, partial(coal_distance, contacts), q, shift)
         gradient = contacts.gradient(0.0, q) if apart == 1.0 else nearest_gradient(contacts, system, q)
         # where two features are equally near the distance has a kink; no gradient to compare with
-        one_sided = difference_quotient(system, lambda x: coal_distance(contacts, x), q, 10 * shift)
+        one_sided = difference_quotient(system, partial(coal_distance, contacts), q, 10 * shift)
         if np.abs(one_sided - numeric).max() < 1e-4:
             # Coal's penetration depth is iterative for curved shapes, and its normal good to the third digit there
             curved = apart < 1.0 and {type(first), type(second)} & {Ellipsoid, Capsule, Cylinder}

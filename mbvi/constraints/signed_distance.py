@@ -84,7 +84,8 @@ class SignedDistances(Pairs):
                 point.append(0.5 * (result.getNearestPoint1() + result.getNearestPoint2())[None])
             else:
                 point.append(found[0])
-                gap.append(found[1])
+                # no line along the normal crosses more than the depth
+                gap.append(np.maximum(found[1], distance))
             pair.append(np.full(len(gap[-1]), k))
             normal.append(np.broadcast_to(n, (len(gap[-1]), 3)))
         return Contacts(np.concatenate(pair), np.concatenate(gap), np.concatenate(point), np.concatenate(normal))

@@ -1,0 +1,160 @@
+"""What a replay shows of a run, free of any viewer: key times, placements, percussions, and the room they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .constraints.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Sphere
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .scene_model import SceneModel
+    from .trajectory import Trajectory
+
+Array = np.ndarray
+
+_FRAMES = 60.0
+_MOST_INSTANTS = 2000
+_MOST_ARROWS = 300
+
+
+def scene_of(run: Trajectory) -> SceneModel:
+    """Return what a run's problem remembers of its scene.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if run.problem is None:
+        raise InputError("this run came from a file without its problem: there is no scene to replay; chart t, q and v")
+    if run.problem.scene is None:
+        raise InputError(
+            "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
+        )
+    return run.problem.scene
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the bodies that carry shapes are at the key times.
+
+    Attributes
+    ----------
+    bodies : list of int
+        The bodies.
+    times : ndarray, shape (n,)
+        Key times since the start of the replay [s].
+    frame : ndarray of bool, shape (n,)
+        Which of them are frames; the others are impacts.
+    position, quaternion : ndarray, shape (n, bodies, 3) and (n, bodies, 4)
+        Origins [m] and rotations (x, y, z, w) in the world.
+    """
+
+    bodies: list[int]
+    times: Array
+    frame: Array
+    position: Array
+    quaternion: Array
+
+
+def motion(run: Trajectory, speed: float = 1.0) -> Motion:
+    """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run with a scene.
+    speed : float
+        Seconds of the run per second of the replay.
+    """
+    assert run.problem is not None
+    bodies = sorted({s.body for s in scene_of(run).shapes if s.body})
+    start, end = float(run.t[0]), float(run.t[-1])
+    count = max(int(_FRAMES * (end - start) / speed), 1)
+    strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
+    # whole microseconds, so that no two keys are nearer than floats of the browser can tell
+    frames = np.round(np.linspace(0.0, (end - start) / speed, count + 1), 6)
+    instants = np.round([(i.time - start) / speed for i in strongest], 6)
+    times = np.unique(np.concatenate([frames, instants]))
+    position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
+    rotation = np.empty((len(bodies), 3, 3))
+    for k, t in enumerate(np.clip(start + speed * times, start, end)):
+        q, _ = run.at(float(t))
+        for b, body in enumerate(bodies):
+            rotation[b], position[k, b] = run.problem.system.placement(q, body)
+        quaternion[k] = Rotation.from_matrix(rotation).as_quat()
+    # of the two quaternions of a rotation, the one nearer to the last
+    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
+    quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
+    return Motion(bodies, times, np.isin(times, frames), position, quaternion)
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion."""
+
+    time: float
+    point: Array
+    normal: Array
+    length: float
+
+
+def arrows(run: Trajectory) -> list[Arrow]:
+    """Return the percussions at contact points in order of time, the 300 strongest if there are more.
+
+    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
+    """
+    found = [
+        (float(p), impact.time, point, normal)
+        for impact in run.impacts
+        for p, point, normal in zip(impact.percussion, impact.point, impact.normal, strict=True)
+        if p > 0.0 and np.isfinite(point).all()
+    ]
+    strongest = sorted(found, key=lambda a: -a[0])[:_MOST_ARROWS]
+    shown = [Arrow(t, x, n, 0.1 + 0.5 * float(np.sqrt(p / strongest[0][0]))) for p, t, x, n in strongest]
+    return sorted(shown, key=lambda a: a.time)
+
+
+def bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
+    """Return two corners, shape (3,) [m], of a box that holds all motion, and of fixed shapes what is near it."""
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    turns = [Rotation.from_quat(moves.quaternion[:, b]) for b in range(len(moves.bodies))]
+    for placed in scene.shapes:
+        if placed.body:
+            b = moves.bodies.index(placed.body)
+            centre = moves.position[:, b] + turns[b].apply(placed.position)
+            reach = _reach(placed.shape, turns[b].as_matrix() @ placed.rotation)
+            lower, upper = (
+                np.minimum(lower, (centre - reach).min(axis=0)),
+                np.maximum(upper, (centre + reach).max(axis=0)),
+            )
+    near = 0.5 * float((upper - lower).max())
+    first, last = lower - near, upper + near
+    for placed in scene.shapes:
+        if not placed.body:
+            reach = _reach(placed.shape, placed.rotation)
+            lower = np.minimum(lower, np.maximum(placed.position - reach, first))
+            upper = np.maximum(upper, np.minimum(placed.position + reach, last))
+    return lower, upper
+
+
+def _reach(shape: Convex, rotation: Array) -> Array:
+    """Return how far a shape reaches along x, y and z at most, shape (..., 3), when turned by (..., 3, 3)."""
+    if isinstance(shape, Sphere):
+        half = np.full(3, shape.radius)
+    elif isinstance(shape, Ellipsoid):
+        half = np.array(shape.radii)
+    elif isinstance(shape, Capsule):
+        half = np.array([shape.radius, shape.radius, 0.5 * shape.length + shape.radius])
+    elif isinstance(shape, Cylinder):
+        half = np.array([shape.radius, shape.radius, 0.5 * shape.length])
+    elif isinstance(shape, Box):
+        half = 0.5 * np.array(shape.size)
+    else:
+        half = np.abs(shape.vertices).max(axis=0)
+    return np.minimum(np.abs(rotation) @ half, shape.bound)
