@@ -129,7 +129,10 @@ def demo(
     """Drop a quadruped on sprung legs, hit it with a ball, and write the replay."""
     from .shipped import demo_problem
 
-    out_dir.mkdir(parents=True, exist_ok=True)
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrajectoryFileError(f"the folder {out_dir} cannot be made: {error.strerror}") from error
     out, page = out_dir / "demo.h5", out_dir / "demo.html"
     _check_targets(out, page)
     problem = demo_problem()
@@ -154,11 +157,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except MbviError as error:
         _fail(str(error))
     except typer.Abort:
-        _fail("interrupted", 130)
+        code = 130
     except MemoryError as error:
         _fail(f"not enough memory: {error}; record less with --every, or take a shorter run")
     except OSError as error:
         _fail(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
+    # some versions of typer raise on Ctrl-C, others return the shell's code for it
+    if code == 130:
+        _fail("interrupted", 130)
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -241,6 +241,11 @@ class Cylinder:
         end = np.array([0.0, 0.0, 0.5 * self.length])
         return np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end]), 0.0
 
+    @property
+    def faces(self) -> tuple[Array, Array]:
+        """Outward normals of the two ends, shape (2, 3), and their offsets, shape (2,)."""
+        return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
+
     def lowest(self, up: Array) -> Array:
         """Return the lowest point of each rim, shape (2, 3), against a direction given in the shape's frame."""
         flat = np.array([up[0], up[1], 0.0])

@@ -17,6 +17,8 @@ from .shapes import Ellipsoid, PlacedShape, Sphere
 _FINE, _ROBUST = 1e-9, 1e-6
 # how much deeper the fine answer may be than the robust one, in radii of the smaller shape
 _AGREEMENT = 1e-4
+# how far Coal's normal may be off where the distance vanishes, and where it does not [rad]
+_MOST_TURN, _LEAST_TURN = 0.05, 1e-5
 # how deep below the touching plane a vertex may lie and still be looked at, in radii of the smaller shape
 _PATCH_DEPTH = 0.02
 
@@ -76,6 +78,8 @@ class SignedDistances(Pairs):
             a, b = self._sides[k]
             distance, result = self._measure(k)
             n = np.array(result.normal)
+            if distance <= tolerance:
+                n = self._sharpened(k, n, distance)
             found = None
             if distance <= tolerance and not (self._placed[a].shape.smooth or self._placed[b].shape.smooth):
                 found = self._patches.find((a, b), (self._pose[a], self._pose[b]), n)
@@ -89,6 +93,20 @@ class SignedDistances(Pairs):
             pair.append(np.full(len(gap[-1]), k))
             normal.append(np.broadcast_to(n, (len(gap[-1]), 3)))
         return Contacts(np.concatenate(pair), np.concatenate(gap), np.concatenate(point), np.concatenate(normal))
+
+    def _sharpened(self, k: int, n: Array, distance: float) -> Array:
+        """Return the normal of a face that Coal's own, uncertain where the shapes just touch, may stand for."""
+        closest, sharp = np.cos(min(_MOST_TURN, _FINE / max(abs(distance), 1e-300) + _LEAST_TURN)), n
+        for side, sign in zip(self._sides[k], (1.0, -1.0), strict=True):
+            faces = getattr(self._placed[side].shape, "faces", None)
+            if faces is None:
+                continue
+            R = self._pose[side].getRotation()
+            along = faces[0] @ (R.T @ n) * sign
+            best = int(np.argmax(along))
+            if along[best] > closest:
+                closest, sharp = along[best], sign * (R @ faces[0][best])
+        return sharp
 
     def _measure(self, k: int) -> tuple[float, coal.DistanceResult]:
         """Return the signed distance of one pair, whose penetration depth is asked for twice."""

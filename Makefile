@@ -1,0 +1,30 @@
+# Runs in a virtual environment of its own; presumes python3 with venv and nothing else.
+PYTHON ?= python3
+VENV ?= .venv
+
+.PHONY: demo test clean
+
+# write a replay to out/
+demo: $(VENV)/installed
+	$(VENV)/bin/mbvi demo
+
+test: $(VENV)/installed-test
+	$(VENV)/bin/python -m pytest
+
+clean:
+	rm -rf $(VENV) out
+
+$(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/installed-test: pyproject.toml | $(VENV)/bin/pip
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --editable '.[test]'
+	@touch $@ $(VENV)/installed
+
+# pip comes last: where it is missing, an earlier attempt failed
+$(VENV)/bin/pip:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "mbvi needs Python 3.11 or newer, but $(PYTHON) is $$($(PYTHON) --version 2>&1);" \
+			"name another: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)

@@ -1,0 +1,24 @@
+"""Step a problem by hand and stop at the third impact: the scheme keeps no state of its own."""
+
+import mbvi
+
+
+def main() -> float:
+    """Return the time of the third bounce [s]."""
+    scene = mbvi.Scene(restitution=0.8)
+    scene.add_halfspace(normal=(0, 0, 1))
+    scene.add_sphere(radius=0.1, mass=1.0, position=(0, 0, 1.1))
+    bounces = []
+    for step in mbvi.steps(scene.build(), mbvi.Paoli(), step=1e-4):
+        if step.percussion.any():
+            bounces.append(step.t)
+            print(
+                f"t = {step.t:.4f} s: {step.before[0]:.4f} m/s becomes {step.after[0]:.4f}, {step.percussion[0]:.4f} N s"
+            )
+        if len(bounces) == 3:
+            return bounces[-1]
+    raise AssertionError("steps never end")
+
+
+if __name__ == "__main__":
+    print(f"third bounce at {main():.4f} s")
