@@ -98,7 +98,7 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
         if base is Base.free:
             raise
         problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf)
-        print(f"at height 0: {error}\n")
+        print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((_joint_table(problem), _shape_table(problem), problem.report())))
 
 
@@ -221,7 +221,10 @@ def _on_floor(
     from .constraints import HalfSpaceContacts
 
     if base is Base.fixed:
-        return _placed(robot, base, height or 0.0, restitution, joints, srdf)
+        try:
+            return _placed(robot, base, height or 0.0, restitution, joints, srdf)
+        except InadmissibleStartError as error:
+            raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
     height = _DROP if height is None else height
     problem = _placed(robot, base, _HIGH, restitution, joints, srdf)
     floors = [c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts)]
@@ -236,6 +239,8 @@ def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> N
     left_out = len(problem.scene.omitted)
     if left_out:
         print(f"{left_out} things left out" + (f": `{named_by}` names them" if named_by else ""))
+    if not any(placed.body for placed in problem.scene.shapes):
+        print("none of its links has a collision shape: it touches nothing")
     print(flush=True)
 
 
@@ -255,7 +260,7 @@ def _run(problem: Problem, step: float, duration: float, every: int, out: Path |
     print(run.impact_table() if run.impacts else "no impact")
     print()
     print(f"energy       {first:.6g} J at the start, {last:.6g} J at the end")
-    print(f"penetration  {run.penetration().max():.3g} m at most (rad at a joint limit)")
+    print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most (rad at a joint limit)")
     print(f"time         {wall:.2f} s for {steps} steps, {1e3 * wall / steps:.3g} ms a step")
     for note in _few(run.notes):
         print(f"note         {note}")
@@ -304,7 +309,9 @@ def _joint_kind(joint: Any) -> str:
     if name.startswith("R"):
         # one without limits stores cosine and sine
         return "revolute" if joint.nq == 1 else "continuous"
-    return "prismatic" if name.startswith("P") and joint.nv == 1 else name
+    if name.startswith("P") and joint.nv == 1:
+        return "prismatic"
+    return {"FreeFlyer": "free"}.get(name, name.lower())
 
 
 def _shape_table(problem: Problem) -> str:
@@ -315,7 +322,7 @@ def _shape_table(problem: Problem) -> str:
         mover = model.names[placed.body] if placed.body else "fixed"
         rows.append((placed.name.partition("/")[2], type(placed.shape).__name__.lower(), _size(placed), mover))
     if not rows:
-        return "Shapes\n  none: nothing of this robot can touch anything"
+        return "Shapes\n  none: it touches nothing"
     kinds = Counter(row[1] for row in rows)
     title = f"Shapes ({', '.join(f'{n} {kind}' for kind, n in sorted(kinds.items()))})"
     return _table(title, ("link", "kind", "size [m]", "moves with"), rows)

@@ -38,23 +38,18 @@ class Recorder:
         self.count = 0
         self._last: Step | None = None
 
-    def state(self, t: float, q: Array, v: Array, penetration: float) -> None:
-        """Record a state."""
-        k = self.count
-        self.t[k], self.q[k], self.v[k] = t, q, v
-        self.penetration[k] = penetration
-        self.count = k + 1
-
     def step(self, step: Step, keep: bool) -> None:
         """Take note of a step: its impacts always, its state if `keep`."""
+        k = self.count
         if step.percussion.size:
-            if self.count < len(self.residual):
-                self.residual[self.count] = max(self.residual[self.count], step.residual)
-            if step.percussion.any():
-                self._impact(step)
+            if step.residual > self.residual[k]:
+                self.residual[k] = step.residual
+            self._impact(step)
         if keep:
-            depth = -step.active.gap.min() if step.active.gap.size else 0.0
-            self.state(step.t, step.q, step.v, max(depth, 0.0))
+            self.t[k], self.q[k], self.v[k] = step.t, step.q, step.v
+            if step.active.gap.size:
+                self.penetration[k] = max(-np.minimum.reduce(step.active.gap), 0.0)
+            self.count = k + 1
         self._last = step
 
     def trajectory(self, scheme: str, h: float) -> Trajectory:
@@ -79,9 +74,11 @@ class Recorder:
         A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
         took part if they press more than twice as hard as the step before.
         """
+        excess = step.before + 2.0 * np.abs(step.free - step.before)
+        if np.minimum.reduce(excess) >= -1e-12:
+            return
         pressing = step.percussion > 0.0
-        driven = 2.0 * np.abs(step.free - step.before) + 1e-12
-        closing = pressing & (step.before < -driven)
+        closing = pressing & (excess < -1e-12)
         if not closing.any():
             return
         before = self._pressed_before(step)

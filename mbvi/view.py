@@ -57,6 +57,9 @@ def replay(run: Trajectory, speed: float = 1.0) -> None:
         animation = stage(vis, run, speed)
         # a server that dies with the script before a browser has come would show nothing
         vis.wait()
+        # having waited, the server hears nothing more from this socket
+        vis.window.zmq_socket.close()
+        vis.window.connect_zmq()
         vis.set_animation(animation)
     finally:
         vis.window.zmq_socket.close()

@@ -82,11 +82,8 @@ def motion(run: Trajectory, speed: float = 1.0) -> Motion:
     instants = np.round([(i.time - start) / speed for i in strongest], 6)
     times = np.unique(np.concatenate([frames, instants]))
     position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
-    rotation = np.empty((len(bodies), 3, 3))
     for k, t in enumerate(np.clip(start + speed * times, start, end)):
-        q, _ = run.at(float(t))
-        for b, body in enumerate(bodies):
-            rotation[b], position[k, b] = run.problem.system.placement(q, body)
+        rotation, position[k] = run.problem.system.placements(run.at(float(t))[0], bodies)
         quaternion[k] = Rotation.from_matrix(rotation).as_quat()
     # of the two quaternions of a rotation, the one nearer to the last
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0

@@ -1,6 +1,7 @@
 """The command line: what it prints, what it writes, and one line on anything the user can put right."""
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -114,7 +115,7 @@ def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(run, tm
     pendulum = tmp_path / "pendulum.urdf"
     pendulum.write_text(PENDULUM)
     code, out, _ = run("inspect", pendulum, "--base", "fixed")
-    assert code == 0 and "at height 0: the initial configuration is not admissible" in out
+    assert code == 0 and "would start it, the initial configuration is not admissible" in out
     assert ["turn", "continuous", "1", "none"] in [line.split() for line in out.splitlines()]
 
 
@@ -127,6 +128,20 @@ PENDULUM = """<robot name="pendulum"><link name="base"/>
 <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>
 <joint name="slide" type="prismatic"><parent link="arm"/><child link="bob"/><origin xyz="0 0 -1"/><axis xyz="0 0 1"/>
 <limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_robot_without_shapes_touches_nothing(run, tmp_path):
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(re.sub("<collision>.*?</collision>", "", PENDULUM))
+    code, out, err = run("simulate", bare, "--base", "fixed", "--duration", 0.1)
+    assert (code, err) == (0, "") and "it touches nothing" in out and "no impact" in out
+    code, out, _ = run("inspect", bare, "--base", "fixed")
+    assert code == 0 and "none: it touches nothing" in out
+
+
+def test_inspect_names_a_free_base(run):
+    _, out, _ = run("inspect", HOPPER)
+    assert ["root_joint", "free", "6", "none"] in [line.split() for line in out.splitlines()]
 
 
 def test_demo_and_replay(run):
@@ -168,6 +183,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("simulate", "missing.urdf"), "no such file: missing.urdf"),
         (("simulate", "text.urdf"), "text.urdf is no XML"),
         (("inspect", "empty.urdf"), "no <link>"),
+        (("simulate", "orphan.urdf"), "orphan.urdf: "),
         (("simulate", HOPPER, "--restitution", 1.5), "restitution e must lie in [0, 1]; got 1.5"),
         (("simulate", HOPPER, "--step", 0), "step must be a positive"),
         (("simulate", HOPPER, "--step", "abc"), "'--step'"),
@@ -177,6 +193,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("simulate", HOPPER, "--joint", "elbow=1"), "known are hip, knee"),
         (("simulate", HOPPER, "--joint", "knee=3"), "hopper/knee upper limit"),
         (("simulate", HOPPER, "--height", -0.1), "hopper/foot | floor penetrates by 0.1"),
+        (("simulate", ARM, "--base", "fixed", "--height", -0.5), "--height raises the base"),
         (("simulate", HOPPER, "--out", "nowhere/run.h5"), "there is no folder nowhere"),
         (("simulate", HOPPER, "--replay", "."), "it is a folder"),
         (("simulate", "text.urdf", "--out", "text.urdf"), "must be different files"),
@@ -191,6 +208,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
 def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, arguments, said):
     (tmp_path / "text.urdf").write_text("a robot")
     (tmp_path / "empty.urdf").write_text("<robot name='none'/>")
+    (tmp_path / "orphan.urdf").write_text(PENDULUM.replace('<parent link="base"/>', '<parent link="stand"/>'))
     code, _, err = run(*arguments)
     assert code == 2
     assert err.startswith("mbvi: ") and err.count("\n") == 1 and said in err

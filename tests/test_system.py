@@ -127,9 +127,7 @@ def test_no_point_outruns_its_reach(make, rng):
         reach = system.reach(body, centre, radius) @ np.abs(dv)
         direction = rng.normal(size=3)
         point = centre + radius * direction / np.linalg.norm(direction)
-        places = [
-            R @ point + p for R, p in (map(np.array, system.placement(x, body)) for x in (q, system.integrate(q, dv)))
-        ]
+        places = [R[0] @ point + p[0] for R, p in (system.placements(x, [body]) for x in (q, system.integrate(q, dv)))]
         assert np.linalg.norm(places[1] - places[0]) <= reach * (1 + 1e-12)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,10 @@ class AdmissibleSet:
     def __init__(self, system: System, constraints: Sequence[Constraint], restitution: Array) -> None:
         self.system = system
         self.constraints = tuple(constraints)
-        self._restitution = restitution
         self._sizes = [_size(c) for c in self.constraints]
         self._starts = [int(s) for s in np.concatenate([[0], np.cumsum(self._sizes)])]
+        ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
+        self._asked = list(zip(ask, self._starts[:-1], restitution, strict=True))
         self._last: Array | None = None
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
@@ -70,18 +72,16 @@ class AdmissibleSet:
         travel = None if self._last is None else np.abs(self.system.difference(self._last, q))
         self._last = q.copy()
         found = []
-        for k, constraint in enumerate(self.constraints):
-            if hasattr(constraint, "active"):
-                rows = constraint.active(t, q, tolerance, travel)
-            else:
-                rows = _plain(constraint, t, q, tolerance)
+        for ask, start, e in self._asked:
+            rows = ask(t, q, tolerance, travel)
             if rows is not None:
-                if self._starts[k]:
-                    rows = rows._replace(constraint=rows.constraint + self._starts[k])
+                constraint, gap, jacobian, restitution, point, normal = rows
                 # a constraint's own restitution is never NaN
-                if rows.restitution[0] != rows.restitution[0]:
-                    rows = rows._replace(restitution=np.full(len(rows.gap), self._restitution[k]))
-                found.append(rows)
+                if restitution[0] != restitution[0]:
+                    restitution = np.full(len(gap), e)
+                found.append(
+                    Rows(constraint + start if start else constraint, gap, jacobian, restitution, point, normal)
+                )
         if not found:
             return self.empty
         return found[0] if len(found) == 1 else Rows(*map(np.concatenate, zip(*found, strict=True)))
@@ -116,7 +116,7 @@ def _size(constraint: Constraint) -> int:
     return int(size) if size is not None else max(1, len(getattr(constraint, "names", ())))
 
 
-def _plain(constraint: Constraint, t: float, q: Array, tolerance: float) -> Rows | None:
+def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
     """Return the active rows of a constraint that gives no more than gaps and gradients."""
     gap = np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))
     index = np.flatnonzero(gap <= tolerance)

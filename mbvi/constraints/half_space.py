@@ -72,26 +72,26 @@ class HalfSpaceContacts(Pairs):
         self._pair = self._owner[chosen]
         bodies, self._frame = np.unique(self._second_body[self._pair], return_inverse=True)
         self._bodies = [int(b) for b in bodies]
+        self._one_each = len(bodies) == len(chosen)
         self._local = self._points[chosen]
         self._up = self._wall_normal[self._pair]
-        self._ball = self._radius[chosen]
-        self._level = self._wall_offset[self._pair] + self._ball
+        self._ball = self._radius[chosen][:, None] * self._up
+        self._level = self._wall_offset[self._pair] + self._radius[chosen]
         self._places = {p: np.flatnonzero(self._pair == p)[-(s.stop - s.start) :] for p, s in self._moving.items()}
         self._places = {p: place for p, place in self._places.items() if place.size}
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:  # noqa: D102
         self._select(pairs)
-        n = len(self._bodies)
-        R, origin = np.empty((n, 3, 3)), np.empty((n, 3))
-        for k, body in enumerate(self._bodies):
-            R[k], origin[k] = self.system.placement(q, body)
+        R, origin = self.system.placements(q, self._bodies)
         if self._places:
             self._move_lowest(R)
-        world = (R[self._frame] @ self._local[:, :, None])[:, :, 0]
-        world += origin[self._frame]
-        gap = (world * self._up).sum(axis=1)
+        if not self._one_each:
+            R, origin = R.take(self._frame, 0), origin.take(self._frame, 0)
+        world = np.matmul(R, self._local[:, :, None])[:, :, 0]
+        world += origin
+        gap = np.einsum("ij,ij->i", world, self._up)
         gap -= self._level
-        return Contacts(self._pair, gap, world - self._ball[:, None] * self._up, self._up)
+        return Contacts(self._pair, gap, world - self._ball, self._up)
 
     def _move_lowest(self, R: Array) -> None:
         for pair, place in self._places.items():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .active import NOWHERE, Array, Rows
+from .active import NOWHERE, Array, Rows, least
 
 
 class JointLimits:
@@ -52,7 +52,10 @@ class JointLimits:
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the distances to the limits, shape (m,) [rad or m]."""
-        return self._sign * q[self._position] + self._offset
+        gap = q.take(self._position)
+        gap *= self._sign
+        gap += self._offset
+        return gap
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return rows of +1 or -1, shape (m, nv)."""
@@ -66,8 +69,8 @@ class JointLimits:
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows of the limits that are reached."""
         gap = self.gap(t, q)
-        index = np.flatnonzero(gap <= tolerance)
-        if not index.size:
+        if not gap.size or least(gap) > tolerance:
             return None
+        index = np.flatnonzero(gap <= tolerance)
         nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
         return Rows(index, gap[index], self._rows(index), self.restitution[index], nowhere, nowhere)

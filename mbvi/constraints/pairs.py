@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from ..system import System
-from .active import Array, Rows
+from .active import Array, Rows, least
 from .shapes import PlacedShape
 
 _DENSE_REACH = 200_000
@@ -97,15 +97,15 @@ class Pairs:
             self._budget[:] = -np.inf
         else:
             self._budget -= self._reach @ travel
-        due = np.flatnonzero(self._budget <= tolerance)
-        if not due.size:
+        if least(self._budget) > tolerance:
             return None
+        due = np.flatnonzero(self._budget <= tolerance)
         pair, gap, point, normal = self.contacts(q, due, tolerance)
         if pair.size == due.size:
             self._budget[due] = gap
         else:
             self._budget[due] = np.minimum.reduceat(gap, np.searchsorted(pair, due))
-        if gap.max() > tolerance:
+        if np.maximum.reduce(gap) > tolerance:
             near = np.flatnonzero(gap <= tolerance)
             if not near.size:
                 return None

@@ -65,11 +65,11 @@ class SignedDistances(Pairs):
 
     def _place(self, q: Array, pairs: Array) -> None:
         """Bring the poses of the shapes in the given pairs to q."""
-        for k in {side for pair in pairs for side in self._sides[pair]}:
+        moving = [k for k in sorted({side for pair in pairs for side in self._sides[pair]}) if self._placed[k].body]
+        R, origin = self.system.placements(q, [self._placed[k].body for k in moving])
+        for k, turn, shift in zip(moving, R, origin, strict=True):
             placed = self._placed[k]
-            if placed.body:
-                R, origin = self.system.placement(q, placed.body)
-                self._pose[k].setTransform(R @ placed.rotation, R @ placed.position + origin)
+            self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + shift)
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:  # noqa: D102
         self._place(q, pairs)

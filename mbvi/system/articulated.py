@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,9 @@ Control = Callable[[float, Array, Array], Array]
 
 # a reach nobody can be sure of; finite, so that it is no NaN times a velocity of zero
 _UNBOUNDED = 1e300
+
+# (a b') flattened, times this, is a x b
+_CROSS = np.cross(np.repeat(np.eye(3), 3, axis=0), np.tile(np.eye(3), (3, 1)))
 
 
 class ArticulatedSystem:
@@ -50,6 +53,11 @@ class ArticulatedSystem:
         self._key: bytes | None = None
         self._mass = np.zeros((self.nv, self.nv))
         self._metric: DenseMetric | None = None
+        # arrays onto Pinocchio's own, through its getters: as long as the data and the poses live, they follow them
+        self._poses = list(self._data.oMi)
+        self._rotations = [pose.rotation for pose in self._poses]
+        self._origins = [pose.translation for pose in self._poses]
+        self._columns = self._data.J
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
@@ -108,22 +116,18 @@ class ArticulatedSystem:
     def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
         self._refresh(q)
-        pose = self._data.oMi[body]
-        return pose.rotation, pose.translation
+        return np.array([self._rotations[b] for b in bodies]), np.array([self._origins[b] for b in bodies])
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
         self._refresh(q)
         wrench = np.empty((len(point), 6))
         wrench[:, :3] = normal
-        x, y, z = point.T
-        a, b, c = normal.T
-        wrench[:, 3] = y * c - z * b
-        wrench[:, 4] = z * a - x * c
-        wrench[:, 5] = x * b - y * a
-        rows = wrench @ self._data.J
-        rows *= self._support[second] - self._support[first]
+        # point x normal, as one product
+        wrench[:, 3:] = (point[:, :, None] * normal[:, None, :]).reshape(-1, 9) @ _CROSS
+        rows = wrench @ self._columns
+        rows *= self._support.take(second, 0) - self._support.take(first, 0)
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102

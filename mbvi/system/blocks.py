@@ -63,20 +63,23 @@ class BlockSystem:
     def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
         return sum(b.system.potential_energy(t, q[b.q]) for b in self.blocks)
 
-    def _block_of(self, body: int) -> _Block:
-        return next(b for b in reversed(self.blocks) if b.first_body < body)
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+        number = np.asarray(bodies)
+        R, origin = np.empty((len(number), 3, 3)), np.empty((len(number), 3))
+        for b in self.blocks:
+            here = self._inside(b, number)
+            if here.any():
+                R[here], origin[here] = b.system.placements(q[b.q], number[here] - b.first_body)
+        return R, origin
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
-        b = self._block_of(body)
-        return b.system.placement(q[b.q], body - b.first_body)
+    @staticmethod
+    def _inside(b: _Block, bodies: Array) -> Array:
+        return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
         rows = np.zeros((len(point), self.nv))
         for b in self.blocks:
-            last = b.first_body + len(b.system.bodies) - 1
-            sides = [
-                np.where((side > b.first_body) & (side <= last), side - b.first_body, 0) for side in (first, second)
-            ]
+            sides = [np.where(self._inside(b, side), side - b.first_body, 0) for side in (first, second)]
             here = np.flatnonzero(sides[0] | sides[1])
             if here.size:
                 part = b.system.separation_rows(q[b.q], sides[0][here], sides[1][here], point[here], normal[here])
@@ -84,7 +87,7 @@ class BlockSystem:
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
-        b = self._block_of(body)
+        b = next(b for b in reversed(self.blocks) if b.first_body < body)
         reach = np.zeros(self.nv)
         reach[b.v] = b.system.reach(body - b.first_body, centre, radius)
         return reach

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..projection import BodiesMetric, DiagonalMetric, Metric
@@ -53,8 +55,9 @@ class Spheres:
     def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
         return float(-q @ (self._metric.diagonal * self._gravity))
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
-        return _IDENTITY, q[3 * body - 3 : 3 * body]
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+        centres = q.reshape(-1, 3)[np.asarray(bodies) - 1]
+        return np.broadcast_to(np.eye(3), (len(centres), 3, 3)), centres
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
         rows = np.zeros((len(point), self.nv))
@@ -139,18 +142,18 @@ class FreeBodies:
     def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
         return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
-        pose = q[7 * body - 7 : 7 * body]
-        return rotations.matrix(pose[3:]), pose[:3]
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+        poses = q.reshape(-1, 7)[np.asarray(bodies) - 1]
+        return rotations.matrices(poses[:, 3:]), poses[:, :3]
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
-            for row in np.flatnonzero(side):
-                body = int(side[row])
-                R, centre = self.placement(q, body)
-                rows[row, 6 * body - 6 : 6 * body - 3] += sign * normal[row]
-                rows[row, 6 * body - 3 : 6 * body] += sign * (R.T @ rotations.cross(point[row] - centre, normal[row]))
+            here = np.flatnonzero(side)
+            R, centre = self.placements(q, side[here].tolist())
+            torque = np.cross(point[here] - centre, normal[here])
+            pull = np.concatenate([normal[here], np.einsum("kji,kj->ki", R, torque)], axis=1)
+            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
@@ -160,5 +163,4 @@ class FreeBodies:
         return reach
 
 
-_IDENTITY = np.eye(3)
-_AXES = np.arange(3)
+_AXES, _TWIST = np.arange(3), np.arange(6)

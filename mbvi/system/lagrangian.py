@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class LagrangianSystem:
         work = sum(w * (self.force(t, s * q, rest) @ q) for s, w in zip(_NODES, _WEIGHTS, strict=True))
         return -float(work)
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
         raise InputError("a LagrangianSystem has no bodies: its constraints are GapFunctions")
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102

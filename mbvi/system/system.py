@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -56,8 +57,8 @@ class System(Protocol):
         """Return the potential energy [J]."""
         ...
 
-    def placement(self, q: Array, body: int) -> tuple[Array, Array]:
-        """Return rotation, shape (3, 3), and origin, shape (3,), of a body's frame in the world [m]."""
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
+        """Return rotations, shape (n, 3, 3), and origins, shape (n, 3), of bodies' frames in the world [m]."""
         ...
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
