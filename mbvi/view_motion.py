@@ -28,15 +28,18 @@ def scene_of(run: Trajectory) -> SceneModel:
     Raises
     ------
     InputError
-        If there is none.
+        If there is none, or nothing in it that moves has a shape.
     """
     if run.problem is None:
         raise InputError("this run came from a file without its problem: there is no scene to replay; chart t, q and v")
-    if run.problem.scene is None:
+    scene = run.problem.scene
+    if scene is None:
         raise InputError(
             "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
         )
-    return run.problem.scene
+    if not any(s.body for s in scene.shapes):
+        raise InputError("nothing that moves in this scene has a shape to show: give the links a <collision>")
+    return scene
 
 
 @dataclass(frozen=True)

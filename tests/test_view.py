@@ -16,7 +16,9 @@ import meshcat
 import numpy as np
 import pytest
 import umsgpack
+import zmq
 from conftest import ROBOTS
+from meshcat.visualizer import ViewerWindow
 from tornado.websocket import websocket_connect
 
 import mbvi
@@ -269,6 +271,9 @@ def test_live_replay_sends_scene_and_animation_to_the_browser(run, monkeypatch, 
         threads[0].start()
 
     monkeypatch.setattr(webbrowser, "open", browser)
+    # a server that does not answer must fail the test, not hang it
+    monkeypatch.setattr(ViewerWindow, "context", zmq.Context())
+    ViewerWindow.context.setsockopt(zmq.RCVTIMEO, 20_000)
     start = time.monotonic()
     run.replay(speed=2.0)
     assert time.monotonic() - start >= 0.3

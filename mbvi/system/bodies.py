@@ -56,7 +56,7 @@ class Spheres:
         return float(-q @ (self._metric.diagonal * self._gravity))
 
     def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
-        centres = q.reshape(-1, 3)[np.asarray(bodies) - 1]
+        centres = q.reshape(-1, 3)[np.asarray(bodies, dtype=np.intp) - 1]
         return np.broadcast_to(np.eye(3), (len(centres), 3, 3)), centres
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
@@ -143,7 +143,7 @@ class FreeBodies:
         return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
 
     def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
-        poses = q.reshape(-1, 7)[np.asarray(bodies) - 1]
+        poses = q.reshape(-1, 7)[np.asarray(bodies, dtype=np.intp) - 1]
         return rotations.matrices(poses[:, 3:]), poses[:, :3]
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
