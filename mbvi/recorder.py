@@ -48,7 +48,9 @@ class Recorder:
         if keep:
             self.t[k], self.q[k], self.v[k] = step.t, step.q, step.v
             if step.active.gap.size:
-                self.penetration[k] = max(-np.minimum.reduce(step.active.gap), 0.0)
+                deepest = np.minimum.reduce(step.active.gap)
+                if deepest < 0.0:
+                    self.penetration[k] = -deepest
             self.count = k + 1
         self._last = step
 

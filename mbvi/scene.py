@@ -355,6 +355,8 @@ class Scene:
     def _new_name(self, name: str | None, default: str) -> str:
         taken = self._items.names()
         if name is not None:
+            if set("/[|") & set(name):
+                raise InputError(f"the name {name!r} holds one of / [ |, which part a thing from its pieces")
             if name in taken:
                 raise InputError(f"the name {name!r} is taken; give another one")
             return name

@@ -75,7 +75,7 @@ def _describe(system: System) -> str:
         name = system.bodies[1].split("/")[0]
         return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
     if isinstance(system, Spheres):
-        return f"{system.nv // 3} spheres, 3 degrees of freedom each"
+        return f"{system.nv // 3} sphere{'s' * (system.nv > 3)}, 3 degrees of freedom each"
     if isinstance(system, FreeBodies):
-        return f"{system.nv // 6} free bodies, 6 degrees of freedom each"
+        return f"{system.nv // 6} free bod{'ies' if system.nv > 6 else 'y'}, 6 degrees of freedom each"
     return f"a system of {system.nv} degrees of freedom"

@@ -191,7 +191,7 @@ class Trajectory:
     def impact_table(self, most: int = 20) -> str:
         """Return the impacts as a table, the `most` strongest if there are more."""
         chosen = sorted(self.impacts, key=lambda i: -float(i.percussion.max()))[:most]
-        lines = [f"{'time [s]':>10}  {'percussion':>10}  {'before':>9}  {'after':>9}  constraint"]
+        lines = [f"{'time [s]':>10}  {'p [N s]':>10}  {'before':>9}  {'after':>9}  constraint"]
         for impact in sorted(chosen, key=lambda i: i.time):
             for k, name in enumerate(impact.constraints):
                 time = f"{impact.time:10.4f}" if k == 0 else " " * 10

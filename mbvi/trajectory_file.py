@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -181,7 +182,9 @@ def _create(path: str | os.PathLike[str], problem: Problem | None, scheme: str, 
             shape = width.get(name, ())
             kind: Any = {"instant": np.int64, "constraint": h5py.string_dtype()}.get(name, np.float64)
             chunk = (_CHUNK, *shape)
-            column = parent.create_dataset(name, (0, *shape), kind, maxshape=(None, *shape), chunks=chunk)
+            column = parent.create_dataset(
+                name, (0, *shape), kind, maxshape=(None, *shape), chunks=chunk, track_times=False
+            )
             column.attrs.update({"unit": unit, "description": what})
     file.flush()
     return file
@@ -241,7 +244,7 @@ def _read_impacts(group: h5py.Group) -> tuple[Impact, ...]:
     columns = {name: group[name][:n] for name in _IMPACTS}
     starts = np.flatnonzero(np.diff(columns["instant"], prepend=-1))
     impacts = []
-    for start, stop in zip(starts, [*starts[1:], n], strict=True):
+    for start, stop in pairwise([*starts, n]):
         rows = slice(start, stop)
         names = tuple(name.decode() for name in columns["constraint"][rows])
         p, before, after, point, normal = (

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
+import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -78,17 +82,16 @@ def load_robot(
         raise UrdfError(f"no such file: {file}")
     text = file.read_text(encoding="utf-8", errors="replace")
     root = _parse(text, file)
-    name = name or root.get("name") or file.stem
+    # a slash parts a robot from its link
+    name = name or (root.get("name") or file.stem).replace("/", "_")
     _check_links(root, file)
     folders = [str(p) for p in file.resolve().parents] + [
         p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p
     ]
     _check_meshes(root, file, folders)
     model = build_model(text, base, rotation, position, file)
-    try:
-        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
-    except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"{file}: the collision shapes cannot be read: {_first_line(error)}") from error
+    geometry = _build_geometry(model, text, folders, file)
+    _check_shapes(root, geometry, file)
     if base == "fixed":
         _move_base(geometry.geometryObjects, rotation, position)
     shapes, omitted = _shapes(geometry, name, _colors(root))
@@ -103,12 +106,14 @@ def load_robot(
 
 def build_model(text: str, base: str, rotation: Array, position: Array, file: Path | str = "URDF") -> pin.Model:
     """Return the Pinocchio model of a URDF text, a fixed base placed in the world."""
+    lines: list[str] = []
     try:
-        model = (
-            pin.buildModelFromXML(text, pin.JointModelFreeFlyer()) if base == "free" else pin.buildModelFromXML(text)
-        )
+        with _caught() as lines:
+            root = (pin.JointModelFreeFlyer(),) if base == "free" else ()
+            model = pin.buildModelFromXML(text, *root)
     except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"{file}: Pinocchio cannot build the mechanism: {_first_line(error)}") from error
+        reason = lines[0] if lines else _first_line(error)
+        raise UrdfError(f"{file}: Pinocchio cannot build the mechanism: {reason}") from error
     if model.nv == 0:
         raise UrdfError(f"{file}: a fixed base and no moving joint leave nothing to simulate; use base='free'")
     if base == "fixed":
@@ -117,6 +122,45 @@ def build_model(text: str, base: str, rotation: Array, position: Array, file: Pa
             if model.parents[joint] == 0:
                 model.jointPlacements[joint] = pose * model.jointPlacements[joint]
     return model
+
+
+def _build_geometry(model: pin.Model, text: str, folders: Sequence[str], file: Path) -> pin.GeometryModel:
+    lines: list[str] = []
+    try:
+        with _caught() as lines:
+            return pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    except (ValueError, RuntimeError) as error:
+        reason = lines[0] if lines else _first_line(error)
+        raise UrdfError(f"{file}: the collision shapes cannot be read: {reason}") from error
+
+
+@contextmanager
+def _caught() -> Iterator[list[str]]:
+    """Catch what the C++ parsers write to stderr; its lines are in the list at the end."""
+    lines: list[str] = []
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield lines
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            lines += [x.strip() for x in file.read().decode(errors="replace").splitlines() if x.strip()]
+
+
+def _check_shapes(root: ElementTree.Element, geometry: pin.GeometryModel, file: Path) -> None:
+    """Refuse a link that lost a shape: the parser drops what it cannot read without an error."""
+    read = Counter(item.name.rsplit("_", 1)[0] for item in geometry.geometryObjects)
+    for link in root.findall("link"):
+        name, drawn = link.get("name", ""), len(link.findall("collision"))
+        if read[name] < drawn:
+            raise UrdfError(
+                f"{file}: link '{name}' has {drawn} collision shapes, of which {drawn - read[name]} cannot be read; "
+                "a URDF knows box, cylinder, sphere and mesh, with positive sizes"
+            )
 
 
 def _parse(text: str, file: Path) -> ElementTree.Element:
@@ -154,7 +198,8 @@ def _check_inertias(model: pin.Model, file: Path) -> None:
     for joint in range(1, model.njoints):
         inertia = model.inertias[joint]
         a, b, c = np.linalg.eigvalsh(inertia.inertia)
-        if inertia.mass < 0.0 or a < -_TRIANGLE * abs(c) or a + b < c * (1.0 - _TRIANGLE):
+        rounding = _TRIANGLE * abs(c) + 1e-12 * abs(inertia.mass)
+        if inertia.mass < 0.0 or a < -rounding or a + b < c - rounding:
             raise UrdfError(
                 f"{file}: link {_links_on(model, joint)}: unphysical inertia, mass {inertia.mass:g} and principal "
                 f"moments {a:g}, {b:g}, {c:g}: none may be negative and the sum of two must reach the third"
@@ -171,7 +216,7 @@ def _check_meshes(root: ElementTree.Element, file: Path, folders: Sequence[str])
         name = mesh.get("filename", "")
         tail = name.split("://", 1)[-1]
         candidates = [Path(tail), file.parent / tail] if "package://" not in name else []
-        candidates += [Path(folder) / tail for folder in folders]
+        candidates += [Path(folder) / tail.lstrip("/") for folder in folders]
         if not any(c.is_file() for c in candidates):
             raise UrdfError(
                 f"{file}: mesh '{name}' is not found; looked in the folders above the file and in ROS_PACKAGE_PATH"
@@ -260,7 +305,8 @@ def _colors(root: ElementTree.Element) -> dict[str, tuple[float, float, float, f
         rgba = named.get(material.get("name")) if material is not None else None
         if rgba:
             values = [float(x) for x in rgba.split()]
-            colors[link.get("name", "")] = (values[0], values[1], values[2], values[3])
+            if len(values) == 4:
+                colors[link.get("name", "")] = (values[0], values[1], values[2], values[3])
     return colors
 
 

@@ -203,6 +203,7 @@ BAD_SCENES = {
     "mass": (lambda s: s.add_box((1, 1, 1), mass=0.0), "mass must be positive"),
     "radius": (lambda s: s.add_sphere(np.nan), "radius must be positive"),
     "rotation": (lambda s: s.add_box((1, 1, 1), rotation=2 * np.eye(3)), "no rotation matrix"),
+    "parted name": (lambda s: s.add_sphere(0.1, name="a/b"), "part a thing from its pieces"),
     "name": (lambda s: [s.add_sphere(0.1, name="a") for _ in range(2)], "'a' is taken"),
     "base": (lambda s: s.add_urdf(ROBOTS / "hopper/hopper.urdf", base="flying"), "'free' or 'fixed'"),
     "joint": (lambda s: s.add_urdf(ROBOTS / "hopper/hopper.urdf", joints={"ankle": 0.1}), "known are hip, knee"),
@@ -242,6 +243,10 @@ BAD_URDFS = {
     "missing mesh": (
         lambda text: text.replace('<box size="0.1 0.1 0.8"/>', '<mesh filename="no.stl"/>'),
         "'no.stl' is not found",
+    ),
+    "a shape URDF does not know": (
+        lambda text: text.replace('<box size="0.1 0.1 0.8"/>', '<capsule radius="1" length="1"/>'),
+        "'upper' has 1 collision shapes, of which 1 cannot be read",
     ),
     "unknown link": (
         lambda text: text.replace('parent link="upper"', 'parent link="nobody"'),
@@ -314,6 +319,7 @@ def test_a_quaternion_of_another_length_is_refused():
         ({"step": -1e-3, "duration": 1.0}, "step must be"),
         ({"step": np.nan, "duration": 1.0}, "step must be"),
         ({"step": 1e-3, "duration": 0.0}, "duration must be"),
+        ({"step": 1e-3, "duration": 1e30}, "more than any run can take"),
         ({"step": 1e-3, "duration": 1.0, "every": 0}, "every must be"),
         ({"step": 1e-3, "duration": 1.0, "residual": 0.0}, "residual must be"),
         ({"scheme": mbvi.Paoli, "step": 1e-3, "duration": 1.0}, "object such as"),
@@ -322,6 +328,29 @@ def test_a_quaternion_of_another_length_is_refused():
 def test_bad_arguments_of_simulate(arguments, message):
     with pytest.raises(mbvi.InputError, match=message):
         mbvi.simulate(ball(), **arguments)
+
+
+def test_a_single_joint_strikes_a_wall(tmp_path):
+    path = urdf(
+        tmp_path, change=lambda text: text.replace('name="elbow" type="continuous"', 'name="elbow" type="fixed"')
+    )
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((-1, 0, 0), -0.4)
+    scene.add_urdf(path, base="fixed", joints={"shoulder": 0.5})
+    problem = scene.build()
+    assert problem.system.nv == 1
+    assert mbvi.simulate(problem, step=1e-3, duration=1.0).impacts[0].before[0] < 0
+
+
+def test_a_round_mesh_with_too_many_neighbours_is_thinned(rng):
+    from mbvi.constraints.shapes import Hull
+
+    angle = np.linspace(0, 2 * np.pi, 500, endpoint=False)
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(500)], axis=1)
+    hull = Hull(np.concatenate([rim, [[0, 0, 1.0]]]))
+    hull.coal()
+    assert len(hull.vertices) < 500
+    assert hull.bound == pytest.approx(1.0, abs=1e-9)
 
 
 def test_forces_that_run_away_are_said():

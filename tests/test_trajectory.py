@@ -147,6 +147,13 @@ def test_a_run_of_given_functions_keeps_its_energies(tmp_path):
     np.testing.assert_allclose(again.at(0.1234)[0], run.at(0.1234)[0])
 
 
+def test_a_run_without_impacts_loads(tmp_path):
+    scene = mbvi.Scene()
+    scene.add_sphere(0.1)
+    mbvi.simulate(scene.build(), step=1e-2, duration=0.1).save(tmp_path / "run.h5")
+    assert mbvi.load(tmp_path / "run.h5").impacts == ()
+
+
 KILLED = """
 import sys
 sys.path.insert(0, sys.argv[2])

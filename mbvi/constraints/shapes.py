@@ -20,6 +20,7 @@ _RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6
 _CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 # faces met at a flatter angle than this do not bound a patch
 _FACING = 0.1
+_MOST_NEIGHBOURS = 200
 
 
 @dataclass(frozen=True)
@@ -145,10 +146,11 @@ class Hull(_Polyhedron):
 
     def __init__(self, points: Array) -> None:
         points = np.asarray(points, dtype=float)
-        try:
-            hull = ConvexHull(points)
-        except (QhullError, ValueError) as error:
-            raise InputError(f"the convex hull of {len(points)} points has no volume") from error
+        hull = _qhull(points)
+        if np.bincount(hull.simplices.ravel()).max() > _MOST_NEIGHBOURS:
+            # Coal stores neighbours in bytes: keep the outermost points of many directions instead of all
+            points = points[np.unique(np.argmax(points @ _sphere_directions(500).T, axis=0))]
+            hull = _qhull(points)
         self.vertices = np.ascontiguousarray(points[hull.vertices])
         number = np.full(len(points), -1)
         number[hull.vertices] = np.arange(len(hull.vertices))
@@ -180,6 +182,20 @@ class Hull(_Polyhedron):
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre of mass, shape (3, 3) [kg m^2]."""
         return self.mass_properties(mass)[1]
+
+
+def _qhull(points: Array) -> ConvexHull:
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError) as error:
+        raise InputError(f"the convex hull of {len(points)} points has no volume") from error
+
+
+def _sphere_directions(n: int) -> Array:
+    """Return n directions spread evenly, shape (n, 3): a Fibonacci spiral."""
+    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n)
+    return np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
 
 
 @dataclass(frozen=True)

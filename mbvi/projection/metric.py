@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from ..errors import InputError
 
@@ -74,14 +74,21 @@ class DenseMetric:
         return self.dense() @ w
 
     def whiten(self, w: Array) -> Array:  # noqa: D102
-        return lapack.dtrtrs(self.upper, w, 0, 1)[0]
+        return _triangular(self.upper, w, 1)
 
     def unwhiten(self, y: Array) -> Array:  # noqa: D102
-        return lapack.dtrtrs(self.upper, y, 0, 0)[0]
+        return _triangular(self.upper, y, 0)
 
     def dense(self) -> Array:  # noqa: D102
         upper = np.triu(self.matrix)
         return upper + np.triu(upper, 1).T
+
+
+def _triangular(upper: Array, right: Array, transposed: int) -> Array:
+    """Solve U y = right, or U' y = right; LAPACK's own routine starts threads for a handful of columns."""
+    if right.ndim == 1:
+        return blas.dtrsv(upper, right, 1, 0, 0, transposed)
+    return blas.dtrsm(1.0, upper, right, 0, 0, transposed)
 
 
 class DiagonalMetric:

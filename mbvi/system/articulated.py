@@ -57,7 +57,8 @@ class ArticulatedSystem:
         self._poses = list(self._data.oMi)
         self._rotations = [pose.rotation for pose in self._poses]
         self._origins = [pose.translation for pose in self._poses]
-        self._columns = self._data.J
+        # one degree of freedom comes as a vector
+        self._columns = self._data.J.reshape(6, self.nv)
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
