@@ -147,9 +147,11 @@ class Hull(_Polyhedron):
     def __init__(self, points: Array) -> None:
         points = np.asarray(points, dtype=float)
         hull = _qhull(points)
-        if np.bincount(hull.simplices.ravel()).max() > _MOST_NEIGHBOURS:
+        directions = 1000
+        while np.bincount(hull.simplices.ravel()).max() > _MOST_NEIGHBOURS:
             # Coal stores neighbours in bytes: keep the outermost points of many directions instead of all
-            points = points[np.unique(np.argmax(points @ _sphere_directions(500).T, axis=0))]
+            directions //= 2
+            points = points[np.unique(np.argmax(points @ _sphere_directions(directions).T, axis=0))]
             hull = _qhull(points)
         self.vertices = np.ascontiguousarray(points[hull.vertices])
         number = np.full(len(points), -1)
