@@ -12,9 +12,8 @@ def main() -> float:
     for step in mbvi.steps(scene.build(), mbvi.Paoli(), step=1e-4):
         if step.percussion.any():
             bounces.append(step.t)
-            print(
-                f"t = {step.t:.4f} s: {step.before[0]:.4f} m/s becomes {step.after[0]:.4f}, {step.percussion[0]:.4f} N s"
-            )
+            before, after, percussion = step.before[0], step.after[0], step.percussion[0]
+            print(f"t = {step.t:.4f} s: {before:.4f} m/s becomes {after:.4f}, {percussion:.4f} N s")
         if len(bounces) == 3:
             return bounces[-1]
     raise AssertionError("steps never end")

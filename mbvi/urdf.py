@@ -15,6 +15,7 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from .errors import InputError, UrdfError
@@ -98,6 +99,7 @@ def load_robot(
     _check_masses(model, geometry, file)
     _check_inertias(model, file)
     reference, moved = _reference(model)
+    _check_mass_matrix(model, reference, file)
     omitted += _unmodelled(model, root)
     omitted += moved
     apart, dropped = _pairs_left_out(model, shapes, reference, _disabled(srdf, name))
@@ -204,6 +206,23 @@ def _check_inertias(model: pin.Model, file: Path) -> None:
                 f"{file}: link {_links_on(model, joint)}: unphysical inertia, mass {inertia.mass:g} and principal "
                 f"moments {a:g}, {b:g}, {c:g}: none may be negative and the sum of two must reach the third"
             )
+
+
+def _check_mass_matrix(model: pin.Model, q: Array, file: Path) -> None:
+    """Refuse a joint that turns or shifts nothing heavy."""
+    mass = pin.crba(model, model.createData(), q)
+    factor, minor = lapack.dpotrf(mass, 0, 0)
+    # a pivot that is rounding beside its diagonal is a zero one
+    weak = np.flatnonzero(factor.diagonal() ** 2 < 1e-13 * mass.diagonal())
+    minor = minor or (int(weak[0]) + 1 if weak.size else 0)
+    if minor:
+        joint = next(
+            j for j in range(1, model.njoints) if model.idx_vs[j] <= minor - 1 < model.idx_vs[j] + model.nvs[j]
+        )
+        raise UrdfError(
+            f"{file}: the mass matrix is singular at joint '{model.names[joint]}': link {_links_on(model, joint)} and "
+            "what hangs on it have no inertia along it; give them an <inertial> or fix the joint"
+        )
 
 
 def _links_on(model: pin.Model, joint: int) -> str:

@@ -237,6 +237,13 @@ BAD_URDFS = {
     "no XML": (lambda text: text[:-20], "is no XML"),
     "another root": (lambda text: "<sdf/>", "root element is <sdf>"),
     "no inertia": (lambda text: text.replace(NO_INERTIA, ""), "'lower' moves with joint 'elbow' but has no mass"),
+    "a joint that turns no inertia": (
+        lambda text: text.replace(
+            NO_INERTIA,
+            '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>',
+        ),
+        "singular at joint 'elbow': link 'lower'",
+    ),
     "unphysical inertia": (lambda text: text.replace('ixx="0.1"', 'ixx="0.7"'), "'upper': unphysical inertia"),
     "negative inertia": (lambda text: text.replace('ixx="0.1"', 'ixx="-0.1"'), "'upper': unphysical inertia"),
     "incomplete inertia": (lambda text: text.replace('ixy="0" ', ""), "lacks a mass or one of the six"),

@@ -302,7 +302,9 @@ def chromium(folder):
 def with_script(page, script):
     """Return the address of a copy of a page that runs a script at its end."""
     copy = page.with_name("copy.html")
-    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", f"<script>{script}</script></body>"))
+    copy.write_text(
+        page.read_text(encoding="utf-8").replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8"
+    )
     return copy.as_uri()
 
 
