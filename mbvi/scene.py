@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
 from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, Sphere
 from .errors import InputError
+from .inputs import BodyArguments, mesh_vertices, positive, rotation_matrix, vector
 from .problem import check_restitution
 from .system.articulated import Control
-from .urdf import Robot, load_robot
+from .urdf import initial_state, load_robot
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -41,7 +42,7 @@ class Scene:
 
     def __init__(self, gravity: Sequence[float] | Array = (0.0, 0.0, -9.81), restitution: float = 0.0) -> None:
         self._items = SceneItems(
-            gravity=_vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
+            gravity=vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
         )
 
     @classmethod
@@ -67,7 +68,7 @@ class Scene:
         InputError
             If the normal is zero or the name is taken.
         """
-        n = _vector(normal, "normal")
+        n = vector(normal, "normal")
         length = float(np.linalg.norm(n))
         if length == 0.0:
             raise InputError("the normal of a half-space must not be zero")
@@ -120,13 +121,13 @@ class Scene:
             raise InputError(f"base must be 'free' or 'fixed'; got {base!r}")
         if control is not None and not callable(control):
             raise InputError("control must be a function control(t, q, v) -> tau")
-        place, turn = _vector(position, "position"), _rotation(rotation)
+        place, turn = vector(position, "position"), rotation_matrix(rotation)
         robot = load_robot(path, base, turn, place, name, srdf)
         if name is None and robot.name in self._items.names():
             name = self._new_name(None, robot.name)
             robot = load_robot(path, base, turn, place, name, srdf)
         self._new_name(robot.name, robot.name)
-        q0, v0 = _initial_state(robot, base, place, turn, joints or {}, velocity or {})
+        q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control))
         return robot.name
 
@@ -157,13 +158,13 @@ class Scene:
         InputError
             On a radius or mass that is not positive, or a wrong shape.
         """
-        radius = _positive(radius, "radius")
+        radius = positive(radius, "radius")
         if fixed:
-            return self._add_body(Sphere(radius), mass, position, _UPRIGHT, velocity, _ORIGIN, name, "sphere", True)
+            return self._add_body(Sphere(radius), mass, "sphere", position=position, name=name, fixed=True)
         name = self._new_name(name, "sphere")
-        centre, speed = _vector(position, "position"), _vector(velocity, "velocity")
+        centre, speed = vector(position, "position"), vector(velocity, "velocity")
         self._items.spheres.append(
-            SphereItem(name, centre[None], np.array([radius]), np.array([_positive(mass, "mass")]), speed[None])
+            SphereItem(name, centre[None], np.array([radius]), np.array([positive(mass, "mass")]), speed[None])
         )
         return name
 
@@ -218,12 +219,7 @@ class Scene:
         self,
         size: Sequence[float] | Array,
         mass: float = 1.0,
-        position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
-        velocity: Sequence[float] | Array = _ORIGIN,
-        angular_velocity: Sequence[float] | Array = _ORIGIN,
-        name: str | None = None,
-        fixed: bool = False,
+        **body: Unpack[BodyArguments],
     ) -> str:
         """Add a homogeneous box.
 
@@ -233,91 +229,65 @@ class Scene:
             Edge lengths [m].
         mass : float
             Mass [kg].
-        position, rotation : array_like, shapes (3,) and (3, 3)
-            Pose of its frame [m].
-        velocity, angular_velocity : array_like, shape (3,)
-            Of its centre of mass, both in the world [m/s, rad/s].
-        name : str, optional
-            "box", then numbered, by default.
-        fixed : bool
-            Whether it is part of the world.
+        **body
+            `position`, `rotation`, `velocity`, `angular_velocity`, `name`, `fixed`: see `BodyArguments`.
 
         Raises
         ------
         InputError
             On a length or mass that is not positive, a wrong shape, a rotation that is none.
         """
-        edges = tuple(_positive(x, "size") for x in _vector(size, "size"))
+        edges = tuple(positive(x, "size") for x in vector(size, "size"))
         shape = Box(edges)  # type: ignore[arg-type]
-        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "box", fixed)
+        return self._add_body(shape, mass, "box", **body)
 
     def add_ellipsoid(
         self,
         radii: Sequence[float] | Array,
         mass: float = 1.0,
-        position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
-        velocity: Sequence[float] | Array = _ORIGIN,
-        angular_velocity: Sequence[float] | Array = _ORIGIN,
-        name: str | None = None,
-        fixed: bool = False,
+        **body: Unpack[BodyArguments],
     ) -> str:
         """Add a homogeneous ellipsoid of three semi-axes, shape (3,) [m]; the rest as `add_box`."""
-        axes = tuple(_positive(x, "radii") for x in _vector(radii, "radii"))
+        axes = tuple(positive(x, "radii") for x in vector(radii, "radii"))
         shape = Ellipsoid(axes)  # type: ignore[arg-type]
-        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "ellipsoid", fixed)
+        return self._add_body(shape, mass, "ellipsoid", **body)
 
     def add_capsule(
         self,
         radius: float,
         length: float,
         mass: float = 1.0,
-        position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
-        velocity: Sequence[float] | Array = _ORIGIN,
-        angular_velocity: Sequence[float] | Array = _ORIGIN,
-        name: str | None = None,
-        fixed: bool = False,
+        **body: Unpack[BodyArguments],
     ) -> str:
         """Add a homogeneous capsule along its z axis, `length` between the ends' centres [m]; the rest as `add_box`."""
-        shape = Capsule(_positive(radius, "radius"), _positive(length, "length"))
-        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "capsule", fixed)
+        shape = Capsule(positive(radius, "radius"), positive(length, "length"))
+        return self._add_body(shape, mass, "capsule", **body)
 
     def add_cylinder(
         self,
         radius: float,
         length: float,
         mass: float = 1.0,
-        position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
-        velocity: Sequence[float] | Array = _ORIGIN,
-        angular_velocity: Sequence[float] | Array = _ORIGIN,
-        name: str | None = None,
-        fixed: bool = False,
+        **body: Unpack[BodyArguments],
     ) -> str:
         """Add a homogeneous cylinder along its z axis [m]; the rest as `add_box`."""
-        shape = Cylinder(_positive(radius, "radius"), _positive(length, "length"))
-        return self._add_body(shape, mass, position, rotation, velocity, angular_velocity, name, "cylinder", fixed)
+        shape = Cylinder(positive(radius, "radius"), positive(length, "length"))
+        return self._add_body(shape, mass, "cylinder", **body)
 
     def add_mesh(
         self,
         path: str | os.PathLike[str],
         mass: float = 1.0,
-        position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
-        velocity: Sequence[float] | Array = _ORIGIN,
-        angular_velocity: Sequence[float] | Array = _ORIGIN,
         scale: float = 1.0,
-        name: str | None = None,
-        fixed: bool = False,
+        **body: Unpack[BodyArguments],
     ) -> str:
         """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
 
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
         file's coordinates [m per unit].
         """
-        hull = Hull(_positive(scale, "scale") * _mesh_vertices(Path(path)))
-        return self._add_body(hull, mass, position, rotation, velocity, angular_velocity, name, Path(path).stem, fixed)
+        hull = Hull(positive(scale, "scale") * mesh_vertices(Path(path)))
+        return self._add_body(hull, mass, Path(path).stem, **body)
 
     def set_restitution(self, first: str, second: str, e: float) -> None:
         """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
@@ -366,101 +336,21 @@ class Scene:
             default = f"{default.removesuffix(f'_{number - 1}')}_{number}"
         return default
 
-    def _add_body(
-        self,
-        shape: Convex,
-        mass: float,
-        position: Sequence[float] | Array,
-        rotation: Array | Sequence[Sequence[float]],
-        velocity: Sequence[float] | Array,
-        angular_velocity: Sequence[float] | Array,
-        name: str | None,
-        default: str,
-        fixed: bool,
-    ) -> str:
-        mass = _positive(mass, "mass")
-        place, turn = _vector(position, "position"), _rotation(rotation)
-        speed, spin = _vector(velocity, "velocity"), _vector(angular_velocity, "angular_velocity")
-        name = self._new_name(name, default)
+    def _add_body(self, shape: Convex, mass: float, default: str, **body: Unpack[BodyArguments]) -> str:
+        unknown = set(body) - set(BodyArguments.__annotations__)
+        if unknown:
+            raise InputError(
+                f"unknown argument {sorted(unknown)}; known are {', '.join(BodyArguments.__annotations__)}"
+            )
+        mass = positive(mass, "mass")
+        place = vector(body.get("position", _ORIGIN), "position")
+        turn = rotation_matrix(body.get("rotation", _UPRIGHT))
+        speed = vector(body.get("velocity", _ORIGIN), "velocity")
+        spin = vector(body.get("angular_velocity", _ORIGIN), "angular_velocity")
+        name = self._new_name(body.get("name"), default)
         centre, inertia = np.zeros(3), shape.inertia(mass)
         if isinstance(shape, Hull):
             centre, inertia = shape.mass_properties(mass)
+        fixed = bool(body.get("fixed", False))
         self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed))
         return name
-
-
-def _initial_state(
-    robot: Robot,
-    base: str,
-    position: Array,
-    rotation: Array,
-    joints: Mapping[str, float],
-    velocity: Mapping[str, float],
-) -> tuple[Array, Array]:
-    import pinocchio as pin
-
-    model = robot.model
-    q, v = robot.reference.copy(), np.zeros(model.nv)
-    names = list(model.names)
-    first = 1
-    if base == "free":
-        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, position))
-        first = 2
-    for given, what in ((joints, "position"), (velocity, "velocity")):
-        for joint, value in given.items():
-            if joint not in names[first:]:
-                raise InputError(f"{robot.name} has no joint {joint!r}; known are {', '.join(names[first:]) or 'none'}")
-            if not np.isfinite(value):
-                raise InputError(f"the {what} of joint {joint!r} is not finite")
-            k = names.index(joint)
-            if model.nvs[k] != 1:
-                raise InputError(f"joint {joint!r} has {model.nvs[k]} degrees of freedom; one number cannot place it")
-            if what == "velocity":
-                v[model.idx_vs[k]] = value
-            elif model.nqs[k] == 1:
-                q[model.idx_qs[k]] = value
-            else:
-                # a joint without limits stores cosine and sine
-                q[model.idx_qs[k] : model.idx_qs[k] + 2] = np.cos(value), np.sin(value)
-    return q, v
-
-
-def _mesh_vertices(path: Path) -> Array:
-    import coal
-
-    if not path.is_file():
-        raise InputError(f"no such file: {path}")
-    try:
-        mesh = coal.MeshLoader().load(str(path), np.ones(3))
-        return np.array(mesh.vertices())
-    except (ValueError, RuntimeError) as error:
-        raise InputError(f"{path} cannot be read as a mesh: {str(error).strip().splitlines()[0]}") from error
-
-
-def _vector(values: Sequence[float] | Array, name: str) -> Array:
-    try:
-        vector = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is no array of three numbers: {values!r}") from error
-    if vector.shape != (3,):
-        raise InputError(f"{name} has shape {vector.shape}; (3,) is asked for")
-    if not np.isfinite(vector).all():
-        raise InputError(f"{name} must be finite; got {vector.tolist()}")
-    return vector
-
-
-def _rotation(values: Array | Sequence[Sequence[float]]) -> Array:
-    matrix = np.array(values, dtype=float)
-    if matrix.shape != (3, 3):
-        raise InputError(f"rotation has shape {matrix.shape}; (3, 3) is asked for")
-    # written so that a NaN is refused too
-    if not (np.abs(matrix.T @ matrix - np.eye(3)).max() < 1e-6 and np.linalg.det(matrix) > 0.0):
-        raise InputError("rotation is no rotation matrix: its columns must be orthonormal and right-handed")
-    return matrix
-
-
-def _positive(value: float, name: str) -> float:
-    # written so that a NaN is refused too
-    if not (value > 0.0 and np.isfinite(value)):
-        raise InputError(f"{name} must be positive and finite; got {value}")
-    return float(value)

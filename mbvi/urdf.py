@@ -6,8 +6,7 @@ import os
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +14,11 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from .errors import InputError, UrdfError
-
-# how far principal moments may miss A + B >= C by, as drawn from rounded numbers
-_TRIANGLE = 1e-3
+from .self_pairs import disabled_pairs, pairs_left_out
+from .urdf_checks import check_inertias, check_links, check_mass_matrix, check_masses, check_meshes, check_shapes
 
 
 @dataclass(frozen=True)
@@ -85,24 +82,24 @@ def load_robot(
     root = _parse(text, file)
     # a slash parts a robot from its link
     name = name or (root.get("name") or file.stem).replace("/", "_")
-    _check_links(root, file)
+    check_links(root, file)
     folders = [str(p) for p in file.resolve().parents] + [
         p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p
     ]
-    _check_meshes(root, file, folders)
+    check_meshes(root, file, folders)
     model = build_model(text, base, rotation, position, file)
     geometry = _build_geometry(model, text, folders, file)
-    _check_shapes(root, geometry, file)
+    check_shapes(root, geometry, file)
     if base == "fixed":
         _move_base(geometry.geometryObjects, rotation, position)
     shapes, omitted = _shapes(geometry, name, _colors(root))
-    _check_masses(model, geometry, file)
-    _check_inertias(model, file)
+    check_masses(model, geometry, file)
+    check_inertias(model, file)
     reference, moved = _reference(model)
-    _check_mass_matrix(model, reference, file)
+    check_mass_matrix(model, reference, file)
     omitted += _unmodelled(model, root)
     omitted += moved
-    apart, dropped = _pairs_left_out(model, shapes, reference, _disabled(srdf, name))
+    apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name))
     return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted + dropped), reference)
 
 
@@ -153,18 +150,6 @@ def _caught() -> Iterator[list[str]]:
             lines += [x.strip() for x in file.read().decode(errors="replace").splitlines() if x.strip()]
 
 
-def _check_shapes(root: ElementTree.Element, geometry: pin.GeometryModel, file: Path) -> None:
-    """Refuse a link that lost a shape: the parser drops what it cannot read without an error."""
-    read = Counter(item.name.rsplit("_", 1)[0] for item in geometry.geometryObjects)
-    for link in root.findall("link"):
-        name, drawn = link.get("name", ""), len(link.findall("collision"))
-        if read[name] < drawn:
-            raise UrdfError(
-                f"{file}: link '{name}' has {drawn} collision shapes, of which {drawn - read[name]} cannot be read; "
-                "a URDF knows box, cylinder, sphere and mesh, with positive sizes"
-            )
-
-
 def _parse(text: str, file: Path) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(text.encode())
@@ -175,84 +160,6 @@ def _parse(text: str, file: Path) -> ElementTree.Element:
     if root.find("link") is None:
         raise UrdfError(f"{file} is no URDF: it has no <link>")
     return root
-
-
-def _check_links(root: ElementTree.Element, file: Path) -> None:
-    """Refuse an <inertial> that cannot be read."""
-    for link in root.findall("link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        where = f"{file}: link '{link.get('name')}'"
-        try:
-            mass = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
-            entries = inertial.find("inertia")
-            xx, xy, xz, yy, yz, zz = (float(entries.get(f"i{k}")) for k in ("xx", "xy", "xz", "yy", "yz", "zz"))  # type: ignore[union-attr, arg-type]
-        except (AttributeError, TypeError, ValueError) as error:
-            raise UrdfError(f"{where}: its <inertial> lacks a mass or one of the six inertia entries") from error
-        moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if not (np.isfinite(mass) and np.isfinite(moments).all()):
-            raise UrdfError(f"{where}: its mass or inertia is not finite")
-
-
-def _check_inertias(model: pin.Model, file: Path) -> None:
-    """Refuse moving bodies that no matter can make, each with all links welded into it."""
-    for joint in range(1, model.njoints):
-        inertia = model.inertias[joint]
-        a, b, c = np.linalg.eigvalsh(inertia.inertia)
-        rounding = _TRIANGLE * abs(c) + 1e-12 * abs(inertia.mass)
-        if inertia.mass < 0.0 or a < -rounding or a + b < c - rounding:
-            raise UrdfError(
-                f"{file}: link {_links_on(model, joint)}: unphysical inertia, mass {inertia.mass:g} and principal "
-                f"moments {a:g}, {b:g}, {c:g}: none may be negative and the sum of two must reach the third"
-            )
-
-
-def _check_mass_matrix(model: pin.Model, q: Array, file: Path) -> None:
-    """Refuse a joint that turns or shifts nothing heavy."""
-    mass = pin.crba(model, model.createData(), q)
-    factor, minor = lapack.dpotrf(mass, 0, 0)
-    # a pivot that is rounding beside its diagonal is a zero one
-    weak = np.flatnonzero(factor.diagonal() ** 2 < 1e-13 * mass.diagonal())
-    minor = minor or (int(weak[0]) + 1 if weak.size else 0)
-    if minor:
-        joint = next(
-            j for j in range(1, model.njoints) if model.idx_vs[j] <= minor - 1 < model.idx_vs[j] + model.nvs[j]
-        )
-        raise UrdfError(
-            f"{file}: the mass matrix is singular at joint '{model.names[joint]}': link {_links_on(model, joint)} and "
-            "what hangs on it have no inertia along it; give them an <inertial> or fix the joint"
-        )
-
-
-def _links_on(model: pin.Model, joint: int) -> str:
-    names = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
-    return " + ".join(f"'{n}'" for n in names) or "?"
-
-
-def _check_meshes(root: ElementTree.Element, file: Path, folders: Sequence[str]) -> None:
-    for mesh in root.findall("link/collision/geometry/mesh"):
-        name = mesh.get("filename", "")
-        tail = name.split("://", 1)[-1]
-        candidates = [Path(tail), file.parent / tail] if "package://" not in name else []
-        candidates += [Path(folder) / tail.lstrip("/") for folder in folders]
-        if not any(c.is_file() for c in candidates):
-            raise UrdfError(
-                f"{file}: mesh '{name}' is not found; looked in the folders above the file and in ROS_PACKAGE_PATH"
-            )
-
-
-def _check_masses(model: pin.Model, geometry: pin.GeometryModel, file: Path) -> None:
-    """Refuse a moving body without inertia: one that carries a shape, or that nothing heavy hangs on."""
-    shaped = {int(g.parentJoint) for g in geometry.geometryObjects}
-    for joint in range(1, model.njoints):
-        hanging = sum(model.inertias[k].mass for k in model.subtrees[joint])
-        if model.inertias[joint].mass > 0.0 or (hanging > 0.0 and joint not in shaped):
-            continue
-        raise UrdfError(
-            f"{file}: link {_links_on(model, joint)} moves with joint '{model.names[joint]}' but has no mass; "
-            "give it an <inertial>"
-        )
 
 
 def _move_base(objects: Sequence[pin.GeometryObject], rotation: Array, position: Array) -> None:
@@ -367,73 +274,40 @@ def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[tuple[str, 
     return found
 
 
-def _disabled(srdf: str | None, name: str) -> set[frozenset[str]]:
-    if srdf is None:
-        return set()
-    file = Path(srdf)
-    if not file.is_file():
-        raise UrdfError(f"no such file: {file}")
-    try:
-        root = ElementTree.fromstring(file.read_bytes())
-    except ElementTree.ParseError as error:
-        raise UrdfError(f"{file} is no XML: {error}") from error
-    return {
-        frozenset((f"{name}/{p.get('link1')}", f"{name}/{p.get('link2')}")) for p in root.iter("disable_collisions")
-    }
-
-
-def _link_of(label: str) -> str:
-    """Return a shape's link: a link of several shapes has them numbered."""
-    head, _, tail = label.rpartition("_")
-    return head if tail.isdigit() else label
-
-
-def _pairs_left_out(
-    model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]]
-) -> tuple[set[tuple[str, str]], list[tuple[str, str]]]:
-    """Return the pairs of a robot's own shapes that are not asked, and in words why."""
-    poses = [_poses(model, shapes, q) for q in (pin.neutral(model), reference)]
-    geometry = [s.shape.coal() for s in shapes]
-    apart: set[tuple[str, str]] = set()
-    adjacent, overlapping, srdf = [], [], []
-    for i, a in enumerate(shapes):
-        for j in range(i + 1, len(shapes)):
-            b, pair = shapes[j], (a.name, shapes[j].name)
-            if a.body == b.body:
-                apart.add(pair)
-            elif a.body in (model.parents[b.body],) or b.body in (model.parents[a.body],):
-                apart.add(pair)
-                adjacent.append(pair)
-            elif {frozenset(pair), frozenset(map(_link_of, pair))} & disabled:
-                apart.add(pair)
-                srdf.append(pair)
-            elif any(_overlap(geometry[i], pose[i], geometry[j], pose[j]) for pose in poses):
-                apart.add(pair)
-                overlapping.append(pair)
-    reasons = (
-        (adjacent, "adjacent links"),
-        (overlapping, "overlap at the neutral configuration"),
-        (srdf, "disabled by the SRDF"),
-    )
-    return apart, [(f"pair {a} | {b}", reason) for pairs, reason in reasons for a, b in pairs]
-
-
-def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[coal.Transform3s]:
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    poses = []
-    for s in shapes:
-        R, origin = data.oMi[s.body].rotation, data.oMi[s.body].translation
-        poses.append(coal.Transform3s(R @ s.rotation, R @ s.position + origin))
-    return poses
-
-
-def _overlap(
-    a: coal.CollisionGeometry, pose_a: coal.Transform3s, b: coal.CollisionGeometry, pose_b: coal.Transform3s
-) -> bool:
-    distance = coal.distance(a, pose_a, b, pose_b, coal.DistanceRequest(), coal.DistanceResult())
-    return bool(distance <= 1e-6)
-
-
 def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+def initial_state(
+    robot: Robot,
+    base: str,
+    position: Array,
+    rotation: Array,
+    joints: Mapping[str, float],
+    velocity: Mapping[str, float],
+) -> tuple[Array, Array]:
+    """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and what is given joint by joint."""
+    model = robot.model
+    q, v = robot.reference.copy(), np.zeros(model.nv)
+    names = list(model.names)
+    first = 1
+    if base == "free":
+        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, position))
+        first = 2
+    for given, what in ((joints, "position"), (velocity, "velocity")):
+        for joint, value in given.items():
+            if joint not in names[first:]:
+                raise InputError(f"{robot.name} has no joint {joint!r}; known are {', '.join(names[first:]) or 'none'}")
+            if not np.isfinite(value):
+                raise InputError(f"the {what} of joint {joint!r} is not finite")
+            k = names.index(joint)
+            if model.nvs[k] != 1:
+                raise InputError(f"joint {joint!r} has {model.nvs[k]} degrees of freedom; one number cannot place it")
+            if what == "velocity":
+                v[model.idx_vs[k]] = value
+            elif model.nqs[k] == 1:
+                q[model.idx_qs[k]] = value
+            else:
+                # a joint without limits stores cosine and sine
+                q[model.idx_qs[k] : model.idx_qs[k] + 2] = np.cos(value), np.sin(value)
+    return q, v
