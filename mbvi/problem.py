@@ -13,7 +13,7 @@ from .system import System
 from .system.system import Array
 
 if TYPE_CHECKING:
-    from .scene_model import SceneModel
+    from .scene.model import SceneModel
 
 _ACTIVATION = 1e-8
 

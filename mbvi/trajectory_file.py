@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from .description import describe, restore
 from .errors import MbviError, TrajectoryFileError
+from .scene.description import describe, restore
 from .trajectory import Impact, Trajectory, energies
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from .view_motion import Array, Motion, arrows, bounds, motion, scene_of
 from .view_page import Page
 
 if TYPE_CHECKING:
-    from .scene_model import SceneModel
+    from .scene.model import SceneModel
     from .trajectory import Trajectory
 
 # seconds an arrow takes to vanish, of which it stays whole at first

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import meshcat.geometry as g
 import numpy as np
@@ -26,9 +27,9 @@ def shape_mesh(placed: PlacedShape) -> tuple[g.Mesh, Array]:
     """Return the mesh of a shape in its color, and the rotation, shape (3, 3), from the mesh to the shape's frame."""
     shape, turn = placed.shape, np.eye(3)
     if isinstance(shape, Sphere):
-        geometry = g.Sphere(shape.radius)
+        geometry = _Round((shape.radius,) * 3)
     elif isinstance(shape, Ellipsoid):
-        geometry = g.Ellipsoid(shape.radii)
+        geometry = _Round(shape.radii)
     elif isinstance(shape, Box):
         geometry = g.Box(shape.size)
     elif isinstance(shape, Cylinder):
@@ -45,6 +46,13 @@ def shape_mesh(placed: PlacedShape) -> tuple[g.Mesh, Array]:
         shininess=20,
     )
     return g.Mesh(geometry, material), turn
+
+
+class _Round(g.Ellipsoid):
+    """An ellipsoid in finer facets than meshcat's."""
+
+    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        return {**super().lower(object_data), "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
 
 
 def arrow_mesh() -> g.Mesh:

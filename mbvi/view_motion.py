@@ -12,7 +12,7 @@ from .constraints.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Spher
 from .errors import InputError
 
 if TYPE_CHECKING:
-    from .scene_model import SceneModel
+    from .scene.model import SceneModel
     from .trajectory import Trajectory
 
 Array = np.ndarray

@@ -8,7 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from .errors import InputError
+from ..errors import InputError
 
 Array = np.ndarray
 

@@ -6,13 +6,13 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
-from .constraints.shapes import HalfSpace, PlacedShape
-from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from ..constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from ..constraints.shapes import HalfSpace, PlacedShape
+from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
 
 if TYPE_CHECKING:
+    from ..problem import Problem
     from .assembly import SceneItems
-    from .problem import Problem
 
 
 @dataclass(frozen=True)

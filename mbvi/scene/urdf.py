@@ -15,8 +15,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
-from .errors import InputError, UrdfError
+from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from ..errors import InputError, UrdfError
 from .self_pairs import disabled_pairs, pairs_left_out
 from .urdf_checks import check_inertias, check_links, check_mass_matrix, check_masses, check_meshes, check_shapes
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import coal
 import pinocchio as pin
 
-from .constraints.shapes import Array, PlacedShape
-from .errors import UrdfError
+from ..constraints.shapes import Array, PlacedShape
+from ..errors import UrdfError
 
 
 def pairs_left_out(
@@ -43,6 +43,7 @@ def pairs_left_out(
 
 
 def disabled_pairs(srdf: str | None, name: str) -> set[frozenset[str]]:
+    """Return the pairs of names that an SRDF disables."""
     if srdf is None:
         return set()
     file = Path(srdf)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
-from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from .urdf import Robot, build_model
 
 if TYPE_CHECKING:
-    from .problem import Problem
+    from ..problem import Problem
 
 _SHAPES: dict[str, type] = {c.__name__: c for c in (Sphere, Box, Ellipsoid, Capsule, Cylinder)}
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, Sphere
+from ..errors import InputError
+from ..problem import check_restitution
+from ..system.articulated import Control
 from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
-from .constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, Sphere
-from .errors import InputError
 from .inputs import BodyArguments, mesh_vertices, positive, rotation_matrix, vector
-from .problem import check_restitution
-from .system.articulated import Control
 from .urdf import initial_state, load_robot
 
 if TYPE_CHECKING:
-    from .problem import Problem
+    from ..problem import Problem
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = np.eye(3)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from .errors import UrdfError
+from ..errors import UrdfError
 
 Array = np.ndarray
 

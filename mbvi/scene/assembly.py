@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
-from .constraints.shapes import Array, Convex, HalfSpace, PlacedShape, Sphere
-from .errors import InputError
-from .problem import Problem
-from .scene_model import SceneModel
-from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
-from .system.articulated import Control
+from ..constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from ..constraints.shapes import Array, Convex, HalfSpace, PlacedShape, Sphere
+from ..errors import InputError
+from ..problem import Problem
+from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from ..system.articulated import Control
+from .model import SceneModel
 from .urdf import Robot
 
 _PALETTE = (

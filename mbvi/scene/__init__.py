@@ -1,0 +1,5 @@
+"""What a user writes: robots, bodies, walls and their restitution, assembled to a Problem of what they need."""
+
+from .scene import Scene
+
+__all__ = ["Scene"]
