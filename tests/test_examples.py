@@ -35,3 +35,14 @@ def test_example(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     number, tolerance = NUMBERS[name]
     assert load(name).main() == pytest.approx(number, abs=tolerance)
+
+
+def test_the_readme_prints_what_it_shows(tmp_path, monkeypatch, capsys):
+    text = (EXAMPLES.parent / "README.md").read_text()
+    code = text.split("```python\n")[1].split("```")[0]
+    shown = text.split("prints\n\n```\n")[1].split("```")[0]
+    (tmp_path / "robots").symlink_to(EXAMPLES.parent / "robots")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out == shown
+    assert (tmp_path / "hopper.html").stat().st_size > 500_000
