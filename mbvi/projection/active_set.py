@@ -14,6 +14,9 @@ from .metric import Array
 
 _WELL_CONDITIONED = 1e-3
 _RANK = 1e-13
+# from so many rows on, dependent ones are solved without an SVD
+_MANY = 32
+_SHIFT = 1e-9
 
 
 class Candidate(NamedTuple):
@@ -66,6 +69,10 @@ def solve_on(A: Array, G: Array, d: Array, active: Array, start: Array | None = 
         p[index] = np.maximum(solution, 0.0)
         return Candidate(A @ p, p)
     columns = A if full else A[:, index]
+    base = np.zeros(index.size) if start is None else start[index]
+    if index.size > _MANY:
+        p[index] = np.maximum(_refined(G if full else G[np.ix_(index, index)], right, base), 0.0)
+        return Candidate(A @ p, p)
     U, s, Vt = np.linalg.svd(columns, full_matrices=False)
     rank = int((s > _RANK * s[0]).sum())
     U, s, Vt = U[:, :rank], s[:rank], Vt[:rank]
@@ -73,9 +80,17 @@ def solve_on(A: Array, G: Array, d: Array, active: Array, start: Array | None = 
     z = U @ w
     if np.abs(columns.T @ z - right).max() > 1e-12 * (1.0 + np.abs(w).max()):
         return None
-    base = np.zeros(index.size) if start is None else start[index]
     p[index] = np.maximum(base + Vt.T @ ((w - U.T @ (columns @ base)) / s), 0.0)
     return Candidate(z, p)
+
+
+def _refined(G: Array, right: Array, base: Array) -> Array:
+    """Return p near `base` with G p = right, G singular or nearly so: proximal steps on one Cholesky factor."""
+    factor = lapack.dpotrf(G + _SHIFT * np.eye(len(G)), 0, 0)[0]
+    p = base
+    for _ in range(4):
+        p = p + lapack.dpotrs(factor, right - G @ p)[0]
+    return p
 
 
 def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:

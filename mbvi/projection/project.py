@@ -22,6 +22,8 @@ from .proxqp import ProxQP
 _ROUNDING = 1e-13
 # the methods array.min() and .max() take twice the time of the ufuncs they call
 _least, _most = np.minimum.reduce, np.maximum.reduce
+# up to so many rows every projection is taken to rounding, beyond to a thousandth of the residual that is asked
+_FEW = 32
 _POSITIVE, _WELL_CONDITIONED = 1e-7, 1e-3
 
 
@@ -107,14 +109,16 @@ class Projector:
             if residual < least:
                 best, least = candidate, residual
             # a huge z may be a wrong one, so that it does not excuse any residual
-            if residual <= _ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3):
+            rounding = _ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3)
+            if residual <= (rounding if len(d) <= _FEW else 1e-3 * self.residual):
                 break
         return best, least
 
     def _candidates(self, A: Array, d: Array) -> Iterator[Candidate | None]:
         """Yield the cheapest first: a guess at the active set, ProxQP's, ProxQP itself, an exact method."""
         G = A.T @ A
-        yield solve_on(A, G, d, d > 0.0)
+        if len(d) <= _FEW:
+            yield solve_on(A, G, d, d > 0.0)
         p = np.maximum(self._solver.solve(G, d), 0.0)
         yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
         yield Candidate(A @ p, p)
