@@ -294,7 +294,7 @@ def timed_layers(problem: mbvi.Problem, watch: Stopwatch) -> Iterator[list[str]]
     owners: list[tuple[Any, tuple[str, ...]]] = [
         (mbvi.Paoli, ("step",)),
         (pin, ("integrate", "difference", "crba", "nonLinearEffects", "aba")),
-        (type(problem.system), ("integrate", "difference", "placement", "separation_rows")),
+        (type(problem.system), ("integrate", "difference", "placements", "separation_rows")),
         (type(problem.constraints), ("active",)),
         *((kind, ("active", "contacts")) for kind in dict.fromkeys(map(type, problem.constraints.constraints))),
         (type(problem.system), ("metric", "force", "free_velocity")),

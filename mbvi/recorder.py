@@ -76,7 +76,10 @@ class Recorder:
         A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
         took part if they press more than twice as hard as the step before.
         """
-        excess = step.before + 2.0 * np.abs(step.free - step.before)
+        excess = step.free - step.before
+        np.abs(excess, out=excess)
+        excess *= 2.0
+        excess += step.before
         if np.minimum.reduce(excess) >= -1e-12:
             return
         pressing = step.percussion > 0.0

@@ -7,12 +7,29 @@ own, whose gap and gradient are smooth functions of the configuration.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ..system import System
 from .pairs import Array, Contacts, Pairs
 from .shapes import HalfSpace, PlacedShape
+
+_MOST_SELECTIONS = 1000
+
+
+class _Selection(NamedTuple):
+    """The points of some pairs, gathered: pair, body and frame of each, in the body (`local`) and against the wall."""
+
+    pair: Array
+    bodies: list[int]
+    frame: Array
+    one_each: bool
+    local: Array
+    up: Array
+    ball: Array
+    level: Array
+    moving: dict[int, Array]
 
 
 class HalfSpaceContacts(Pairs):
@@ -59,47 +76,61 @@ class HalfSpaceContacts(Pairs):
             owner.extend([pair] * count)
         self._points = np.concatenate(points) if points else np.zeros((0, 3))
         self._radius, self._owner = np.array(radii), np.array(owner, dtype=np.intp)
-        self._asked: bytes | None = None
+        self._selections: dict[bytes, _Selection] = {}
 
-    def _select(self, pairs: Array) -> None:
-        """Gather the points of the asked pairs; they are mostly those of the step before."""
+    def _select(self, pairs: Array) -> _Selection:
+        """Gather the points of the asked pairs; the same few sets of pairs come again and again."""
         key = pairs.tobytes()
-        if key == self._asked:
-            return
-        self._asked = key
+        found = self._selections.get(key)
+        if found is None:
+            if len(self._selections) >= _MOST_SELECTIONS:
+                self._selections.clear()
+            found = self._selections[key] = self._gather(pairs)
+        return found
+
+    def _gather(self, pairs: Array) -> _Selection:
         chosen = np.flatnonzero(np.isin(self._owner, pairs))
-        self._chosen = chosen
-        self._pair = self._owner[chosen]
-        bodies, self._frame = np.unique(self._second_body[self._pair], return_inverse=True)
-        self._bodies = [int(b) for b in bodies]
-        self._one_each = len(bodies) == len(chosen)
-        self._local = self._points[chosen]
-        self._up = self._wall_normal[self._pair]
-        self._ball = self._radius[chosen][:, None] * self._up
-        self._level = self._wall_offset[self._pair] + self._radius[chosen]
-        self._places = {p: np.flatnonzero(self._pair == p)[-(s.stop - s.start) :] for p, s in self._moving.items()}
-        self._places = {p: place for p, place in self._places.items() if place.size}
+        pair = self._owner[chosen]
+        bodies, frame = np.unique(self._second_body[pair], return_inverse=True)
+        up = self._wall_normal[pair]
+        moving = {}
+        for p in pairs.tolist():
+            if p in self._moving:
+                count = self._moving[p].stop - self._moving[p].start
+                moving[p] = np.flatnonzero(pair == p)[-count:]
+        return _Selection(
+            pair,
+            [int(b) for b in bodies],
+            frame,
+            len(bodies) == len(chosen),
+            self._points[chosen],
+            up,
+            self._radius[chosen][:, None] * up,
+            self._wall_offset[pair] + self._radius[chosen],
+            moving,
+        )
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:  # noqa: D102
-        self._select(pairs)
-        R, origin = self.system.placements(q, self._bodies)
-        if self._places:
-            self._move_lowest(R)
-        if not self._one_each:
-            R, origin = R.take(self._frame, 0), origin.take(self._frame, 0)
-        world = np.matmul(R, self._local[:, :, None])[:, :, 0]
+        chosen = self._select(pairs)
+        R, origin = self.system.placements(q, chosen.bodies)
+        if chosen.moving:
+            self._move_lowest(R, chosen)
+        if not chosen.one_each:
+            R, origin = R.take(chosen.frame, 0), origin.take(chosen.frame, 0)
+        world = np.matmul(R, chosen.local[:, :, None])[:, :, 0]
         world += origin
-        gap = np.einsum("ij,ij->i", world, self._up)
-        gap -= self._level
-        return Contacts(self._pair, gap, world - self._ball, self._up)
+        gap = np.einsum("ij,ij->i", world, chosen.up)
+        gap -= chosen.level
+        world -= chosen.ball
+        return Contacts(chosen.pair, gap, world, chosen.up)
 
-    def _move_lowest(self, R: Array) -> None:
-        for pair, place in self._places.items():
+    def _move_lowest(self, R: Array, chosen: _Selection) -> None:
+        for pair, place in chosen.moving.items():
             placed = self._shapes[pair]
-            up = placed.rotation.T @ (R[self._frame[place[0]]].T @ self._wall_normal[pair])
+            up = placed.rotation.T @ (R[chosen.frame[place[0]]].T @ self._wall_normal[pair])
             lowest = placed.shape.lowest(up)  # type: ignore[union-attr]
             if len(lowest):
-                self._local[place] = lowest @ placed.rotation.T + placed.position
+                chosen.local[place] = lowest @ placed.rotation.T + placed.position
             else:
                 # a cylinder upright: its rims are level, any point of them will do
-                self._local[place] = self._local[place[0] - 1]
+                chosen.local[place] = chosen.local[place[0] - 1]

@@ -71,6 +71,6 @@ class JointLimits:
         gap = self.gap(t, q)
         if not gap.size or least(gap) > tolerance:
             return None
-        index = np.flatnonzero(gap <= tolerance)
+        index = (gap <= tolerance).nonzero()[0]
         nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
         return Rows(index, gap[index], self._rows(index), self.restitution[index], nowhere, nowhere)

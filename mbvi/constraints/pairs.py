@@ -99,19 +99,20 @@ class Pairs:
             self._budget -= self._reach @ travel
         if least(self._budget) > tolerance:
             return None
-        due = np.flatnonzero(self._budget <= tolerance)
+        due = (self._budget <= tolerance).nonzero()[0]
         pair, gap, point, normal = self.contacts(q, due, tolerance)
         if pair.size == due.size:
             self._budget[due] = gap
         else:
             self._budget[due] = np.minimum.reduceat(gap, np.searchsorted(pair, due))
         if np.maximum.reduce(gap) > tolerance:
-            near = np.flatnonzero(gap <= tolerance)
+            near = (gap <= tolerance).nonzero()[0]
             if not near.size:
                 return None
             pair, gap, point, normal = pair[near], gap[near], point[near], normal[near]
-        rows = self.system.separation_rows(q, self._first_body[pair], self._second_body[pair], point, normal)
-        return Rows(pair, gap, rows, self.restitution[pair], point, normal)
+        first, second = self._first_body.take(pair), self._second_body.take(pair)
+        rows = self.system.separation_rows(q, first, second, point, normal)
+        return Rows(pair, gap, rows, self.restitution.take(pair), point, normal)
 
     def _nearest(self, q: Array) -> Contacts:
         pairs = np.arange(len(self.names))

@@ -159,7 +159,7 @@ def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | 
         factor, p, info = lapack.dposv(G, missing)
         pivots = factor.diagonal() / lengths
     else:
-        index = np.flatnonzero(missing > 0.0)
+        index = (missing > 0.0).nonzero()[0]
         factor, part, info = lapack.dposv(G[index[:, None], index], missing[index])
         pivots = factor.diagonal() / lengths[index]
         p = np.zeros(len(missing))
