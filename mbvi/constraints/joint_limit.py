@@ -45,6 +45,7 @@ class JointLimits:
         self._offset = -self._sign * bound[kept]
         self._position, self._velocity = np.asarray(position)[joint], np.asarray(velocity)[joint]
         self._nv = nv
+        self._spare = -np.inf
         self.restitution = e[joint]
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
@@ -68,8 +69,15 @@ class JointLimits:
 
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows of the limits that are reached."""
+        if not self._sign.size:
+            return None
+        # a limit comes no nearer than its joint travels: while there is room to spare no gap is looked at
+        self._spare = -np.inf if travel is None else self._spare - np.maximum.reduce(travel.take(self._velocity))
+        if self._spare > tolerance:
+            return None
         gap = self.gap(t, q)
-        if not gap.size or least(gap) > tolerance:
+        self._spare = least(gap)
+        if self._spare > tolerance:
             return None
         index = (gap <= tolerance).nonzero()[0]
         nowhere = np.broadcast_to(NOWHERE, (index.size, 3))

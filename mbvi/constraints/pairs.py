@@ -66,14 +66,18 @@ class Pairs:
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
         reaches: dict[str, Array] = {}
-        rows = []
+        rows, envelope = [], np.zeros(system.nv)
         for a, b in zip(first, second, strict=True):
             sides = [np.zeros(system.nv) if s is None else _reach(system, s, reaches) for s in (a, b)]
             # velocities that carry both sides leave their distance as it is
             row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
+            np.maximum(envelope, row, out=envelope)
             rows.append(row if len(second) * system.nv <= _DENSE_REACH else sparse.csr_array(row[None]))
         self._reach = np.array(rows) if len(second) * system.nv <= _DENSE_REACH else sparse.vstack(rows, format="csr")
+        # no pair comes nearer faster than the envelope says: while there is time to spare no budget is looked at
+        self._envelope = envelope
         self._budget = np.full(len(self.names), -np.inf)
+        self._spare, self._travelled = -np.inf, np.zeros(system.nv)
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         """Return at least one contact of each of the given pairs, all their points within the tolerance included."""
@@ -94,10 +98,16 @@ class Pairs:
             |difference| to the configuration of the last call; None asks every pair.
         """
         if travel is None:
-            self._budget[:] = -np.inf
+            self._budget[:] = self._spare = -np.inf
         else:
-            self._budget -= self._reach @ travel
-        if least(self._budget) > tolerance:
+            self._travelled += travel
+            self._spare -= self._envelope @ travel
+            if self._spare > tolerance:
+                return None
+            self._budget -= self._reach @ self._travelled
+        self._travelled[:] = 0.0
+        self._spare = least(self._budget)
+        if self._spare > tolerance:
             return None
         due = (self._budget <= tolerance).nonzero()[0]
         pair, gap, point, normal = self.contacts(q, due, tolerance)

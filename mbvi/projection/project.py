@@ -151,9 +151,9 @@ class Projector:
 
 
 def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
-    """Return the percussions that bring just the violated rows to their bounds, if they are well conditioned.
+    """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
 
-    Most steps end here: the rows that the forces violate are those that press.
+    Most steps end here: the rows that the forces violate are those that press. The residual is the judge.
     """
     if _least(missing) > 0.0:
         factor, p, info = lapack.dposv(G, missing)
@@ -164,7 +164,8 @@ def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | 
         pivots = factor.diagonal() / lengths[index]
         p = np.zeros(len(missing))
         p[index] = part
-    return p if info == 0 and _least(p) >= 0.0 and _least(pivots) > _WELL_CONDITIONED else None
+    # of dependent rows some would get all: their share is settled elsewhere
+    return None if info or _least(pivots) < _WELL_CONDITIONED else p
 
 
 def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -> Projection:
