@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 
 from .errors import MbviWarning
+from .extrema import least
 from .problem import Problem
 from .schemes import Step
 from .trajectory import Array, Impact, Trajectory
@@ -42,13 +43,13 @@ class Recorder:
         """Take note of a step: its impacts always, its state if `keep`."""
         k = self.count
         if step.percussion.size:
-            if step.residual > self.residual[k]:
+            if step.residual > self.residual.item(k):
                 self.residual[k] = step.residual
             self._impact(step)
         if keep:
             self.t[k], self.q[k], self.v[k] = step.t, step.q, step.v
             if step.active.gap.size:
-                deepest = np.minimum.reduce(step.active.gap)
+                deepest = least(step.active.gap)
                 if deepest < 0.0:
                     self.penetration[k] = -deepest
             self.count = k + 1
@@ -76,11 +77,13 @@ class Recorder:
         A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
         took part if they press more than twice as hard as the step before.
         """
+        if least(step.before) >= -1e-12:
+            return
         excess = step.free - step.before
         np.abs(excess, out=excess)
         excess *= 2.0
         excess += step.before
-        if np.minimum.reduce(excess) >= -1e-12:
+        if least(excess) >= -1e-12:
             return
         pressing = step.percussion > 0.0
         closing = pressing & (excess < -1e-12)

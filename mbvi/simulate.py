@@ -140,7 +140,7 @@ def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> I
 def _advance(problem: Problem, scheme: Scheme, t: float, state: Step, h: float, projector: Projector) -> Step:
     done = scheme.step(problem, t, state.q, state.v, h, projector)
     # written so that a NaN is refused too
-    if not done.v @ done.v < _RUNAWAY:
+    if not done.v.dot(done.v) < _RUNAWAY:
         raise DivergedError(
             f"the velocity runs away at t = {done.t:.6g} s, to {np.abs(done.v).max():.3g}: the forces change too fast "
             f"for h = {h:g} s; take a smaller step, or give light links damping or more inertia"

@@ -10,9 +10,6 @@ Array = np.ndarray
 
 NOWHERE = np.full(3, np.nan)
 
-# the method array.min() takes twice the time of the ufunc it calls
-least = np.minimum.reduce
-
 
 class Rows(NamedTuple):
     """Active rows, J(q) with its gradients.

@@ -117,9 +117,9 @@ class HalfSpaceContacts(Pairs):
             self._move_lowest(R, chosen)
         if not chosen.one_each:
             R, origin = R.take(chosen.frame, 0), origin.take(chosen.frame, 0)
-        world = np.matmul(R, chosen.local[:, :, None])[:, :, 0]
+        world = np.matvec(R, chosen.local)
         world += origin
-        gap = np.einsum("ij,ij->i", world, chosen.up)
+        gap = np.vecdot(world, chosen.up)
         gap -= chosen.level
         world -= chosen.ball
         return Contacts(chosen.pair, gap, world, chosen.up)

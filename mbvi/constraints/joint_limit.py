@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .active import NOWHERE, Array, Rows, least
+from ..extrema import least, most
+from .active import NOWHERE, Array, Rows
 
 
 class JointLimits:
@@ -72,7 +73,7 @@ class JointLimits:
         if not self._sign.size:
             return None
         # a limit comes no nearer than its joint travels: while there is room to spare no gap is looked at
-        self._spare = -np.inf if travel is None else self._spare - np.maximum.reduce(travel.take(self._velocity))
+        self._spare = -np.inf if travel is None else self._spare - most(travel.take(self._velocity))
         if self._spare > tolerance:
             return None
         gap = self.gap(t, q)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from ..extrema import most
 from ..system import System
-from .active import Array, Rows, least
+from .active import Array, Rows
 from .shapes import PlacedShape
 
 _DENSE_REACH = 200_000
@@ -74,10 +75,12 @@ class Pairs:
             np.maximum(envelope, row, out=envelope)
             rows.append(row if len(second) * system.nv <= _DENSE_REACH else sparse.csr_array(row[None]))
         self._reach = np.array(rows) if len(second) * system.nv <= _DENSE_REACH else sparse.vstack(rows, format="csr")
-        # no pair comes nearer faster than the envelope says: while there is time to spare no budget is looked at
-        self._envelope = envelope
         self._budget = np.full(len(self.names), -np.inf)
+        # no pair nears faster than the envelope says: while that has not used up the least budget of the pairs that
+        # were not asked, the same pairs are asked again and no budget is looked at
+        self._envelope = envelope
         self._spare, self._travelled = -np.inf, np.zeros(system.nv)
+        self._due = np.zeros(0, dtype=np.intp)
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         """Return at least one contact of each of the given pairs, all their points within the tolerance included."""
@@ -97,25 +100,14 @@ class Pairs:
         travel : ndarray, shape (nv,), or None
             |difference| to the configuration of the last call; None asks every pair.
         """
-        if travel is None:
-            self._budget[:] = self._spare = -np.inf
-        else:
-            self._travelled += travel
-            self._spare -= self._envelope @ travel
-            if self._spare > tolerance:
-                return None
-            self._budget -= self._reach @ self._travelled
-        self._travelled[:] = 0.0
-        self._spare = least(self._budget)
-        if self._spare > tolerance:
+        due = self._due_pairs(tolerance, travel)
+        if not due.size:
             return None
-        due = (self._budget <= tolerance).nonzero()[0]
         pair, gap, point, normal = self.contacts(q, due, tolerance)
-        if pair.size == due.size:
-            self._budget[due] = gap
-        else:
-            self._budget[due] = np.minimum.reduceat(gap, np.searchsorted(pair, due))
-        if np.maximum.reduce(gap) > tolerance:
+        if most(gap) > tolerance:
+            # some pair was asked in vain, and its budget is known anew; one that touches stays due
+            self._spare = -np.inf
+            self._budget[due] = gap if pair.size == due.size else np.minimum.reduceat(gap, np.searchsorted(pair, due))
             near = (gap <= tolerance).nonzero()[0]
             if not near.size:
                 return None
@@ -123,6 +115,21 @@ class Pairs:
         first, second = self._first_body.take(pair), self._second_body.take(pair)
         rows = self.system.separation_rows(q, first, second, point, normal)
         return Rows(pair, gap, rows, self.restitution.take(pair), point, normal)
+
+    def _due_pairs(self, tolerance: float, travel: Array | None) -> Array:
+        """Return the pairs whose budgets are spent."""
+        if travel is None:
+            self._budget[:] = -np.inf
+        else:
+            self._travelled += travel
+            if self._travelled.dot(self._envelope) < self._spare:
+                return self._due
+            self._budget -= self._reach @ self._travelled
+        self._travelled[:] = 0.0
+        due = self._budget <= tolerance
+        self._due = due.nonzero()[0]
+        self._spare = float(np.where(due, np.inf, self._budget).min()) - tolerance
+        return self._due
 
     def _nearest(self, q: Array) -> Contacts:
         pairs = np.arange(len(self.names))

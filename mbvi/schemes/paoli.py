@@ -35,6 +35,6 @@ class Paoli:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, _NONE, _NONE, _NONE, 0.0)
         metric, J = system.metric(q), active.jacobian
         free = system.free_velocity(t, q, v, h, metric)
-        before = J @ v
-        velocity, percussion, residual = projector.project(free, metric, J, -active.restitution * before)
-        return Step(t, q, velocity, active, percussion, before, J @ free, J @ velocity, residual)
+        before, pushed = J.dot(v), J.dot(free)
+        velocity, percussion, residual = projector.project(free, metric, J, -active.restitution * before, pushed)
+        return Step(t, q, velocity, active, percussion, before, pushed, J.dot(velocity), residual)

@@ -17,8 +17,8 @@ Control = Callable[[float, Array, Array], Array]
 # a reach nobody can be sure of; finite, so that it is no NaN times a velocity of zero
 _UNBOUNDED = 1e300
 
-# (a b') flattened, times this, is a x b
-_CROSS = np.cross(np.repeat(np.eye(3), 3, axis=0), np.tile(np.eye(3), (3, 1)))
+# a x b is the first three less the last three of a[left] b[right]
+_CROSS_LEFT, _CROSS_RIGHT = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 
 
 class ArticulatedSystem:
@@ -125,10 +125,15 @@ class ArticulatedSystem:
         self._refresh(q)
         wrench = np.empty((len(point), 6))
         wrench[:, :3] = normal
-        # point x normal, as one product
-        wrench[:, 3:] = (point[:, :, None] * normal[:, None, :]).reshape(-1, 9) @ _CROSS
-        rows = wrench @ self._columns
-        rows *= self._support.take(second, 0) - self._support.take(first, 0)
+        # point x normal
+        terms = point.take(_CROSS_LEFT, 1)
+        terms *= normal.take(_CROSS_RIGHT, 1)
+        np.subtract(terms[:, :3], terms[:, 3:], out=wrench[:, 3:])
+        rows = wrench.dot(self._columns)
+        moved = self._support.take(second, 0)
+        if np.count_nonzero(first):
+            moved -= self._support.take(first, 0)
+        rows *= moved
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
