@@ -58,6 +58,8 @@ class Projector:
         self.residual = residual
         self._solver = ProxQP()
         self._contradiction = False
+        # percussions of the last projection that the first guess did not settle
+        self._last = np.zeros(0)
 
     def project(self, x: Array, metric: Metric, J: Array, lower: Array, speed: Array | None = None) -> Projection:
         """Project x; see `project`, whose checks this leaves out. `speed` is J x where the caller has it."""
@@ -92,18 +94,20 @@ class Projector:
             return Projection(x, np.zeros(len(missing)), 0.0)
         missing /= lengths
         scale = missing.max()
-        (z, p), residual = self._solve(columns / lengths, missing / scale)
+        last = self._last * lengths / scale if len(self._last) == len(missing) else None
+        (z, p), residual = self._solve(columns / lengths, missing / scale, last)
         residual *= scale / max(largest, scale)
         # written so that a NaN is refused too
         if not residual <= self.residual:
             raise self._failure(x, metric, J, lower, residual)
-        return Projection(x + scale * metric.unwhiten(z), scale * p / lengths, residual)
+        self._last = scale * p / lengths
+        return Projection(x + scale * metric.unwhiten(z), self._last, residual)
 
-    def _solve(self, A: Array, d: Array) -> tuple[Candidate, float]:
-        """Return the best candidate for min |z|^2, A' z >= d and its residual."""
+    def _solve(self, A: Array, d: Array, last: Array | None) -> tuple[Candidate, float]:
+        """Return the best candidate for min |z|^2, A' z >= d and its residual; `last` are multipliers to start from."""
         best, least = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
         self._contradiction = False
-        for candidate in self._candidates(A, d):
+        for candidate in self._candidates(A, d, last):
             if candidate is None:
                 continue
             residual = kkt_residual(A, d, candidate)
@@ -115,11 +119,11 @@ class Projector:
                 break
         return best, least
 
-    def _candidates(self, A: Array, d: Array) -> Iterator[Candidate | None]:
-        """Yield the cheapest first: a guess at the active set, ProxQP's, ProxQP itself, an exact method."""
+    def _candidates(self, A: Array, d: Array, last: Array | None) -> Iterator[Candidate | None]:
+        """Yield the cheapest first: the last active set or a guess at it, ProxQP's, ProxQP itself, an exact method."""
         G = A.T @ A
         if len(d) <= _FEW:
-            yield solve_on(A, G, d, d > 0.0)
+            yield solve_on(A, G, d, d > 0.0) if last is None else solve_on(A, G, d, last > 0.0, last)
         p = np.maximum(self._solver.solve(G, d), 0.0)
         yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
         yield Candidate(A @ p, p)
