@@ -110,7 +110,7 @@ class HalfSpaceContacts(Pairs):
             moving,
         )
 
-    def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:  # noqa: D102
+    def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         chosen = self._select(pairs)
         R, origin = self.system.placements(q, chosen.bodies)
         if chosen.moving:

@@ -71,7 +71,7 @@ class SignedDistances(Pairs):
             placed = self._placed[k]
             self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + shift)
 
-    def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:  # noqa: D102
+    def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         self._place(q, pairs)
         pair, gap, point, normal = [], [], [], []
         for k in pairs:

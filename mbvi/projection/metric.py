@@ -70,16 +70,16 @@ class DenseMetric:
                 "check masses, inertias and the coordinates' redundancy"
             )
 
-    def apply(self, w: Array) -> Array:  # noqa: D102
+    def apply(self, w: Array) -> Array:
         return self.dense() @ w
 
-    def whiten(self, w: Array) -> Array:  # noqa: D102
+    def whiten(self, w: Array) -> Array:
         return _triangular(self.upper, w, 1)
 
-    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+    def unwhiten(self, y: Array) -> Array:
         return _triangular(self.upper, y, 0)
 
-    def dense(self) -> Array:  # noqa: D102
+    def dense(self) -> Array:
         upper = np.triu(self.matrix)
         return upper + np.triu(upper, 1).T
 
@@ -104,15 +104,15 @@ class DiagonalMetric:
         self.diagonal = diagonal
         self.root = np.sqrt(diagonal)
 
-    def apply(self, w: Array) -> Array:  # noqa: D102
+    def apply(self, w: Array) -> Array:
         return (self.diagonal * w.T).T
 
-    def whiten(self, w: Array) -> Array:  # noqa: D102
+    def whiten(self, w: Array) -> Array:
         return (w.T / self.root).T
 
     unwhiten = whiten
 
-    def dense(self) -> Array:  # noqa: D102
+    def dense(self) -> Array:
         return np.diag(self.diagonal)
 
 
@@ -134,16 +134,16 @@ class BodiesMetric:
     def _each(blocks: Array, w: Array) -> Array:
         return (blocks @ w.reshape(len(blocks), 6, -1)).reshape(w.shape)
 
-    def apply(self, w: Array) -> Array:  # noqa: D102
+    def apply(self, w: Array) -> Array:
         return self._each(self.blocks, w)
 
-    def whiten(self, w: Array) -> Array:  # noqa: D102
+    def whiten(self, w: Array) -> Array:
         return self._each(self.inverse_lower, w)
 
-    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+    def unwhiten(self, y: Array) -> Array:
         return self._each(self.inverse_upper, y)
 
-    def dense(self) -> Array:  # noqa: D102
+    def dense(self) -> Array:
         n = 6 * len(self.blocks)
         full = np.zeros((n, n))
         for k, block in enumerate(self.blocks):
@@ -166,16 +166,16 @@ class BlockMetric:
         self.parts = parts
         self.slices = slices
 
-    def apply(self, w: Array) -> Array:  # noqa: D102
+    def apply(self, w: Array) -> Array:
         return np.concatenate([p.apply(w[s]) for p, s in zip(self.parts, self.slices, strict=True)])
 
-    def whiten(self, w: Array) -> Array:  # noqa: D102
+    def whiten(self, w: Array) -> Array:
         return np.concatenate([p.whiten(w[s]) for p, s in zip(self.parts, self.slices, strict=True)])
 
-    def unwhiten(self, y: Array) -> Array:  # noqa: D102
+    def unwhiten(self, y: Array) -> Array:
         return np.concatenate([p.unwhiten(y[s]) for p, s in zip(self.parts, self.slices, strict=True)])
 
-    def dense(self) -> Array:  # noqa: D102
+    def dense(self) -> Array:
         n = self.slices[-1].stop
         full = np.zeros((n, n))
         for p, s in zip(self.parts, self.slices, strict=True):

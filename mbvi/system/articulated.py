@@ -65,10 +65,10 @@ class ArticulatedSystem:
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
 
-    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+    def integrate(self, q: Array, dv: Array) -> Array:
         return pin.integrate(self.model, q, dv)
 
-    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+    def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)
 
     def _refresh(self, q: Array) -> None:
@@ -80,7 +80,7 @@ class ArticulatedSystem:
             self._metric = None
             self._key = key
 
-    def metric(self, q: Array) -> DenseMetric:  # noqa: D102
+    def metric(self, q: Array) -> DenseMetric:
         self._refresh(q)
         if self._metric is None:
             self._metric = DenseMetric(self._mass)
@@ -94,11 +94,11 @@ class ArticulatedSystem:
             raise InputError(f"control returned shape {tau.shape}; this robot asks for ({self.nv},)")
         return tau
 
-    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+    def force(self, t: float, q: Array, v: Array) -> Array:
         g = self._torque(t, q, v) - pin.nonLinearEffects(self.model, self._data, q, v)
         return g - self.damping * v if self._damped else g
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
         if not self._damped and metric is None:
             if q.tobytes() != self._key:
                 self._key = None
@@ -111,17 +111,17 @@ class ArticulatedSystem:
         assert metric is not None
         return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v)))
 
-    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+    def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
 
-    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+    def potential_energy(self, t: float, q: Array) -> float:
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
         self._refresh(q)
         return np.array([self._rotations[b] for b in bodies]), np.array([self._origins[b] for b in bodies])
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         self._refresh(q)
         wrench = np.empty((len(point), 6))
         wrench[:, :3] = normal
@@ -136,7 +136,7 @@ class ArticulatedSystem:
         rows *= moved
         return rows
 
-    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
         distance = radius + float(np.linalg.norm(centre))
         for joint in reversed(list(self.model.supports[body])[1:]):

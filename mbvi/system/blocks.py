@@ -40,30 +40,30 @@ class BlockSystem:
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
 
-    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+    def integrate(self, q: Array, dv: Array) -> Array:
         return np.concatenate([b.system.integrate(q[b.q], dv[b.v]) for b in self.blocks])
 
-    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+    def difference(self, q0: Array, q1: Array) -> Array:
         return np.concatenate([b.system.difference(q0[b.q], q1[b.q]) for b in self.blocks])
 
-    def metric(self, q: Array) -> BlockMetric:  # noqa: D102
+    def metric(self, q: Array) -> BlockMetric:
         return BlockMetric([b.system.metric(q[b.q]) for b in self.blocks], self._slices)
 
-    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+    def force(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.force(t, q[b.q], v[b.v]) for b in self.blocks])
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
         parts = metric.parts if isinstance(metric, BlockMetric) else [None] * len(self.blocks)
         free = [b.system.free_velocity(t, q[b.q], v[b.v], h, part) for b, part in zip(self.blocks, parts, strict=True)]
         return np.concatenate(free)
 
-    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+    def kinetic_energy(self, q: Array, v: Array) -> float:
         return sum(b.system.kinetic_energy(q[b.q], v[b.v]) for b in self.blocks)
 
-    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+    def potential_energy(self, t: float, q: Array) -> float:
         return sum(b.system.potential_energy(t, q[b.q]) for b in self.blocks)
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
         number = np.asarray(bodies)
         R, origin = np.empty((len(number), 3, 3)), np.empty((len(number), 3))
         for b in self.blocks:
@@ -76,7 +76,7 @@ class BlockSystem:
     def _inside(b: _Block, bodies: Array) -> Array:
         return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         rows = np.zeros((len(point), self.nv))
         for b in self.blocks:
             sides = [np.where(self._inside(b, side), side - b.first_body, 0) for side in (first, second)]
@@ -86,7 +86,7 @@ class BlockSystem:
                 rows[here, b.v] = part
         return rows
 
-    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
         b = next(b for b in reversed(self.blocks) if b.first_body < body)
         reach = np.zeros(self.nv)
         reach[b.v] = b.system.reach(body - b.first_body, centre, radius)

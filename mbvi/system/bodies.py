@@ -34,32 +34,32 @@ class Spheres:
         self._metric = DiagonalMetric(np.repeat(masses, 3))
         self._gravity = np.tile(gravity, len(masses))
 
-    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+    def integrate(self, q: Array, dv: Array) -> Array:
         return q + dv
 
-    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+    def difference(self, q0: Array, q1: Array) -> Array:
         return q1 - q0
 
-    def metric(self, q: Array) -> Metric:  # noqa: D102
+    def metric(self, q: Array) -> Metric:
         return self._metric
 
-    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+    def force(self, t: float, q: Array, v: Array) -> Array:
         return self._metric.diagonal * self._gravity
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
         return v + h * self._gravity
 
-    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+    def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ (self._metric.diagonal * v))
 
-    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+    def potential_energy(self, t: float, q: Array) -> float:
         return float(-q @ (self._metric.diagonal * self._gravity))
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
         centres = q.reshape(-1, 3)[np.asarray(bodies, dtype=np.intp) - 1]
         return np.broadcast_to(np.eye(3), (len(centres), 3, 3)), centres
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
             here = np.flatnonzero(side)
@@ -67,7 +67,7 @@ class Spheres:
             rows[here[:, None], columns] += sign * normal[here]
         return rows
 
-    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
         reach[3 * body - 3 : 3 * body] = 1.0
         return reach
@@ -105,7 +105,7 @@ class FreeBodies:
         self._metric = BodiesMetric(blocks)
         self._weight = masses[:, None] * gravity
 
-    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+    def integrate(self, q: Array, dv: Array) -> Array:
         old, step = q.reshape(-1, 7), dv.reshape(-1, 6)
         new = np.empty_like(old)
         new[:, :3] = old[:, :3] + step[:, :3]
@@ -113,17 +113,17 @@ class FreeBodies:
         new[:, 3:] /= np.sqrt(np.einsum("ij,ij->i", new[:, 3:], new[:, 3:]))[:, None]
         return new.reshape(-1)
 
-    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+    def difference(self, q0: Array, q1: Array) -> Array:
         old, new = q0.reshape(-1, 7), q1.reshape(-1, 7)
         dv = np.empty((len(old), 6))
         dv[:, :3] = new[:, :3] - old[:, :3]
         dv[:, 3:] = rotations.log(rotations.compose(rotations.conjugate(old[:, 3:]), new[:, 3:]))
         return dv.reshape(-1)
 
-    def metric(self, q: Array) -> Metric:  # noqa: D102
+    def metric(self, q: Array) -> Metric:
         return self._metric
 
-    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+    def force(self, t: float, q: Array, v: Array) -> Array:
         g = np.empty((len(self._masses), 6))
         spin = v.reshape(-1, 6)[:, 3:]
         momentum = np.einsum("kij,kj->ki", self._inertias, spin)
@@ -133,20 +133,20 @@ class FreeBodies:
         g[:, 5] = momentum[:, 0] * spin[:, 1] - momentum[:, 1] * spin[:, 0]
         return g.reshape(-1)
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
         return v + h * self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
 
-    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+    def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ self._metric.apply(v))
 
-    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+    def potential_energy(self, t: float, q: Array) -> float:
         return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
         poses = q.reshape(-1, 7)[np.asarray(bodies, dtype=np.intp) - 1]
         return rotations.matrices(poses[:, 3:]), poses[:, :3]
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
             here = np.flatnonzero(side)
@@ -156,7 +156,7 @@ class FreeBodies:
             rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
         return rows
 
-    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
         reach[6 * body - 6 : 6 * body - 3] = 1.0
         reach[6 * body - 3 : 6 * body] = radius + float(np.linalg.norm(centre))

@@ -50,13 +50,13 @@ class LagrangianSystem:
         self.bodies = ("world",)
         self._mass, self._force, self._potential = mass, force, potential
 
-    def integrate(self, q: Array, dv: Array) -> Array:  # noqa: D102
+    def integrate(self, q: Array, dv: Array) -> Array:
         return q + dv
 
-    def difference(self, q0: Array, q1: Array) -> Array:  # noqa: D102
+    def difference(self, q0: Array, q1: Array) -> Array:
         return q1 - q0
 
-    def metric(self, q: Array) -> Metric:  # noqa: D102
+    def metric(self, q: Array) -> Metric:
         M = np.asarray(self._mass(q), dtype=float)
         return as_metric(M, self.nv) if M.ndim != 2 or len(M) != self.nv else DenseMetric(M)
 
@@ -65,31 +65,31 @@ class LagrangianSystem:
         as_metric(np.asarray(self._mass(q), dtype=float), self.nv)
         self.force(t, q, v)
 
-    def force(self, t: float, q: Array, v: Array) -> Array:  # noqa: D102
+    def force(self, t: float, q: Array, v: Array) -> Array:
         g = np.asarray(self._force(t, q, v), dtype=float)
         if g.shape != (self.nv,):
             raise InputError(f"force returned shape {g.shape}; ({self.nv},) is asked for")
         return g
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:  # noqa: D102
+    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
         metric = metric or self.metric(q)
         return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v)))
 
-    def kinetic_energy(self, q: Array, v: Array) -> float:  # noqa: D102
+    def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ np.asarray(self._mass(q), dtype=float) @ v)
 
-    def potential_energy(self, t: float, q: Array) -> float:  # noqa: D102
+    def potential_energy(self, t: float, q: Array) -> float:
         if self._potential is not None:
             return float(self._potential(q))
         rest = np.zeros(self.nv)
         work = sum(w * (self.force(t, s * q, rest) @ q) for s, w in zip(_NODES, _WEIGHTS, strict=True))
         return -float(work)
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:  # noqa: D102
+    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
         raise InputError("a LagrangianSystem has no bodies: its constraints are GapFunctions")
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:  # noqa: D102
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         return np.zeros((len(point), self.nv))
 
-    def reach(self, body: int, centre: Array, radius: float) -> Array:  # noqa: D102
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
         return np.zeros(self.nv)
