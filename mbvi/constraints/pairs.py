@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from ..extrema import most
 from ..system import System
@@ -68,13 +67,14 @@ class Pairs:
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
         reaches: dict[str, Array] = {}
         rows, envelope = [], np.zeros(system.nv)
+        dense = len(second) * system.nv <= _DENSE_REACH
         for a, b in zip(first, second, strict=True):
             sides = [np.zeros(system.nv) if s is None else _reach(system, s, reaches) for s in (a, b)]
             # velocities that carry both sides leave their distance as it is
             row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
             np.maximum(envelope, row, out=envelope)
-            rows.append(row if len(second) * system.nv <= _DENSE_REACH else sparse.csr_array(row[None]))
-        self._reach = np.array(rows) if len(second) * system.nv <= _DENSE_REACH else sparse.vstack(rows, format="csr")
+            rows.append(row if dense else _sparse().csr_array(row[None]))
+        self._reach = np.array(rows) if dense else _sparse().vstack(rows, format="csr")
         self._budget = np.full(len(self.names), -np.inf)
         # no pair nears faster than the envelope says: while that has not used up the least budget of the pairs that
         # were not asked, the same pairs are asked again and no budget is looked at
@@ -154,3 +154,10 @@ def _reach(system: System, placed: PlacedShape, known: dict[str, Array]) -> Arra
     if placed.name not in known:
         known[placed.name] = system.reach(placed.body, placed.position, placed.shape.bound)
     return known[placed.name]
+
+
+def _sparse() -> Any:
+    # imported here for its weight: only scenes of many pairs need it
+    from scipy import sparse
+
+    return sparse

@@ -10,7 +10,6 @@ from typing import Any
 
 import coal
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import InputError
 
@@ -186,7 +185,10 @@ class Hull(_Polyhedron):
         return self.mass_properties(mass)[1]
 
 
-def _qhull(points: Array) -> ConvexHull:
+def _qhull(points: Array) -> Any:
+    # half of this package's import time, for meshes only
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         return ConvexHull(points)
     except (QhullError, ValueError) as error:

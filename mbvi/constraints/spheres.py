@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..system import System
 from .active import Array, Rows
@@ -60,6 +59,9 @@ class SphereContacts:
         return len(self._radii) ** 2
 
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
+        # imported here for its weight: only scenes of spheres need it
+        from scipy.spatial import cKDTree
+
         centres = q[self._where].reshape(-1, 3)
         pairs = cKDTree(centres).query_pairs(self._largest + max(tolerance, 0.0), output_type="ndarray")
         i, j = pairs[:, 0], pairs[:, 1]

@@ -45,12 +45,6 @@ class Scene:
             gravity=vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
         )
 
-    @classmethod
-    def _from_items(cls, items: SceneItems) -> Scene:
-        scene = cls()
-        scene._items = items
-        return scene
-
     def add_halfspace(self, normal: Sequence[float] | Array, offset: float = 0.0, name: str | None = None) -> str:
         """Add a wall or floor: free where normal . x >= offset.
 
