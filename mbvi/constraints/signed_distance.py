@@ -18,7 +18,7 @@ _FINE, _ROBUST = 1e-9, 1e-6
 # how much deeper the fine answer may be than the robust one, in radii of the smaller shape
 _AGREEMENT = 1e-4
 # how far Coal's normal may be off where the distance vanishes, and where it does not [rad]
-_MOST_TURN, _LEAST_TURN = 0.05, 1e-5
+_MOST_TURN, _LEAST_TURN = 0.3, 1e-5
 # how deep below the touching plane a vertex may lie and still be looked at, in radii of the smaller shape
 _PATCH_DEPTH = 0.02
 
@@ -78,14 +78,15 @@ class SignedDistances(Pairs):
             a, b = self._sides[k]
             distance, result = self._measure(k)
             n = np.array(result.normal)
+            middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
             if distance <= tolerance:
                 n = self._sharpened(k, n, distance)
             found = None
             if distance <= tolerance and not (self._placed[a].shape.smooth or self._placed[b].shape.smooth):
-                found = self._patches.find((a, b), (self._pose[a], self._pose[b]), n)
+                found = self._patches.find((a, b), (self._pose[a], self._pose[b]), middle, n, distance)
             if found is None:
                 gap.append(np.array([distance]))
-                point.append(0.5 * (result.getNearestPoint1() + result.getNearestPoint2())[None])
+                point.append(middle[None])
             else:
                 point.append(found[0])
                 # no line along the normal crosses more than the depth
@@ -130,32 +131,28 @@ class _PatchFinder:
     """The polygon two flat faces share, each of its corners with a gap of its own.
 
     Coal gives one depth for the whole patch; the gap of a corner is measured between the two surfaces along the normal.
+    Its own search for the contact, whose normal is noise where faces just touch, is left out: both are given.
     """
 
     def __init__(self, geometry: list, placed: list[PlacedShape]) -> None:
         self._geometry, self._placed = geometry, placed
         self._functors: dict[tuple[int, int], tuple] = {}
-        self._collision = coal.CollisionRequest()
-        self._collision.gjk_tolerance = self._collision.epa_tolerance = _FINE
-        self._collision.num_max_contacts = 1
         self._contacts, self._patch = coal.CollisionResult(), coal.ContactPatchResult()
 
-    def find(self, sides: tuple[int, int], poses: tuple, normal: Array) -> tuple[Array, Array] | None:
+    def find(
+        self, sides: tuple[int, int], poses: tuple, point: Array, normal: Array, distance: float
+    ) -> tuple[Array, Array] | None:
         """Return points, shape (k, 3), and gaps, shape (k,), of two or more points, or None."""
         a, b = sides
-        bound = min(self._placed[a].shape.bound, self._placed[b].shape.bound)
+        geometry = self._geometry[a], self._geometry[b]
         if sides not in self._functors:
             request = coal.ContactPatchRequest()
-            request.setPatchTolerance(_PATCH_DEPTH * bound)
-            geometry = self._geometry[a], self._geometry[b]
-            self._functors[sides] = coal.ComputeCollision(*geometry), coal.ComputeContactPatch(*geometry), request
-        collide, patch_of, request = self._functors[sides]
+            request.setPatchTolerance(_PATCH_DEPTH * min(self._placed[k].shape.bound for k in sides))
+            self._functors[sides] = coal.ComputeContactPatch(*geometry), request
+        patch_of, request = self._functors[sides]
         self._contacts.clear()
         self._patch.clear()
-        self._collision.security_margin = 1e-3 * bound
-        collide(*poses, self._collision, self._contacts)
-        if not self._contacts.numContacts():
-            return None
+        self._contacts.addContact(coal.Contact(*geometry, -1, -1, point, normal, distance))
         patch_of(*poses, self._contacts, request, self._patch)
         if not self._patch.numContactPatches():
             return None
