@@ -14,6 +14,8 @@ from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
 _SAME_POINT = 0.1
+# a run may repeat itself at every step
+_MOST_NOTES = 20
 
 
 class Recorder:
@@ -128,4 +130,5 @@ class Recorder:
     def _say(self, note: str) -> None:
         if not self.notes:
             warnings.warn(note, MbviWarning, stacklevel=6)
-        self.notes.append(note)
+        if len(self.notes) < _MOST_NOTES:
+            self.notes.append(note)

@@ -1,6 +1,8 @@
 """Gaps and gradients of every kind of constraint: against finite differences, closed forms and Coal itself."""
 
+import tracemalloc
 from functools import partial
+from itertools import islice
 
 import coal
 import numpy as np
@@ -70,8 +72,8 @@ def test_gradient_to_a_half_space(shape, rng):
 @pytest.mark.parametrize("second", SHAPES, ids=lambda s: type(s).__name__)
 @pytest.mark.parametrize("apart", [1.0, 0.12])
 def test_gradient_of_a_signed_distance(first, second, apart, rng):
-    system = bodies(2)
-    for _ in range(3):
+    system, compared = bodies(2), 0
+    for _ in range(6):
         shapes = placed(first, 1, rng), placed(second, 2, rng)
         contacts = SignedDistances(system, [shapes[0]], [shapes[1]], ["pair"], np.zeros(1))
         direction = rng.normal(size=3)
@@ -80,11 +82,13 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
         numeric = difference_quotient(system, partial(coal_distance, contacts), q, shift)
         gradient = contacts.gradient(0.0, q) if apart == 1.0 else nearest_gradient(contacts, system, q)
         # where two features are equally near the distance has a kink; no gradient to compare with
-        one_sided = difference_quotient(system, partial(coal_distance, contacts), q, 10 * shift)
-        if np.abs(one_sided - numeric).max() < 1e-4:
+        coarser = difference_quotient(system, partial(coal_distance, contacts), q, 10 * shift)
+        if np.abs(coarser - numeric).max() < 1e-4:
             # Coal's penetration depth is iterative for curved shapes, and its normal good to the third digit there
             curved = apart < 1.0 and {type(first), type(second)} & {Ellipsoid, Capsule, Cylinder}
             np.testing.assert_allclose(gradient, numeric, atol=3e-3 if curved else 1e-4)
+            compared += 1
+    assert compared >= 2
 
 
 def coal_distance(contacts, q):
@@ -235,6 +239,37 @@ def test_far_pairs_are_not_asked_and_near_ones_never_missed(rng):
         if k == 600:
             break
     assert 0 < sum(asked) < 0.3 * total
+
+
+def test_two_problems_that_share_constraints_do_not_mislead_each_other():
+    def ball():
+        scene = mbvi.Scene(restitution=0.5)
+        scene.add_halfspace((0, 0, 1))
+        scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.5))
+        scene.add_capsule(0.1, 0.2, position=(0.02, 0, 1.0))
+        return scene.build()
+
+    first = ball()
+    higher = first.q0 + np.array([0, 0, 3.0, 0, 0, 0, 0] * 2)
+    second = mbvi.Problem(first.system, first.constraints.constraints, higher, first.v0)
+    alone = mbvi.steps(ball(), step=1e-3)
+    both = zip(mbvi.steps(first, step=1e-3), mbvi.steps(second, step=1e-3), alone, strict=True)
+    for step, _, expected in islice(both, 600):
+        np.testing.assert_array_equal(step.q, expected.q)
+    assert step.q[2] > 0.05
+
+
+def test_a_thousand_spheres_are_built_without_listing_their_pairs():
+    grid = np.stack(np.meshgrid(*[np.arange(10)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    scene.add_spheres(0.2 + 0.25 * grid, 0.1, 1.0)
+    tracemalloc.start()
+    assert scene.build().system.nv == 3000
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # half a million pairs with their gradients would take twelve gigabytes
+    assert peak < 3e8
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)

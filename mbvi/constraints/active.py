@@ -38,7 +38,10 @@ class Rows(NamedTuple):
 
 
 class Constraint(Protocol):
-    """What a new constraint must give; `active`, `names` and `restitution` are optional beside it."""
+    """What a new constraint must give; `active`, `names` and `restitution` are optional beside it.
+
+    One that remembers between calls of `active` has an attribute `asked_by`, which whoever asks sets to itself.
+    """
 
     def gap(self, t: float, q: Array) -> Array | float:
         """Return f at (t, q): a number, or shape (m,)."""

@@ -41,6 +41,7 @@ class AdmissibleSet:
         ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
         self._asked = list(zip(ask, self._starts[:-1], restitution, strict=True))
         self._last: Array | None = None
+        self._remembering: list[Any] = [c for c in self.constraints if hasattr(c, "asked_by")]
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
@@ -70,6 +71,10 @@ class AdmissibleSet:
             Activation tolerance [m or rad].
         """
         travel = None if self._last is None else np.abs(self.system.difference(self._last, q))
+        for constraint in self._remembering:
+            # constraints may be shared: what they remember belongs to whoever asked last
+            if constraint.asked_by is not self:
+                constraint.asked_by, travel = self, None
         self._last = q.copy()
         found = []
         for ask, start, e in self._asked:
@@ -96,8 +101,11 @@ class AdmissibleSet:
         return np.concatenate([np.zeros((0, self.system.nv)), *rows])
 
     def check(self, t: float, q: Array) -> None:
-        """Raise `InputError` unless every gap is a finite number and every gradient has shape (nv,)."""
+        """Raise `InputError` unless the gaps given by a user are finite and their gradients have shape (nv,)."""
         for k, constraint in enumerate(self.constraints):
+            # those that choose their rows are the library's own, and may have too many to list
+            if hasattr(constraint, "active"):
+                continue
             gap = np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))
             name = self.name(self._starts[k]) if gap.size else "constraint"
             if not np.isfinite(gap).all():

@@ -46,6 +46,7 @@ class JointLimits:
         self._offset = -self._sign * bound[kept]
         self._position, self._velocity = np.asarray(position)[joint], np.asarray(velocity)[joint]
         self._nv = nv
+        self.asked_by: object = None
         self._spare = -np.inf
         self.restitution = e[joint]
         self.names = tuple(

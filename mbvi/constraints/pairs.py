@@ -61,6 +61,7 @@ class Pairs:
         restitution: Array,
     ) -> None:
         self.system = system
+        self.asked_by: object = None
         self.names = tuple(names)
         self.restitution = restitution
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)

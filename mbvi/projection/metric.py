@@ -36,16 +36,6 @@ class Metric(Protocol):
         ...
 
 
-def solve(metric: Metric, w: Array) -> Array:
-    """Return M^-1 w."""
-    return metric.unwhiten(metric.whiten(w))
-
-
-def norm(metric: Metric, w: Array) -> float:
-    """Return |w|_M [J^(1/2) up to the factor 2^(1/2)]."""
-    return float(np.sqrt(max(w @ metric.apply(w), 0.0)))
-
-
 class DenseMetric:
     """One full block, of which only the upper triangle is read.
 

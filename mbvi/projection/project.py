@@ -105,19 +105,19 @@ class Projector:
 
     def _solve(self, A: Array, d: Array, last: Array | None) -> tuple[Candidate, float]:
         """Return the best candidate for min |z|^2, A' z >= d and its residual; `last` are multipliers to start from."""
-        best, least = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
+        best, smallest = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
         self._contradiction = False
         for candidate in self._candidates(A, d, last):
             if candidate is None:
                 continue
             residual = kkt_residual(A, d, candidate)
-            if residual < least:
-                best, least = candidate, residual
+            if residual < smallest:
+                best, smallest = candidate, residual
             # a huge z may be a wrong one, so that it does not excuse any residual
             rounding = _ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3)
             if residual <= (rounding if len(d) <= _FEW else 1e-3 * self.residual):
                 break
-        return best, least
+        return best, smallest
 
     def _candidates(self, A: Array, d: Array, last: Array | None) -> Iterator[Candidate | None]:
         """Yield the cheapest first: the last active set or a guess at it, ProxQP's, ProxQP itself, an exact method."""
@@ -248,7 +248,8 @@ def impact(v: Array, M: Array | Metric, J: Array, e: Array | float) -> Array:
 
 def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:
     """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
-    x = np.asarray(x, dtype=float)
+    # a copy: where nothing is violated it is what is returned
+    x = np.array(x, dtype=float)
     J = np.ascontiguousarray(J, dtype=float)
     if x.ndim != 1:
         raise InputError(f"the velocity has shape {x.shape}; (nv,) is asked for")
