@@ -68,12 +68,9 @@ class Problem:
         self.t0, self.length, self.scene = float(t0), float(length), scene
         self.restitution = check_restitution(restitution, len(constraints))
         self.constraints = AdmissibleSet(system, constraints, self.restitution)
+        # gap at and below which a constraint is active [m or rad]
+        self.tolerance = _ACTIVATION * self.length
         self._check()
-
-    @property
-    def tolerance(self) -> float:
-        """Gap at and below which a constraint is active [m or rad]."""
-        return _ACTIVATION * self.length
 
     def _check(self) -> None:
         if hasattr(self.system, "check"):

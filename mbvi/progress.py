@@ -33,17 +33,18 @@ class Progress:
     def __enter__(self) -> Progress:
         return self
 
-    def poll(self, done: int) -> None:
-        """Say that `done` steps are taken."""
+    def poll(self, done: int) -> float:
+        """Say that `done` steps are taken; return when to say so again."""
         now = time.perf_counter()
         if now < self._next:
-            return
+            return self._next
         self._next = now + 0.1
         expected = (now - self._start) / done * self._total
         if self._bar is None and (self._always or expected > _LONG):
             self._bar = tqdm(total=self._total, unit="step", unit_scale=True)
         if self._bar is not None:
             self._bar.update(done - self._bar.n)
+        return self._next
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

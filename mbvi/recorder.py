@@ -6,16 +6,77 @@ import warnings
 
 import numpy as np
 
+from .compiled import kernel
 from .errors import MbviWarning
-from .extrema import least
 from .problem import Problem
 from .schemes import Step
 from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
 _SAME_POINT = 0.1
+# [m/s, rad/s]; what approaches more slowly does not close
+_STILL = 1e-12
 # a run may repeat itself at every step
 _MOST_NOTES = 20
+
+
+def _note_plain(
+    k: int, keep: bool, t: float, q: Array, v: Array, gap: Array, rates: Array, residual: float,
+    times: Array, qs: Array, vs: Array, penetration: Array, residuals: Array,
+) -> bool:  # fmt: skip
+    """Write state k, if it is to be kept, with the largest residual since the last; tell if an impact is possible.
+
+    A row closes when it approaches faster than the forces of one step explain.
+
+    Parameters
+    ----------
+    k, keep : int and bool
+        Which state this is or will be, and whether it is to be kept.
+    t, q, v, gap, rates, residual
+        Of a `Step`.
+    times, qs, vs, penetration, residuals : ndarray
+        Where states are kept, one a row.
+    """
+    residuals[k] = max(residuals[k], residual)
+    if keep:
+        times[k], qs[k], vs[k] = t, q, v
+        penetration[k] = -min(gap.min(initial=0.0), 0.0)
+    percussion, free, _, before = rates
+    closing = before + 2.0 * np.abs(free - before) < -_STILL
+    return bool((closing & (percussion > 0.0)).any())
+
+
+@kernel(
+    "b1(i8, b1, f8, f8[::1], f8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])",
+    plain=_note_plain,
+)
+def _note(
+    k: int,
+    keep: bool,
+    t: float,
+    q: Array,
+    v: Array,
+    gap: Array,
+    rates: Array,
+    residual: float,
+    times: Array,
+    qs: Array,
+    vs: Array,
+    penetration: Array,
+    residuals: Array,
+) -> bool:
+    residuals[k] = max(residuals[k], residual)
+    deepest, impact = 0.0, False
+    for a in range(len(gap)):
+        deepest = min(deepest, gap[a])
+        percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
+        impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -_STILL)
+    if keep:
+        times[k] = t
+        qs[k] = q
+        vs[k] = v
+        penetration[k] = -deepest
+    return impact
 
 
 class Recorder:
@@ -43,18 +104,15 @@ class Recorder:
 
     def step(self, step: Step, keep: bool) -> None:
         """Take note of a step: its impacts always, its state if `keep`."""
-        k = self.count
-        if step.percussion.size:
-            if step.residual > self.residual.item(k):
-                self.residual[k] = step.residual
+        t, q, v, active, rates, residual = step
+        impact = _note(
+            self.count, keep, t, q, v, active.gap, rates, residual,
+            self.t, self.q, self.v, self.penetration, self.residual,
+        )  # fmt: skip
+        if impact:
             self._impact(step)
         if keep:
-            self.t[k], self.q[k], self.v[k] = step.t, step.q, step.v
-            if step.active.gap.size:
-                deepest = least(step.active.gap)
-                if deepest < 0.0:
-                    self.penetration[k] = -deepest
-            self.count = k + 1
+            self.count += 1
         self._last = step
 
     def trajectory(self, scheme: str, h: float) -> Trajectory:
@@ -79,18 +137,8 @@ class Recorder:
         A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
         took part if they press more than twice as hard as the step before.
         """
-        if least(step.before) >= -1e-12:
-            return
-        excess = step.free - step.before
-        np.abs(excess, out=excess)
-        excess *= 2.0
-        excess += step.before
-        if least(excess) >= -1e-12:
-            return
         pressing = step.percussion > 0.0
-        closing = pressing & (excess < -1e-12)
-        if not closing.any():
-            return
+        closing = pressing & (step.before + 2.0 * np.abs(step.free - step.before) < -_STILL)
         before = self._pressed_before(step)
         if not (closing & (before == 0.0)).any():
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from time import perf_counter
 
 import numpy as np
 
@@ -115,12 +116,13 @@ def simulate(
     with Writer(out, problem, type(scheme).__name__, h, recorder) as writer, Progress(total, progress) as bar:
         state = _start(problem, projector)
         recorder.step(state, True)
+        look = 0.0
         for i in range(1, total + 1):
             t = problem.t0 + (i - 1) * h
             state = _advance(problem, scheme, t, state, h if i <= whole else rest, projector)
             recorder.step(state, i % every == 0 or i == total)
-            writer.poll()
-            bar.poll(i)
+            if perf_counter() >= look:
+                look = min(writer.poll(), bar.poll(i))
         # the sum of the steps is off by rounding
         recorder.t[-1] = problem.t0 + duration
     return recorder.trajectory(type(scheme).__name__, h)
@@ -150,15 +152,17 @@ def _advance(problem: Problem, scheme: Scheme, t: float, state: Step, h: float, 
 
 def _start(problem: Problem, projector: Projector) -> Step:
     """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
-    t, q, v = problem.t0, problem.q0, problem.v0
+    if hasattr(problem.system, "start"):
+        problem.system.start()
+    # the problem's own are not to be written to
+    t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
     active = problem.constraints.active(t, q, problem.tolerance)
     before = active.jacobian @ v
     rounding = 1e-12 * (np.abs(active.jacobian) @ np.abs(v))
     if (before >= -rounding).all():
-        return Step(t, q, v, active, np.zeros(len(before)), before, before, before, 0.0)
-    metric = problem.system.metric(q)
-    v, percussion, residual = projector.project(v, metric, active.jacobian, -active.restitution * before)
-    return Step(t, q, v, active, percussion, before, before, active.jacobian @ v, residual)
+        return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
+    v, rates, residual = projector.law(v, v, problem.system.metric(q), active.jacobian, active.restitution)
+    return Step(t, q, v, active, rates, residual)
 
 
 def _scheme(scheme: Scheme | None) -> Scheme:

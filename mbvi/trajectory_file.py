@@ -77,12 +77,12 @@ class Writer:
     def __enter__(self) -> Writer:
         return self
 
-    def poll(self) -> None:
-        """Write what is new if the last piece is old enough."""
-        now = perf_counter()
-        if now >= self._next:
+    def poll(self) -> float:
+        """Write what is new if the last piece is old enough; return when it will be again."""
+        if perf_counter() >= self._next:
             self._flush()
             self._next = perf_counter() + _INTERVAL
+        return self._next
 
     def _flush(self) -> None:
         file, r = self._file, self._recorder

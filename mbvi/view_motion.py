@@ -86,8 +86,9 @@ def motion(run: Trajectory, speed: float = 1.0) -> Motion:
     times = np.unique(np.concatenate([frames, instants]))
     position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
     for k, t in enumerate(np.clip(start + speed * times, start, end)):
-        rotation, position[k] = run.problem.system.placements(run.at(float(t))[0], bodies)
-        quaternion[k] = Rotation.from_matrix(rotation).as_quat()
+        places = run.problem.system.placements(run.at(float(t))[0], np.array(bodies))
+        position[k] = places[:, 3]
+        quaternion[k] = Rotation.from_matrix(places[:, :3].transpose(0, 2, 1)).as_quat()
     # of the two quaternions of a rotation, the one nearer to the last
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
     quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]

@@ -102,9 +102,9 @@ def test_a_fixed_base_stands_where_it_is_put(tmp_path):
     scene = mbvi.Scene()
     scene.add_urdf(urdf(tmp_path), base="fixed", position=(1, 2, 3), rotation=turn)
     system = scene.build().system
-    R, p = system.placements(scene.build().q0, [1])
-    np.testing.assert_allclose(R[0], turn, atol=1e-12)
-    np.testing.assert_allclose(p[0], [1, 2, 3])
+    place = system.placements(scene.build().q0, np.array([1]))[0]
+    np.testing.assert_allclose(place[:3].T, turn, atol=1e-12)
+    np.testing.assert_allclose(place[3], [1, 2, 3])
 
 
 def test_a_robot_under_control_holds_its_pose(tmp_path):

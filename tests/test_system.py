@@ -127,7 +127,8 @@ def test_no_point_outruns_its_reach(make, rng):
         reach = system.reach(body, centre, radius) @ np.abs(dv)
         direction = rng.normal(size=3)
         point = centre + radius * direction / np.linalg.norm(direction)
-        places = [R[0] @ point + p[0] for R, p in (system.placements(x, [body]) for x in (q, system.integrate(q, dv)))]
+        where = (system.placements(x, np.array([body]))[0] for x in (q, system.integrate(q, dv)))
+        places = [np.append(point, 1.0) @ place for place in where]
         assert np.linalg.norm(places[1] - places[0]) <= reach * (1 + 1e-12)
 
 

@@ -87,7 +87,7 @@ def test_tracks_pass_through_the_states_of_the_run(run, commands):
     body = run.problem.system.bodies.index("sphere")
     for t, x in zip(times, values.reshape(-1, 3), strict=True):
         q, _ = run.at(min(float(t), 0.6))
-        np.testing.assert_allclose(x, run.problem.system.placements(q, [body])[1][0], atol=1e-6)
+        np.testing.assert_allclose(x, run.problem.system.placements(q, np.array([body]))[0, 3], atol=1e-6)
 
 
 def test_a_body_has_keys_at_its_own_impacts_and_no_rotation_it_never_made(run, commands):

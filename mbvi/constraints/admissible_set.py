@@ -9,9 +9,43 @@ from typing import Any
 
 import numpy as np
 
+from ..compiled import kernel
 from ..errors import InputError
 from ..system import System
-from .active import NOWHERE, Array, Constraint, Rows
+from .active import NOWHERE, STILL, Array, Constraint, Rows
+
+
+def _use_up_plain(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
+    """Take what was travelled from what constraints have to spare; return one bit for each that must be asked.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (nv,)
+        Tangent vector between two configurations.
+    envelope, travel : ndarray, shape (n, nv)
+        How fast each velocity can close each constraint, and what was travelled since it was asked; added to.
+    spare : ndarray, shape (n,)
+        How far each is from closing; -inf where it must be asked in any case.
+    """
+    travel += np.abs(moved)
+    spare -= envelope @ np.abs(moved)
+    return sum(1 << k for k in range(len(spare)) if not spare[k] >= 0.0)
+
+
+@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1])", plain=_use_up_plain)
+def _use_up(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
+    n, nv = envelope.shape
+    asked = 0
+    for k in range(n):
+        used = 0.0
+        for i in range(nv):
+            far = abs(moved[i])
+            travel[k, i] += far
+            used += envelope[k, i] * far
+        spare[k] -= used
+        if not spare[k] >= 0.0:
+            asked |= 1 << k
+    return asked
 
 
 class AdmissibleSet:
@@ -33,15 +67,26 @@ class AdmissibleSet:
     that far pairs need not be asked again: answers do not depend on it.
     """
 
+    # how often another set than the last was asked, of all there are
+    _epochs = 0
+
     def __init__(self, system: System, constraints: Sequence[Constraint], restitution: Array) -> None:
         self.system = system
         self.constraints = tuple(constraints)
         self._sizes = [_size(c) for c in self.constraints]
         self._starts = [int(s) for s in np.concatenate([[0], np.cumsum(self._sizes)])]
         ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
-        self._asked = list(zip(ask, self._starts[:-1], restitution, strict=True))
-        self._last: Array | None = None
+        # those that remember are asked only when what they had to spare is spent
         self._remembering: list[Any] = [c for c in self.constraints if hasattr(c, "asked_by")]
+        number = {id(c): k for k, c in enumerate(self._remembering)}
+        turn = [number.get(id(c), -1) for c in self.constraints]
+        self._asked = list(zip(ask, self._starts[:-1], restitution, turn, strict=True))
+        self._always = len(self._remembering) < len(self.constraints)
+        self._envelope = np.array([c.envelope for c in self._remembering]).reshape(-1, system.nv)
+        self._travel, self._spare = np.zeros(self._envelope.shape), np.empty(len(self._remembering))
+        # of these, one bit for each that is asked at every step
+        self._busy = self._epoch = 0
+        self._last: bytes | None = None
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
@@ -58,7 +103,9 @@ class AdmissibleSet:
         names: Any = getattr(constraint, "names", ())
         return str(names[inner]) if inner < len(names) else f"f {number}"
 
-    def active(self, t: float, q: Array, tolerance: float) -> Rows:
+    def active(
+        self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
+    ) -> Rows:
         """Return J(q): the rows with f_a(q) <= tolerance.
 
         Parameters
@@ -69,27 +116,65 @@ class AdmissibleSet:
             Configuration.
         tolerance : float
             Activation tolerance [m or rad].
+        origin, moved : ndarray, shapes (nq,) and (nv,), optional
+            Where known, another configuration and the tangent vector from there to q: where that is the one asked
+            about last, no difference need be taken.
         """
-        travel = None if self._last is None else np.abs(self.system.difference(self._last, q))
-        for constraint in self._remembering:
-            # constraints may be shared: what they remember belongs to whoever asked last
-            if constraint.asked_by is not self:
-                constraint.asked_by, travel = self, None
-        self._last = q.copy()
+        stale = self._spend(q, origin, moved)
+        if not (stale | self._busy) and not self._always:
+            return self.empty
         found = []
-        for ask, start, e in self._asked:
-            rows = ask(t, q, tolerance, travel)
-            if rows is not None:
-                constraint, gap, jacobian, restitution, point, normal = rows
-                # a constraint's own restitution is never NaN
-                if restitution[0] != restitution[0]:
-                    restitution = np.full(len(gap), e)
-                found.append(
-                    Rows(constraint + start if start else constraint, gap, jacobian, restitution, point, normal)
-                )
+        for ask, start, e, turn in self._asked:
+            if turn < 0:
+                rows = ask(t, q, tolerance, None)
+            elif stale >> turn & 1:
+                rows = self._ask_anew(turn, t, q, tolerance)
+            elif self._busy >> turn & 1:
+                rows = ask(t, q, tolerance, STILL)
+                if self._remembering[turn].spare < 0.0:
+                    self._spare[turn] = -np.inf
+            else:
+                continue
+            if rows is None:
+                continue
+            if turn < 0:
+                # of those that remember, numbers are of the stack already, and so is e
+                own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
+                rows = rows._replace(constraint=rows.constraint + start, restitution=own)
+            found.append(rows)
         if not found:
             return self.empty
         return found[0] if len(found) == 1 else Rows(*map(np.concatenate, zip(*found, strict=True)))
+
+    def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
+        constraint = self._remembering[turn]
+        rows: Rows | None = constraint.active(t, q, tolerance, self._travel[turn])
+        self._travel[turn] = 0.0
+        self._spare[turn] = constraint.spare
+        self._busy = self._busy & ~(1 << turn) | constraint.busy << turn
+        return rows
+
+    def _take_over(self, all_of_them: bool) -> None:
+        """Let constraints forget what another set asked: they may be shared."""
+        AdmissibleSet._epochs += 1
+        self._epoch = AdmissibleSet._epochs
+        for turn, constraint in enumerate(self._remembering):
+            if constraint.asked_by is not self or all_of_them:
+                constraint.asked_by = self
+                constraint.first_number = self._starts[self.constraints.index(constraint)]
+                constraint.forget()
+                self._spare[turn] = -np.inf
+
+    def _spend(self, q: Array, origin: Array | None, moved: Array | None) -> int:
+        """Return which of the constraints that remember must be asked at q, one bit each."""
+        last, self._last = self._last, q.tobytes()
+        if self._epoch != AdmissibleSet._epochs or last is None:
+            self._take_over(last is None)
+        if last is None:
+            return (1 << len(self._remembering)) - 1
+        if origin is None or moved is None or origin.tobytes() != last:
+            moved = self.system.difference(np.frombuffer(last), q)
+        return _use_up(moved, self._envelope, self._travel, self._spare)
 
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""

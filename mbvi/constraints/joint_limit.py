@@ -6,8 +6,33 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..extrema import least, most
+from ..compiled import kernel, plain_array
 from .active import NOWHERE, Array, Rows
+
+
+def _reached_plain(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, index: Array) -> float:
+    """Write which limits are reached, after how many they are, into `index`, shape (m + 1,); return the least gap.
+
+    The gaps are sign q[position] + offset, all of shape (m,).
+    """
+    gap = sign * q[position] + offset
+    reached = np.flatnonzero(gap <= tolerance)
+    index[0] = len(reached)
+    index[1 : 1 + len(reached)] = reached
+    return float(gap.min())
+
+
+@kernel("f8(f8[::1], i8[::1], f8[::1], f8[::1], f8, i8[::1])", plain=_reached_plain)
+def _reached(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, index: Array) -> float:
+    count, nearest = 0, np.inf
+    for a in range(len(sign)):
+        gap = sign[a] * q[position[a]] + offset[a]
+        nearest = min(nearest, gap)
+        if gap <= tolerance:
+            count += 1
+            index[count] = a
+    index[0] = count
+    return nearest
 
 
 class JointLimits:
@@ -44,10 +69,14 @@ class JointLimits:
         joint = np.concatenate([np.arange(n), np.arange(n)])[kept]
         self._sign = np.concatenate([np.ones(n), -np.ones(n)])[kept]
         self._offset = -self._sign * bound[kept]
-        self._position, self._velocity = np.asarray(position)[joint], np.asarray(velocity)[joint]
+        self._position, self._velocity = (np.asarray(p, dtype=np.int64)[joint] for p in (position, velocity))
         self._nv = nv
         self.asked_by: object = None
-        self._spare = -np.inf
+        self.first_number = 0
+        self.envelope = np.zeros(nv)
+        self.envelope[self._velocity] = 1.0
+        self.spare, self.busy = -np.inf, False
+        self._index = np.empty(len(kept) + 1, np.int64)
         self.restitution = e[joint]
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
@@ -69,18 +98,23 @@ class JointLimits:
         rows[np.arange(len(index)), self._velocity[index]] = self._sign[index]
         return rows
 
+    def forget(self) -> None:
+        """Look at every limit next time."""
+        self.spare = -np.inf
+
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows of the limits that are reached."""
         if not self._sign.size:
+            self.spare = np.inf
             return None
-        # a limit comes no nearer than its joint travels: while there is room to spare no gap is looked at
-        self._spare = -np.inf if travel is None else self._spare - most(travel.take(self._velocity))
-        if self._spare > tolerance:
+        # a limit comes no nearer than its joint travels
+        q = plain_array(q)
+        self.spare = _reached(q, self._position, self._sign, self._offset, tolerance, self._index) - tolerance
+        count = self._index.item(0)
+        if not count:
             return None
-        gap = self.gap(t, q)
-        self._spare = least(gap)
-        if self._spare > tolerance:
-            return None
-        index = (gap <= tolerance).nonzero()[0]
-        nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
-        return Rows(index, gap[index], self._rows(index), self.restitution[index], nowhere, nowhere)
+        self.spare = -np.inf
+        index = self._index[1 : 1 + count].copy()
+        nowhere = np.broadcast_to(NOWHERE, (count, 3))
+        gap = self.gap(t, q)[index]
+        return Rows(index + self.first_number, gap, self._rows(index), self.restitution[index], nowhere, nowhere)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..extrema import most
+from ..compiled import kernel
 from ..system import System
 from .active import Array, Rows
 from .shapes import PlacedShape
@@ -32,6 +32,99 @@ class Contacts(NamedTuple):
     gap: Array
     point: Array
     normal: Array
+
+
+def _spend_plain(budget: Array, reach: Array, travel: Array, tolerance: float, due: Array) -> tuple[int, float]:
+    """Take the travel from the budgets; return how many are spent, and the least that another has left.
+
+    Parameters
+    ----------
+    budget : ndarray, shape (n,)
+        What each pair's bodies may travel before they can touch [m]; changed.
+    reach : ndarray, shape (nv, n)
+        How far each velocity carries each pair towards each other.
+    travel : ndarray, shape (nv,)
+        What was travelled.
+    tolerance : float
+        The budget that counts as spent [m].
+    due : ndarray of int, shape (n,)
+        Receives the pairs whose budgets are spent, ascending, in its first places.
+    """
+    budget -= travel @ reach
+    spent = budget <= tolerance
+    due[: spent.sum()] = spent.nonzero()[0]
+    return int(spent.sum()), float(np.where(spent, np.inf, budget - tolerance).min(initial=np.inf))
+
+
+@kernel("Tuple((i8, f8))(f8[::1], f8[:,::1], f8[::1], f8, i8[::1])", plain=_spend_plain)
+def _spend(budget: Array, reach: Array, travel: Array, tolerance: float, due: Array) -> tuple[int, float]:
+    nv, n = reach.shape
+    for k in range(nv):
+        if travel[k] != 0.0:
+            for i in range(n):
+                budget[i] -= travel[k] * reach[k, i]
+    count, spare = 0, np.inf
+    for i in range(n):
+        if budget[i] <= tolerance:
+            due[count] = i
+            count += 1
+        else:
+            spare = min(spare, budget[i] - tolerance)
+    return count, spare
+
+
+def sift_plain(pair: Array, gap: Array, tolerance: float, budget: Array, near: Array) -> tuple[int, bool]:
+    """Find the contacts within the tolerance; the budget of a pair that has none is its least gap.
+
+    Parameters
+    ----------
+    pair, gap : ndarray, shape (k,)
+        Contacts, pair after pair.
+    tolerance : float
+        Gap at and below which a contact is active [m].
+    budget : ndarray, shape (n,)
+        Of all pairs; written for those asked.
+    near : ndarray of int, shape (k,)
+        Receives which contacts are within the tolerance, in its first places.
+
+    Returns
+    -------
+    count : int
+        How many they are.
+    vain : bool
+        Whether some pair has none.
+    """
+    inside = gap <= tolerance
+    count = int(inside.sum())
+    near[:count] = inside.nonzero()[0]
+    budget[pair] = np.inf
+    np.minimum.at(budget, pair, gap)
+    return count, bool((budget[pair] > tolerance).any())
+
+
+@kernel("Tuple((i8, b1))(i8[::1], f8[::1], f8, f8[::1], i8[::1])", plain=sift_plain)
+def sift(pair: Array, gap: Array, tolerance: float, budget: Array, near: Array) -> tuple[int, bool]:
+    """Loops of `sift_plain`."""
+    count, vain = 0, False
+    for i in range(len(gap)):
+        budget[pair[i]] = np.inf
+    for i in range(len(gap)):
+        budget[pair[i]] = min(budget[pair[i]], gap[i])
+        if gap[i] <= tolerance:
+            near[count] = i
+            count += 1
+    for i in range(len(gap)):
+        vain = vain or budget[pair[i]] > tolerance
+    return count, vain
+
+
+def chosen(contacts: Contacts, index: Array, count: int) -> Contacts | None:
+    """Return the contacts that the first places of `index` name, or None if there are none."""
+    pair, gap, point, normal = contacts
+    if count == len(gap):
+        return contacts if count else None
+    index = index[:count]
+    return Contacts(pair.take(index), gap.take(index), point.take(index, 0), normal.take(index, 0)) if count else None
 
 
 class Pairs:
@@ -62,10 +155,12 @@ class Pairs:
     ) -> None:
         self.system = system
         self.asked_by: object = None
+        self.first_number = 0
         self.names = tuple(names)
         self.restitution = restitution
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
+        self._pair: Array | None = None
         reaches: dict[str, Array] = {}
         rows, envelope = [], np.zeros(system.nv)
         dense = len(second) * system.nv <= _DENSE_REACH
@@ -75,13 +170,19 @@ class Pairs:
             row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
             np.maximum(envelope, row, out=envelope)
             rows.append(row if dense else _sparse().csr_array(row[None]))
-        self._reach = np.array(rows) if dense else _sparse().vstack(rows, format="csr")
+        self._reach = np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr")
         self._budget = np.full(len(self.names), -np.inf)
         # no pair nears faster than the envelope says: while that has not used up the least budget of the pairs that
-        # were not asked, the same pairs are asked again and no budget is looked at
-        self._envelope = envelope
-        self._spare, self._travelled = -np.inf, np.zeros(system.nv)
-        self._due = np.zeros(0, dtype=np.intp)
+        # are not due, the same pairs are asked again and no budget is looked at
+        self.envelope = envelope
+        self.forget()
+
+    def forget(self) -> None:
+        """Ask every pair next time."""
+        self._budget[:] = -np.inf
+        self._due = np.arange(len(self.names))
+        self._pair = None
+        self.spare, self.busy = -np.inf, True
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         """Return at least one contact of each of the given pairs, all their points within the tolerance included."""
@@ -99,38 +200,58 @@ class Pairs:
         tolerance : float
             Gap at and below which a row is active [m].
         travel : ndarray, shape (nv,), or None
-            |difference| to the configuration of the last call; None asks every pair.
+            Sum of |difference| over all that was travelled since budgets were last reckoned; None asks every pair,
+            `STILL` those that were due.
         """
-        due = self._due_pairs(tolerance, travel)
+        if travel is None:
+            self.forget()
+        elif travel.size:
+            self._spend(tolerance, travel)
+        due = self._due
         if not due.size:
             return None
-        pair, gap, point, normal = self.contacts(q, due, tolerance)
-        if most(gap) > tolerance:
-            # some pair was asked in vain, and its budget is known anew; one that touches stays due
-            self._spare = -np.inf
-            self._budget[due] = gap if pair.size == due.size else np.minimum.reduceat(gap, np.searchsorted(pair, due))
-            near = (gap <= tolerance).nonzero()[0]
-            if not near.size:
-                return None
-            pair, gap, point, normal = pair[near], gap[near], point[near], normal[near]
-        first, second = self._first_body.take(pair), self._second_body.take(pair)
+        near, vain = self.near(q, due, tolerance)
+        if vain:
+            # that pair's budget is known anew, so that it need not be asked next time
+            self.spare = -np.inf
+        if near is None:
+            return None
+        pair, gap, point, normal = near
+        number, first, second, restitution = self._sides_of(pair)
         rows = self.system.separation_rows(q, first, second, point, normal)
-        return Rows(pair, gap, rows, self.restitution.take(pair), point, normal)
+        return Rows(number, gap, rows, restitution, point, normal)
 
-    def _due_pairs(self, tolerance: float, travel: Array | None) -> Array:
-        """Return the pairs whose budgets are spent."""
-        if travel is None:
-            self._budget[:] = -np.inf
+    def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
+        """Return the contacts within the tolerance, and whether some pair has none; budgets are written."""
+        contacts = self.contacts(q, due, tolerance)
+        index = np.empty(len(contacts.gap), np.int64)
+        count, vain = sift(contacts.pair, contacts.gap, tolerance, self._budget, index)
+        return chosen(contacts, index, count), vain
+
+    def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
+        """Return number, bodies and restitution of some pairs; often the same array comes again."""
+        if pair is not self._pair:
+            self._pair = pair
+            self._sides_and_e = (
+                pair + self.first_number,
+                self._first_body[pair],
+                self._second_body[pair],
+                self.restitution[pair],
+            )
+        return self._sides_and_e
+
+    def _spend(self, tolerance: float, travel: Array) -> None:
+        """Bring the pairs whose budgets are spent up to date."""
+        if isinstance(self._reach, np.ndarray):
+            due = np.empty(len(self._budget), np.int64)
+            count, self.spare = _spend(self._budget, self._reach, travel, tolerance, due)
+            self._due = due[:count]
         else:
-            self._travelled += travel
-            if self._travelled.dot(self._envelope) < self._spare:
-                return self._due
-            self._budget -= self._reach @ self._travelled
-        self._travelled[:] = 0.0
-        due = self._budget <= tolerance
-        self._due = due.nonzero()[0]
-        self._spare = float(np.where(due, np.inf, self._budget).min()) - tolerance
-        return self._due
+            self._budget -= self._reach @ travel
+            spent = self._budget <= tolerance
+            self._due = spent.nonzero()[0]
+            self.spare = float(np.where(spent, np.inf, self._budget).min()) - tolerance
+        self.busy = bool(self._due.size)
 
     def _nearest(self, q: Array) -> Contacts:
         pairs = np.arange(len(self.names))

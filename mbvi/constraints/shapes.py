@@ -38,9 +38,13 @@ class Sphere:
         """Return the Coal geometry."""
         return coal.Sphere(self.radius)
 
-    def standing_points(self) -> tuple[Array, float]:
-        """Return points, shape (k, 3), and a radius: the shape's reach below a plane is theirs."""
-        return np.zeros((1, 3)), self.radius
+    def standing_points(self) -> tuple[Array, Array, float]:
+        """Return centres and half axes, shapes (k, 3), and a radius: the shape's reach below a plane is theirs.
+
+        Of an ellipsoid of these half axes about the centre, the lowest point counts; where they vanish, the centre.
+        To it comes a ball of the radius.
+        """
+        return np.zeros((1, 3)), np.zeros((1, 3)), self.radius
 
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
@@ -63,14 +67,9 @@ class Ellipsoid:
         """Return the Coal geometry."""
         return coal.Ellipsoid(*self.radii)
 
-    def standing_points(self) -> tuple[Array, float]:
-        """Return none: the lowest point moves over the surface, see `lowest`."""
-        return np.zeros((0, 3)), 0.0
-
-    def lowest(self, up: Array) -> Array:
-        """Return the points, shape (k, 3), that are lowest against a direction given in the shape's frame."""
-        scaled = np.asarray(self.radii) * up
-        return -(np.asarray(self.radii) * scaled / np.sqrt(scaled @ scaled))[None]
+    def standing_points(self) -> tuple[Array, Array, float]:
+        """Return itself: its lowest point moves over the surface."""
+        return np.zeros((1, 3)), np.array([self.radii]), 0.0
 
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
@@ -90,9 +89,9 @@ class _Polyhedron:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
 
-    def standing_points(self) -> tuple[Array, float]:
-        """Return the vertices, shape (k, 3), and radius 0."""
-        return self.vertices, 0.0
+    def standing_points(self) -> tuple[Array, Array, float]:
+        """Return the vertices."""
+        return self.vertices, np.zeros(self.vertices.shape), 0.0
 
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
@@ -219,9 +218,9 @@ class Capsule:
         """Return the Coal geometry."""
         return coal.Capsule(self.radius, self.length)
 
-    def standing_points(self) -> tuple[Array, float]:
-        """Return the centres of the two ends, shape (2, 3), and the radius."""
-        return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, self.radius
+    def standing_points(self) -> tuple[Array, Array, float]:
+        """Return the centres of the two ends and the radius."""
+        return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, np.zeros((2, 3)), self.radius
 
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
@@ -256,25 +255,18 @@ class Cylinder:
         """Return the Coal geometry."""
         return coal.Cylinder(self.radius, self.length)
 
-    def standing_points(self) -> tuple[Array, float]:
-        """Return twelve points of each rim, shape (24, 3), and radius 0; the lowest moves, see `lowest`."""
+    def standing_points(self) -> tuple[Array, Array, float]:
+        """Return twelve points of each rim, and the rims themselves, whose lowest points move."""
         end = np.array([0.0, 0.0, 0.5 * self.length])
-        return np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end]), 0.0
+        fixed = np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end])
+        rim = np.array([[self.radius, self.radius, 0.0]])
+        half_axes = np.concatenate([np.zeros(fixed.shape), rim, rim])
+        return np.concatenate([fixed, [-end, end]]), half_axes, 0.0
 
     @property
     def faces(self) -> tuple[Array, Array]:
         """Outward normals of the two ends, shape (2, 3), and their offsets, shape (2,)."""
         return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
-
-    def lowest(self, up: Array) -> Array:
-        """Return the lowest point of each rim, shape (2, 3), against a direction given in the shape's frame."""
-        flat = np.array([up[0], up[1], 0.0])
-        length = np.sqrt(flat @ flat)
-        if length < 1e-9:
-            return np.zeros((0, 3))
-        end = np.array([0.0, 0.0, 0.5 * self.length])
-        rim = -self.radius / length * flat
-        return np.stack([rim - end, rim + end])
 
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""

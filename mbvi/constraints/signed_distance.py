@@ -66,10 +66,10 @@ class SignedDistances(Pairs):
     def _place(self, q: Array, pairs: Array) -> None:
         """Bring the poses of the shapes in the given pairs to q."""
         moving = [k for k in sorted({side for pair in pairs for side in self._sides[pair]}) if self._placed[k].body]
-        R, origin = self.system.placements(q, [self._placed[k].body for k in moving])
-        for k, turn, shift in zip(moving, R, origin, strict=True):
-            placed = self._placed[k]
-            self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + shift)
+        places = self.system.placements(q, np.array([self._placed[k].body for k in moving], dtype=np.int64))
+        for k, place in zip(moving, places, strict=True):
+            placed, turn = self._placed[k], place[:3].T
+            self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + place[3])
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         self._place(q, pairs)

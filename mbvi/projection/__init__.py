@@ -2,6 +2,7 @@
 
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import Projection, Projector, impact, project
+from .tree import TreeMetric
 
 __all__ = [
     "BlockMetric",
@@ -11,6 +12,7 @@ __all__ = [
     "Metric",
     "Projection",
     "Projector",
+    "TreeMetric",
     "as_metric",
     "impact",
     "project",

@@ -31,6 +31,10 @@ class Metric(Protocol):
         """Return L'^-1 y: velocities back from the coordinates where M is the identity."""
         ...
 
+    def solve_rows(self, rows: Array) -> Array:
+        """Return M^-1 r of every row r, shape (m, nv)."""
+        ...
+
     def dense(self) -> Array:
         """Return M itself, shape (nv, nv)."""
         ...
@@ -64,17 +68,20 @@ class DenseMetric:
         return self.dense() @ w
 
     def whiten(self, w: Array) -> Array:
-        return _triangular(self.upper, w, 1)
+        return triangular(self.upper, w, 1)
 
     def unwhiten(self, y: Array) -> Array:
-        return _triangular(self.upper, y, 0)
+        return triangular(self.upper, y, 0)
+
+    def solve_rows(self, rows: Array) -> Array:
+        return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
 
     def dense(self) -> Array:
         upper = np.triu(self.matrix)
         return upper + np.triu(upper, 1).T
 
 
-def _triangular(upper: Array, right: Array, transposed: int) -> Array:
+def triangular(upper: Array, right: Array, transposed: int) -> Array:
     """Solve U y = right, or U' y = right; LAPACK's own routine starts threads for a handful of columns."""
     if right.ndim == 1:
         return blas.dtrsv(upper, right, 1, 0, 0, transposed)
@@ -101,6 +108,9 @@ class DiagonalMetric:
         return (w.T / self.root).T
 
     unwhiten = whiten
+
+    def solve_rows(self, rows: Array) -> Array:
+        return rows / self.diagonal
 
     def dense(self) -> Array:
         return np.diag(self.diagonal)
@@ -133,6 +143,9 @@ class BodiesMetric:
     def unwhiten(self, y: Array) -> Array:
         return self._each(self.inverse_upper, y)
 
+    def solve_rows(self, rows: Array) -> Array:
+        return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
+
     def dense(self) -> Array:
         n = 6 * len(self.blocks)
         full = np.zeros((n, n))
@@ -164,6 +177,10 @@ class BlockMetric:
 
     def unwhiten(self, y: Array) -> Array:
         return np.concatenate([p.unwhiten(y[s]) for p, s in zip(self.parts, self.slices, strict=True)])
+
+    def solve_rows(self, rows: Array) -> Array:
+        pieces = [np.ascontiguousarray(rows[:, s]) for s in self.slices]
+        return np.concatenate([p.solve_rows(r) for p, r in zip(self.parts, pieces, strict=True)], axis=1)
 
     def dense(self) -> Array:
         n = self.slices[-1].stop

@@ -14,14 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
+from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
-from ..extrema import least, most
+from . import few_rows
 from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
+from .few_rows import ROUNDING
 from .metric import Array, Metric, as_metric
 from .proxqp import ProxQP
+from .tree import TreeMetric
 
-_ROUNDING = 1e-13
-# up to so many rows every projection is taken to rounding, beyond to a thousandth of the residual that is asked
+# up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
+# residual that is asked
 _FEW = 32
 _POSITIVE, _WELL_CONDITIONED = 1e-7, 1e-3
 
@@ -48,6 +51,8 @@ class Projection(NamedTuple):
 class Projector:
     """Projections in a row: the QP solvers are kept, one per number of rows, and started from their last result.
 
+    Making one loads the kernels, so that every projection of a process is compiled.
+
     Parameters
     ----------
     residual : float
@@ -55,41 +60,93 @@ class Projector:
     """
 
     def __init__(self, residual: float = 1e-6) -> None:
+        load()
         self.residual = residual
         self._solver = ProxQP()
         self._contradiction = False
-        # percussions of the last projection that the first guess did not settle
+        # percussions of the last projection
         self._last = np.zeros(0)
 
-    def project(self, x: Array, metric: Metric, J: Array, lower: Array, speed: Array | None = None) -> Projection:
-        """Project x; see `project`, whose checks this leaves out. `speed` is J x where the caller has it."""
-        # here and below `.dot` instead of `@`: half the time on arrays this short
-        if speed is None:
-            speed = J.dot(x)
+    def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
+        """Project x; see `project`, whose checks this leaves out."""
+        x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
+        if 0 < len(lower) <= _FEW:
+            velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
+            residual = few_rows.press(J, metric.solve_rows(J), x, lower, self._last, velocity, rates)
+            if residual <= ROUNDING:
+                self._last = rates[0]
+                return Projection(velocity, rates[0], residual)
+        return self._many(x, metric, J, lower)
+
+    def law(self, v: Array, x: Array, metric: Metric, J: Array, e: Array) -> tuple[Array, Array, float]:
+        """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
+
+        Parameters
+        ----------
+        v, x : ndarray, shape (nv,)
+            Velocity before, and as the forces alone would leave it.
+        metric : Metric
+            M.
+        J : ndarray, shape (m, nv)
+            Gradients of the active constraints.
+        e : ndarray, shape (m,)
+            Restitution of each.
+
+        Returns
+        -------
+        velocity : ndarray, shape (nv,)
+            Velocity after.
+        rates : ndarray, shape (4, m)
+            Percussion, J x, J w and J v of each row.
+        residual : float
+            As of a `Projection`.
+        """
+        m = len(e)
+        if not v.flags.carray:
+            v = plain_array(v)
+        rates, lower = np.empty((4, m)), np.empty(m)
+        if m <= _FEW:
+            velocity = np.empty(len(x))
+            given = J, v, e, x, self._last, velocity, lower, rates
+            if isinstance(metric, TreeMetric):
+                residual = few_rows.tree_law(metric.lower, metric.parent, *given)
+            else:
+                residual = few_rows.law(J, metric.solve_rows(J), *given[1:])
+            if residual <= ROUNDING:
+                self._last = rates[0]
+                return velocity, rates, residual
+        rates[3] = J.dot(v)
+        velocity, rates[0], residual = self._many(x, metric, J, -e * rates[3])
+        rates[1], rates[2] = J.dot(x), J.dot(velocity)
+        return velocity, rates, residual
+
+    def _many(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
+        """Project onto many rows, or onto few that are not settled yet."""
+        speed = J @ x
         missing = lower - speed
-        if not missing.size or most(missing) <= 0.0:
+        if (missing <= 0.0).all():
             return Projection(x, np.zeros(len(missing)), 0.0)
         columns = metric.whiten(J.T)
-        G = columns.T.dot(columns)
+        G = columns.T @ columns
         lengths = np.sqrt(G.diagonal())
-        if not least(lengths) > 0.0:
+        if not (lengths > 0.0).all():
             return self._without_zero_rows(x, metric, J, lower, lengths > 0.0)
-        largest = most((np.abs(speed) + np.abs(lower)) / lengths)
+        largest = float(((np.abs(speed) + np.abs(lower)) / lengths).max())
         guess = _press_what_is_missing(G, missing, lengths)
         if guess is not None:
-            velocity = x + metric.unwhiten(columns.dot(guess))
-            slack = J.dot(velocity) - lower
-            residual = most(np.abs(np.minimum(guess * lengths, slack / lengths))) / largest
-            if residual <= _ROUNDING:
-                return Projection(velocity, guess, float(residual))
-        return self._general(x, metric, J, lower, columns, lengths, float(largest))
+            velocity = x + metric.unwhiten(columns @ guess)
+            slack = J @ velocity - lower
+            residual = float(np.abs(np.minimum(guess * lengths, slack / lengths)).max()) / largest
+            if residual <= ROUNDING:
+                return Projection(velocity, guess, residual)
+        return self._general(x, metric, J, lower, columns, lengths, largest)
 
     def _general(
         self, x: Array, metric: Metric, J: Array, lower: Array, columns: Array, lengths: Array, largest: float
     ) -> Projection:
         """Project where the first guess at the pressing rows is wrong, or the rows depend on each other."""
         missing = lower - J @ x
-        if (missing <= _ROUNDING * (np.abs(J) @ np.abs(x) + np.abs(lower))).all():
+        if (missing <= ROUNDING * (np.abs(J) @ np.abs(x) + np.abs(lower))).all():
             # what is missing is the rounding of J x
             return Projection(x, np.zeros(len(missing)), 0.0)
         missing /= lengths
@@ -114,7 +171,7 @@ class Projector:
             if residual < smallest:
                 best, smallest = candidate, residual
             # a huge z may be a wrong one, so that it does not excuse any residual
-            rounding = _ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3)
+            rounding = ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3)
             if residual <= (rounding if len(d) <= _FEW else 1e-3 * self.residual):
                 break
         return best, smallest
@@ -127,7 +184,7 @@ class Projector:
         p = np.maximum(self._solver.solve(G, d), 0.0)
         yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
         yield Candidate(A @ p, p)
-        exact = dual_active_set(A, d, _ROUNDING)
+        exact = dual_active_set(A, d, ROUNDING)
         self._contradiction = exact is None
         yield exact
 
@@ -160,7 +217,7 @@ def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | 
 
     Most steps end here: the rows that the forces violate are those that press. The residual is the judge.
     """
-    if least(missing) > 0.0:
+    if (missing > 0.0).all():
         factor, p, info = lapack.dposv(G, missing)
         pivots = factor.diagonal() / lengths
     else:
@@ -170,7 +227,7 @@ def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | 
         p = np.zeros(len(missing))
         p[index] = part
     # of dependent rows some would get all: their share is settled elsewhere
-    return None if info or least(pivots) < _WELL_CONDITIONED else p
+    return None if info or pivots.min() < _WELL_CONDITIONED else p
 
 
 def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -> Projection:

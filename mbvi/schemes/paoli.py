@@ -9,7 +9,7 @@ from ..projection import Projector
 from ..system.system import Array
 from .step import Step
 
-_NONE = np.zeros(0)
+_NONE = np.zeros((4, 0))
 
 
 class Paoli:
@@ -28,13 +28,12 @@ class Paoli:
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
-        system = problem.system
-        t, q = t + h, system.integrate(q, h * v)
-        active = problem.constraints.active(t, q, problem.tolerance)
+        system, drift, origin = problem.system, h * v, q
+        t, q = t + h, system.integrate(q, drift)
+        active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
-            return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, _NONE, _NONE, _NONE, 0.0)
-        metric, J = system.metric(q), active.jacobian
+            return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
+        metric = system.metric(q)
         free = system.free_velocity(t, q, v, h, metric)
-        before, pushed = J.dot(v), J.dot(free)
-        velocity, percussion, residual = projector.project(free, metric, J, -active.restitution * before, pushed)
-        return Step(t, q, velocity, active, percussion, before, pushed, J.dot(velocity), residual)
+        velocity, rates, residual = projector.law(v, free, metric, active.jacobian, active.restitution)
+        return Step(t, q, velocity, active, rates, residual)

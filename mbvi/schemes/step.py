@@ -23,10 +23,8 @@ class Step(NamedTuple):
         Velocity.
     active : Rows
         The active constraints at q.
-    percussion : ndarray, shape (k,)
-        p >= 0 with M (v - v_before) - h g = J' p [N s, N m s] (Lemma 3.3 with the sign turned).
-    before, free, after : ndarray, shape (k,)
-        J v of each active row: before the step, as the forces alone would leave it, and after it [m/s, rad/s].
+    rates : ndarray, shape (4, k)
+        `percussion`, `free`, `after` and `before` of each active row.
     residual : float
         Relative KKT residual of the projection.
     """
@@ -35,11 +33,28 @@ class Step(NamedTuple):
     q: Array
     v: Array
     active: Rows
-    percussion: Array
-    before: Array
-    free: Array
-    after: Array
+    rates: Array
     residual: float
+
+    @property
+    def percussion(self) -> Array:
+        """P >= 0 with M (v - v_before) - h g = J' p, shape (k,) [N s, N m s] (Lemma 3.3 with the sign turned)."""
+        return self.rates[0]
+
+    @property
+    def free(self) -> Array:
+        """J v as the forces alone would leave it, shape (k,) [m/s, rad/s]."""
+        return self.rates[1]
+
+    @property
+    def after(self) -> Array:
+        """J v after the step, shape (k,) [m/s, rad/s]."""
+        return self.rates[2]
+
+    @property
+    def before(self) -> Array:
+        """J v before the step, shape (k,) [m/s, rad/s]."""
+        return self.rates[3]
 
 
 class Scheme(Protocol):

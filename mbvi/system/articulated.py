@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
+from ..compiled import kernel
 from ..errors import InputError
-from ..projection import DenseMetric, Metric
+from ..projection import Metric, TreeMetric
+from .memory import Memory
 from .system import Array
 
 Control = Callable[[float, Array, Array], Array]
@@ -17,8 +18,50 @@ Control = Callable[[float, Array, Array], Array]
 # a reach nobody can be sure of; finite, so that it is no NaN times a velocity of zero
 _UNBOUNDED = 1e300
 
-# a x b is the first three less the last three of a[left] b[right]
-_CROSS_LEFT, _CROSS_RIGHT = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+_WORLD = pin.Convention.WORLD
+
+
+def _rows_plain(
+    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
+) -> None:
+    """Write the gradients of the separation of bodies.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (nv, 6)
+        Jacobian columns in the world, one a row.
+    support : ndarray, shape (njoints, nv)
+        1 where a velocity moves a body, else 0.
+    first, second : ndarray of int, shape (m,)
+        The bodies.
+    point, normal : ndarray, shape (m, 3)
+        Contact points and normals in the world.
+    rows : ndarray, shape (m, nv)
+        Receives [n, p x n]' columns, signed by which of the two bodies a velocity moves.
+    """
+    wrench = np.concatenate([normal, np.cross(point, normal)], axis=1)
+    rows[:] = (wrench @ columns.T) * (support[second] - support[first])
+
+
+@kernel(
+    "void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])",
+    plain=_rows_plain,
+)
+def _rows(
+    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
+) -> None:
+    m, n = rows.shape
+    for a in range(m):
+        x, y, z = normal[a, 0], normal[a, 1], normal[a, 2]
+        u = point[a, 1] * z - point[a, 2] * y
+        v = point[a, 2] * x - point[a, 0] * z
+        w = point[a, 0] * y - point[a, 1] * x
+        for k in range(n):
+            sign = support[second[a], k] - support[first[a], k]
+            rows[a, k] = 0.0
+            if sign != 0.0:
+                c = columns[k]
+                rows[a, k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
 
 
 class ArticulatedSystem:
@@ -51,14 +94,10 @@ class ArticulatedSystem:
         self._data = model.createData()
         self._energy_data = model.createData()
         self._key: bytes | None = None
-        self._mass = np.zeros((self.nv, self.nv))
-        self._metric: DenseMetric | None = None
-        # arrays onto Pinocchio's own, through its getters: as long as the data and the poses live, they follow them
-        self._poses = list(self._data.oMi)
-        self._rotations = [pose.rotation for pose in self._poses]
-        self._origins = [pose.translation for pose in self._poses]
-        # one degree of freedom comes as a vector
-        self._columns = self._data.J.reshape(6, self.nv)
+        self._memory = Memory(model, self._data)
+        self._metric: TreeMetric | None = None
+        # the velocity that carries each one
+        self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
@@ -71,25 +110,30 @@ class ArticulatedSystem:
     def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)
 
+    def start(self) -> None:
+        self._memory.check()
+        self._key = None
+
     def _refresh(self, q: Array) -> None:
         """Bring placements, Jacobian columns and mass matrix to q, once per q."""
         key = q.tobytes()
         if key != self._key:
             # in the world convention crba fills data.J and data.oMi on its way
-            self._mass = pin.crba(self.model, self._data, q, pin.Convention.WORLD)
+            pin.crba(self.model, self._data, q, _WORLD)
+            self._memory.refresh()
             self._metric = None
             self._key = key
 
-    def metric(self, q: Array) -> DenseMetric:
+    def metric(self, q: Array) -> TreeMetric:
         self._refresh(q)
         if self._metric is None:
-            self._metric = DenseMetric(self._mass)
+            self._metric = TreeMetric(self._memory.mass, self._parent)
         return self._metric
 
     def _torque(self, t: float, q: Array, v: Array) -> Array:
         if self.control is None:
             return self._zero
-        tau = np.asarray(self.control(t, q, v), dtype=float)
+        tau = np.array(self.control(t, q, v), dtype=float)
         if tau.shape != (self.nv,):
             raise InputError(f"control returned shape {tau.shape}; this robot asks for ({self.nv},)")
         return tau
@@ -99,17 +143,22 @@ class ArticulatedSystem:
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
-        if not self._damped and metric is None:
-            if q.tobytes() != self._key:
-                self._key = None
-            return v + h * pin.aba(self.model, self._data, q, v, self._torque(t, q, v))
+        torque = self._torque(t, q, v)
+        if metric is None and not self._damped:
+            # aba leaves the data of another q, or of this one in other coordinates
+            self._key = None
+            free = pin.aba(self.model, self._data, q, v, torque)
+            free *= h
+            free += v
+            return free
+        effects = pin.nonLinearEffects(self.model, self._data, q, v)
         if self._damped:
             self._refresh(q)
-            mass = self._mass.copy()
-            mass[np.diag_indices(self.nv)] += h * self.damping
-            return v + lapack.dposv(mass, h * self.force(t, q, v), 0)[1]
-        assert metric is not None
-        return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v)))
+            mass = self._memory.mass.copy()
+            mass.reshape(-1)[:: self.nv + 1] += h * self.damping
+            return TreeMetric(mass, self._parent).advance(v, h, torque, effects + self.damping * v)
+        assert isinstance(metric, TreeMetric)
+        return metric.advance(v, h, torque, effects)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
@@ -117,23 +166,14 @@ class ArticulatedSystem:
     def potential_energy(self, t: float, q: Array) -> float:
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
+    def placements(self, q: Array, bodies: Array) -> Array:
         self._refresh(q)
-        return np.array([self._rotations[b] for b in bodies]), np.array([self._origins[b] for b in bodies])
+        return self._memory.poses.take(bodies, 0)
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         self._refresh(q)
-        wrench = np.empty((len(point), 6))
-        wrench[:, :3] = normal
-        # point x normal
-        terms = point.take(_CROSS_LEFT, 1)
-        terms *= normal.take(_CROSS_RIGHT, 1)
-        np.subtract(terms[:, :3], terms[:, 3:], out=wrench[:, 3:])
-        rows = wrench.dot(self._columns)
-        moved = self._support.take(second, 0)
-        if np.count_nonzero(first):
-            moved -= self._support.take(first, 0)
-        rows *= moved
+        rows = np.empty((len(point), self.nv))
+        _rows(self._memory.columns, self._support, first, second, point, normal, rows)
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:

@@ -40,6 +40,11 @@ class BlockSystem:
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
 
+    def start(self) -> None:
+        for part in self.parts:
+            if hasattr(part, "start"):
+                part.start()
+
     def integrate(self, q: Array, dv: Array) -> Array:
         return np.concatenate([b.system.integrate(q[b.q], dv[b.v]) for b in self.blocks])
 
@@ -63,14 +68,13 @@ class BlockSystem:
     def potential_energy(self, t: float, q: Array) -> float:
         return sum(b.system.potential_energy(t, q[b.q]) for b in self.blocks)
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
-        number = np.asarray(bodies)
-        R, origin = np.empty((len(number), 3, 3)), np.empty((len(number), 3))
+    def placements(self, q: Array, bodies: Array) -> Array:
+        places = np.empty((len(bodies), 4, 3))
         for b in self.blocks:
-            here = self._inside(b, number)
+            here = self._inside(b, bodies)
             if here.any():
-                R[here], origin[here] = b.system.placements(q[b.q], number[here] - b.first_body)
-        return R, origin
+                places[here] = b.system.placements(q[b.q], bodies[here] - b.first_body)
+        return places
 
     @staticmethod
     def _inside(b: _Block, bodies: Array) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..projection import BodiesMetric, DiagonalMetric, Metric
@@ -55,9 +53,11 @@ class Spheres:
     def potential_energy(self, t: float, q: Array) -> float:
         return float(-q @ (self._metric.diagonal * self._gravity))
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
-        centres = q.reshape(-1, 3)[np.asarray(bodies, dtype=np.intp) - 1]
-        return np.broadcast_to(np.eye(3), (len(centres), 3, 3)), centres
+    def placements(self, q: Array, bodies: Array) -> Array:
+        places = np.empty((len(bodies), 4, 3))
+        places[:, :3] = np.eye(3)
+        places[:, 3] = q.reshape(-1, 3)[bodies - 1]
+        return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         rows = np.zeros((len(point), self.nv))
@@ -142,17 +142,20 @@ class FreeBodies:
     def potential_energy(self, t: float, q: Array) -> float:
         return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
-        poses = q.reshape(-1, 7)[np.asarray(bodies, dtype=np.intp) - 1]
-        return rotations.matrices(poses[:, 3:]), poses[:, :3]
+    def placements(self, q: Array, bodies: Array) -> Array:
+        poses = q.reshape(-1, 7)[bodies - 1]
+        places = np.empty((len(bodies), 4, 3))
+        places[:, :3] = rotations.matrices(poses[:, 3:]).transpose(0, 2, 1)
+        places[:, 3] = poses[:, :3]
+        return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
             here = np.flatnonzero(side)
-            R, centre = self.placements(q, side[here].tolist())
-            torque = np.cross(point[here] - centre, normal[here])
-            pull = np.concatenate([normal[here], np.einsum("kji,kj->ki", R, torque)], axis=1)
+            places = self.placements(q, side[here])
+            torque = np.cross(point[here] - places[:, 3], normal[here])
+            pull = np.concatenate([normal[here], np.einsum("kij,kj->ki", places[:, :3], torque)], axis=1)
             rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
         return rows
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +22,10 @@ class System(Protocol):
         Sizes of q and v.
     bodies : tuple of str
         Names, the world first.
+
+    Notes
+    -----
+    A method `start()`, where there is one, is called when a run starts.
     """
 
     nq: int
@@ -57,8 +60,11 @@ class System(Protocol):
         """Return the potential energy [J]."""
         ...
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
-        """Return rotations, shape (n, 3, 3), and origins, shape (n, 3), of bodies' frames in the world [m]."""
+    def placements(self, q: Array, bodies: Array) -> Array:
+        """Return where bodies' frames are, shape (n, 4, 3): the three columns of the rotation, then the origin [m].
+
+        A point x of the body is at (x, 1) times that.
+        """
         ...
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:

@@ -1,0 +1,120 @@
+"""Pinocchio's results seen in place: poses, Jacobian columns and mass matrix of one Data as arrays.
+
+The ordinary getters cost more than the kernels that read them. Whether memory is laid out as expected is found out from
+the getters' own addresses, without reading anything; where it is not, the getters fill arrays of the same shape.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+Array = np.ndarray
+
+# of one pose: 9 entries of the rotation column by column, then 3 of the translation
+_POSE = 12
+_DOUBLE = 8
+
+
+class _Window:
+    """Memory of a Data under a shape; an array made of it keeps the Data alive."""
+
+    def __init__(self, data: pin.Data, address: int, shape: tuple[int, ...]) -> None:
+        self._data = data
+        self.__array_interface__: dict[str, Any] = {
+            "data": (address, False), "shape": shape, "typestr": "<f8", "version": 3,
+        }  # fmt: skip
+
+
+class Memory:
+    """What crba in the world convention leaves behind.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The mechanism.
+    data : pinocchio.Data
+        Where its results are.
+
+    Attributes
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Of each joint's frame in the world the three columns of the rotation, then the origin [m].
+    columns : ndarray, shape (nv, 6)
+        Row k is the Jacobian column of velocity k: velocity of the world's origin, then angular velocity.
+    mass : ndarray, shape (nv, nv)
+        M in its lower triangle.
+    in_place : bool
+        Whether these follow Pinocchio by themselves.
+    """
+
+    def __init__(self, model: pin.Model, data: pin.Data) -> None:
+        self._data, self._count, nv = data, model.njoints, model.nv
+        self._shapes = (self._count, 4, 3), (nv, 6), (nv, nv)
+        self.in_place = False
+        self.check()
+
+    def check(self) -> None:
+        """Look whether the layout is the expected one, and see the results in place or keep copies accordingly."""
+        addresses = self._addresses()
+        if addresses is not None:
+            windows = (_Window(self._data, *both) for both in zip(addresses, self._shapes, strict=True))
+            self.poses, self.columns, self.mass = map(np.asarray, windows)
+            self.in_place = self._agrees()
+        else:
+            self.in_place = False
+        if not self.in_place:
+            self.poses, self.columns, self.mass = map(np.zeros, self._shapes)
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Bring the arrays up to date where they do not follow by themselves."""
+        if not self.in_place:
+            for array, read in zip((self.poses, self.columns, self.mass), self._read(), strict=True):
+                array[:] = read
+
+    def _read(self) -> tuple[Array, Array, Array]:
+        """Return the same through the ordinary getters."""
+        poses = [np.vstack([pose.rotation.T, pose.translation]) for pose in self._data.oMi]
+        _, columns, mass = self._shapes
+        # one degree of freedom comes as a vector
+        return np.array(poses), self._data.J.reshape(6, -1).T.reshape(columns), self._data.M.T.reshape(mass)
+
+    def _agrees(self) -> bool:
+        read = self._read()
+        # bit by bit, for what was never computed may be anything
+        return all(
+            a.tobytes() == np.ascontiguousarray(b).tobytes()
+            for a, b in zip((self.poses, self.columns, self.mass), read, strict=True)
+        )
+
+    def _addresses(self) -> tuple[int, int, int] | None:
+        """Return where poses, columns and mass matrix begin, or None if they do not lie as expected."""
+        first = _address(self._data.oMi[0].rotation)
+        for k, pose in enumerate(self._data.oMi):
+            here = first + k * _POSE * _DOUBLE
+            if _layout(pose.rotation) != (here, (_DOUBLE, 3 * _DOUBLE)):
+                return None
+            if _layout(pose.translation) != (here + 9 * _DOUBLE, (_DOUBLE,)):
+                return None
+        J, M, nv = self._data.J, self._data.M, self._shapes[1][0]
+        if nv > 1 and (J.strides != (_DOUBLE, 6 * _DOUBLE) or M.strides != (_DOUBLE, nv * _DOUBLE)):
+            return None
+        if J.size != 6 * nv or M.size != nv * nv or not (_is_view(J, self._data.J) and _is_view(M, self._data.M)):
+            return None
+        return first, _address(J), _address(M)
+
+
+def _address(array: Array) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _layout(array: Array) -> tuple[int, tuple[int, ...]]:
+    return _address(array), array.strides
+
+
+def _is_view(array: Array, again: Array) -> bool:
+    """Tell a getter that shows memory from one that copies it: asked twice, it names the same place."""
+    return _address(array) == _address(again)
