@@ -20,62 +20,36 @@ _STILL = 1e-12
 _MOST_NOTES = 20
 
 
-def _note_plain(
-    k: int, keep: bool, t: float, q: Array, v: Array, gap: Array, rates: Array, residual: float,
-    times: Array, qs: Array, vs: Array, penetration: Array, residuals: Array,
-) -> bool:  # fmt: skip
-    """Write state k, if it is to be kept, with the largest residual since the last; tell if an impact is possible.
+def _note_plain(k: int, gap: Array, rates: Array, residual: float, penetration: Array, residuals: Array) -> bool:
+    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
 
     A row closes when it approaches faster than the forces of one step explain.
 
     Parameters
     ----------
-    k, keep : int and bool
-        Which state this is or will be, and whether it is to be kept.
-    t, q, v, gap, rates, residual
+    k : int
+        Where to note it.
+    gap, rates, residual
         Of a `Step`.
-    times, qs, vs, penetration, residuals : ndarray
-        Where states are kept, one a row.
+    penetration, residuals : ndarray, shape (n,)
+        Where these are kept.
     """
     residuals[k] = max(residuals[k], residual)
-    if keep:
-        times[k], qs[k], vs[k] = t, q, v
-        penetration[k] = -min(gap.min(initial=0.0), 0.0)
+    penetration[k] = -min(gap.min(initial=0.0), 0.0)
     percussion, free, _, before = rates
     closing = before + 2.0 * np.abs(free - before) < -_STILL
     return bool((closing & (percussion > 0.0)).any())
 
 
-@kernel(
-    "b1(i8, b1, f8, f8[::1], f8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])",
-    plain=_note_plain,
-)
-def _note(
-    k: int,
-    keep: bool,
-    t: float,
-    q: Array,
-    v: Array,
-    gap: Array,
-    rates: Array,
-    residual: float,
-    times: Array,
-    qs: Array,
-    vs: Array,
-    penetration: Array,
-    residuals: Array,
-) -> bool:
+@kernel("b1(i8, f8[::1], f8[:,::1], f8, f8[::1], f8[::1])", plain=_note_plain)
+def _note(k: int, gap: Array, rates: Array, residual: float, penetration: Array, residuals: Array) -> bool:
     residuals[k] = max(residuals[k], residual)
     deepest, impact = 0.0, False
     for a in range(len(gap)):
         deepest = min(deepest, gap[a])
         percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
         impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -_STILL)
-    if keep:
-        times[k] = t
-        qs[k] = q
-        vs[k] = v
-        penetration[k] = -deepest
+    penetration[k] = -deepest
     return impact
 
 
@@ -105,14 +79,16 @@ class Recorder:
     def step(self, step: Step, keep: bool) -> None:
         """Take note of a step: its impacts always, its state if `keep`."""
         t, q, v, active, rates, residual = step
-        impact = _note(
-            self.count, keep, t, q, v, active.gap, rates, residual,
-            self.t, self.q, self.v, self.penetration, self.residual,
-        )  # fmt: skip
-        if impact:
+        k, gap = self.count, active.gap
+        if not gap.size:
+            self.penetration[k] = 0.0
+        elif _note(k, gap, rates, residual, self.penetration, self.residual):
             self._impact(step)
         if keep:
-            self.count += 1
+            self.t[k] = t
+            self.q[k] = q
+            self.v[k] = v
+            self.count = k + 1
         self._last = step
 
     def trajectory(self, scheme: str, h: float) -> Trajectory:

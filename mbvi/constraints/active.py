@@ -42,11 +42,11 @@ class Rows(NamedTuple):
 class Constraint(Protocol):
     """What a new constraint must give; `active`, `names` and `restitution` are optional beside it.
 
-    One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself; `first_number`,
-    from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast each velocity can
-    bring it nearer; `spare`, how far it was from any other row when last asked; `busy`, whether it has rows to give or
-    refuse at every step. One that is not busy need not be asked before `envelope . travel` has used up `spare`, and
-    until then a busy one is asked with `STILL` for its travel.
+    One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself;
+    `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast
+    each velocity can bring it nearer; `spare`, how far it was from any other row when last asked; `busy`, whether it
+    has rows to give or refuse at every step. One that is not busy need not be asked before `envelope . travel` has
+    used up `spare`, and until then a busy one is asked with `STILL` for its travel.
     """
 
     def gap(self, t: float, q: Array) -> Array | float:

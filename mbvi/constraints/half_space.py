@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel
-from ..system import System
+from ..system import System, articulated
 from . import pairs
+from .active import Rows
 from .pairs import Array, Contacts, Pairs, chosen, sift_plain
 from .shapes import HalfSpace, PlacedShape
 
@@ -118,6 +119,36 @@ def _stand(
     return pairs.sift(pair, gap, tolerance, budget, index)
 
 
+def _touch_plain(
+    poses: Array, columns: Array, support: Array, frame: Array, local: Array, swell: Array, up: Array, radius: Array,
+    level: Array, gap: Array, point: Array, pair: Array, first: Array, second: Array, tolerance: float, budget: Array,
+    index: Array, rows: Array,
+) -> tuple[int, bool]:  # fmt: skip
+    """Do what `_stand` does and, if all points are within the tolerance, write their rows, as `separation` does."""
+    count, vain = _stand_plain(
+        poses, frame, local, swell, up, radius, level, gap, point, pair, tolerance, budget, index
+    )  # fmt: skip
+    if count == len(gap):
+        articulated.separation_plain(columns, support, first, second, point, up, rows)
+    return count, vain
+
+
+@kernel(
+    "Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[::1], f8[:,::1], i8[::1], i8[::1], i8[::1], f8, f8[::1], i8[::1], f8[:,::1])",
+    plain=_touch_plain,
+)
+def _touch(
+    poses: Array, columns: Array, support: Array, frame: Array, local: Array, swell: Array, up: Array, radius: Array,
+    level: Array, gap: Array, point: Array, pair: Array, first: Array, second: Array, tolerance: float, budget: Array,
+    index: Array, rows: Array,
+) -> tuple[int, bool]:  # fmt: skip
+    count, vain = _stand(poses, frame, local, swell, up, radius, level, gap, point, pair, tolerance, budget, index)
+    if count == len(gap):
+        articulated.separation(columns, support, first, second, point, up, rows)
+    return count, vain
+
+
 class HalfSpaceContacts(Pairs):
     """Half-spaces of the world (first) against shapes of moving bodies (second).
 
@@ -142,6 +173,8 @@ class HalfSpaceContacts(Pairs):
         restitution: Array,
     ) -> None:
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
+        # there one kernel does it all
+        self._one_mechanism = hasattr(system, "kinematics")
         self._wall_normal = np.array([w.normal for w in walls], dtype=float).reshape(-1, 3)
         self._wall_offset = np.array([w.offset for w in walls], dtype=float)
         points, swell, radii, owner = [np.zeros((0, 3))], [np.zeros((0, 3, 3))], [], []
@@ -196,6 +229,27 @@ class HalfSpaceContacts(Pairs):
             places, frame, local, swell, up, radius, level, gap, point, pair, tolerance, self._budget, index
         )  # fmt: skip
         return Contacts(pair, gap, point, up), index, count, vain
+
+    def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
+        if not self._one_mechanism:
+            return super().rows(q, due, tolerance)
+        poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
+        pair, _, _, local, swell, up, radius, level = self._select(due)
+        number, first, second, restitution = self._sides_of(pair)
+        k = len(level)
+        gap, point, index, rows = np.empty(k), np.empty((k, 3)), np.empty(k, np.int64), np.empty((k, self.system.nv))
+        count, vain = _touch(
+            poses, columns, support, second, local, swell, up, radius, level, gap, point, pair, first, second,
+            tolerance, self._budget, index, rows,
+        )  # fmt: skip
+        if count == k:
+            return Rows(number, gap, rows, restitution, point, up), vain
+        if not count:
+            return None, vain
+        near = index[:count]
+        point, up = point.take(near, 0), up.take(near, 0)
+        rows = self.system.separation_rows(q, first.take(near), second.take(near), point, up)
+        return Rows(number.take(near), gap.take(near), rows, restitution.take(near), point, up), vain
 
     def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
         contacts, index, count, vain = self._stand_at(q, due, tolerance)

@@ -10,29 +10,19 @@ from ..compiled import kernel, plain_array
 from .active import NOWHERE, Array, Rows
 
 
-def _reached_plain(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, index: Array) -> float:
-    """Write which limits are reached, after how many they are, into `index`, shape (m + 1,); return the least gap.
-
-    The gaps are sign q[position] + offset, all of shape (m,).
-    """
-    gap = sign * q[position] + offset
-    reached = np.flatnonzero(gap <= tolerance)
-    index[0] = len(reached)
-    index[1 : 1 + len(reached)] = reached
-    return float(gap.min())
+def _reached_plain(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
+    """Write the gaps sign q[position] + offset, all of shape (m,); return the least less the tolerance."""
+    gap[:] = sign * q[position] + offset
+    return float(gap.min()) - tolerance
 
 
-@kernel("f8(f8[::1], i8[::1], f8[::1], f8[::1], f8, i8[::1])", plain=_reached_plain)
-def _reached(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, index: Array) -> float:
-    count, nearest = 0, np.inf
+@kernel("f8(f8[::1], i8[::1], f8[::1], f8[::1], f8, f8[::1])", plain=_reached_plain)
+def _reached(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
+    nearest = np.inf
     for a in range(len(sign)):
-        gap = sign[a] * q[position[a]] + offset[a]
-        nearest = min(nearest, gap)
-        if gap <= tolerance:
-            count += 1
-            index[count] = a
-    index[0] = count
-    return nearest
+        gap[a] = sign[a] * q[position[a]] + offset[a]
+        nearest = min(nearest, gap[a])
+    return nearest - tolerance
 
 
 class JointLimits:
@@ -76,7 +66,10 @@ class JointLimits:
         self.envelope = np.zeros(nv)
         self.envelope[self._velocity] = 1.0
         self.spare, self.busy = -np.inf, False
-        self._index = np.empty(len(kept) + 1, np.int64)
+        self._gap = np.empty(len(kept))
+        self._nowhere = np.tile(NOWHERE, (len(kept), 1))
+        # the rows last reached, which are often reached again
+        self._key = b""
         self.restitution = e[joint]
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
@@ -100,21 +93,26 @@ class JointLimits:
 
     def forget(self) -> None:
         """Look at every limit next time."""
-        self.spare = -np.inf
+        self.spare, self._key = -np.inf, b""
 
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows of the limits that are reached."""
         if not self._sign.size:
             self.spare = np.inf
             return None
+        if not q.flags.carray:
+            q = plain_array(q)
         # a limit comes no nearer than its joint travels
-        q = plain_array(q)
-        self.spare = _reached(q, self._position, self._sign, self._offset, tolerance, self._index) - tolerance
-        count = self._index.item(0)
-        if not count:
+        spare = _reached(q, self._position, self._sign, self._offset, tolerance, self._gap)
+        if spare > 0.0:
+            self.spare = spare
             return None
         self.spare = -np.inf
-        index = self._index[1 : 1 + count].copy()
-        nowhere = np.broadcast_to(NOWHERE, (count, 3))
-        gap = self.gap(t, q)[index]
-        return Rows(index + self.first_number, gap, self._rows(index), self.restitution[index], nowhere, nowhere)
+        index = (self._gap <= tolerance).nonzero()[0]
+        key = index.tobytes()
+        if key != self._key:
+            self._key = key
+            self._rows_of = index + self.first_number, self._rows(index), self.restitution[index]
+        number, rows, restitution = self._rows_of
+        nowhere = self._nowhere[: len(index)]
+        return Rows(number, self._gap.take(index), rows.copy(), restitution, nowhere, nowhere)

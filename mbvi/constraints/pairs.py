@@ -210,20 +210,27 @@ class Pairs:
         due = self._due
         if not due.size:
             return None
-        near, vain = self.near(q, due, tolerance)
+        rows, vain = self.rows(q, due, tolerance)
         if vain:
             # that pair's budget is known anew, so that it need not be asked next time
             self.spare = -np.inf
+        return rows
+
+    def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
+        """Return the rows of some pairs within the tolerance, and whether a pair has none; budgets are written."""
+        near, vain = self.near(q, due, tolerance)
         if near is None:
-            return None
+            return None, vain
         pair, gap, point, normal = near
         number, first, second, restitution = self._sides_of(pair)
         rows = self.system.separation_rows(q, first, second, point, normal)
-        return Rows(number, gap, rows, restitution, point, normal)
+        return Rows(number, gap, rows, restitution, point, normal), vain
 
     def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
         """Return the contacts within the tolerance, and whether some pair has none; budgets are written."""
-        contacts = self.contacts(q, due, tolerance)
+        return self._near(self.contacts(q, due, tolerance), tolerance)
+
+    def _near(self, contacts: Contacts, tolerance: float) -> tuple[Contacts | None, bool]:
         index = np.empty(len(contacts.gap), np.int64)
         count, vain = sift(contacts.pair, contacts.gap, tolerance, self._budget, index)
         return chosen(contacts, index, count), vain

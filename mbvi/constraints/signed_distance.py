@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import MbviError
 from ..system import System
 from .pairs import Array, Contacts, Pairs
+from .separating_axis import SeparatingAxes
 from .shapes import Ellipsoid, PlacedShape, Sphere
 
 # Coal's own tolerance leaves normals of curved shapes wrong in the third digit; at a fine one its penetration depth
@@ -58,26 +59,39 @@ class SignedDistances(Pairs):
             request.gjk_tolerance = request.epa_tolerance = accuracy
             self._requests.append(request)
         self._patches = _PatchFinder(self._geometry, self._placed)
+        self._axes = SeparatingAxes(self._placed, np.array(self._sides, dtype=np.int64).reshape(-1, 2))
         self._pose = [coal.Transform3s() for _ in self._placed]
         for placed_shape, pose in zip(self._placed, self._pose, strict=True):
             if placed_shape.body == 0:
                 pose.setTransform(placed_shape.rotation, placed_shape.position)
 
-    def _place(self, q: Array, pairs: Array) -> None:
-        """Bring the poses of the shapes in the given pairs to q."""
-        moving = [k for k in sorted({side for pair in pairs for side in self._sides[pair]}) if self._placed[k].body]
-        places = self.system.placements(q, np.array([self._placed[k].body for k in moving], dtype=np.int64))
-        for k, place in zip(moving, places, strict=True):
-            placed, turn = self._placed[k], place[:3].T
-            self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + place[3])
+    def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
+        places = self.system.placements(q, self._axes.bodies)
+        asked = self._axes.clear(places, due, tolerance, self._budget)
+        if not asked.size:
+            return None, True
+        contacts, vain = self._near(self._measured(places, asked, tolerance), tolerance)
+        return contacts, vain or len(asked) < len(due)
 
-    def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        self._place(q, pairs)
+    def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
+        return self._measured(self.system.placements(q, self._axes.bodies), due, tolerance)
+
+    def _place(self, places: Array, pairs: Array) -> None:
+        """Bring the poses of the shapes in the given pairs to where their bodies are."""
+        for k in {side for pair in pairs for side in self._sides[pair]}:
+            placed, frame = self._placed[k], self._axes.frame.item(k)
+            if frame >= 0:
+                turn = places[frame, :3].T
+                self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + places[frame, 3])
+
+    def _measured(self, places: Array, pairs: Array, tolerance: float) -> Contacts:
+        self._place(places, pairs)
         pair, gap, point, normal = [], [], [], []
         for k in pairs:
             a, b = self._sides[k]
             distance, result = self._measure(k)
             n = np.array(result.normal)
+            self._axes.keep(places, k, n)
             middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
             if distance <= tolerance:
                 n = self._sharpened(k, n, distance)

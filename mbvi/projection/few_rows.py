@@ -364,32 +364,30 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
     return residual
 
 
-def _law_plain(
-    J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, lower: Array, rates: Array
-) -> float:
+def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
     """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
 
     Parameters
     ----------
     v : ndarray, shape (nv,)
         Velocity before.
-    e, lower : ndarray, shape (m,)
-        Restitution of each row; `lower` receives -e J v.
+    e : ndarray, shape (m,)
+        Restitution of each row.
     rates : ndarray, shape (4, m)
         Receives percussions, J x, J w and J v.
     """
     rates[3] = J @ v
-    lower[:] = -e * rates[3]
-    return _press_plain(J, A, x, lower, last, w, rates[:3])
+    return _press_plain(J, A, x, -e * rates[3], last, w, rates[:3])
 
 
 @kernel(
-    "f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
+    "f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
     plain=_law_plain,
 )
-def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, lower: Array, rates: Array) -> float:
+def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
     """Loops of `_law_plain`."""
     m, n = J.shape
+    lower = np.empty(m)
     for a in range(m):
         speed = 0.0
         for k in range(n):
@@ -399,22 +397,22 @@ def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array,
 
 
 def _tree_law_plain(
-    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, lower: Array, rates: Array
+    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array
 ) -> float:
     """Do the same as `law` where M = L'L on the tree of `parent`; see `tree`."""
     A = np.empty(J.shape)
     tree.solve_plain(L, parent, J, A)
-    return _law_plain(J, A, v, e, x, last, w, lower, rates)
+    return _law_plain(J, A, v, e, x, last, w, rates)
 
 
 @kernel(
-    "f8(f8[:,::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
+    "f8(f8[:,::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
     plain=_tree_law_plain,
 )
 def tree_law(
-    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, lower: Array, rates: Array
+    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array
 ) -> float:
     """Loops of `_tree_law_plain`."""
     A = np.empty(J.shape)
     tree.solve(L, parent, J, A)
-    return law(J, A, v, e, x, last, w, lower, rates)
+    return law(J, A, v, e, x, last, w, rates)

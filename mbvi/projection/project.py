@@ -104,14 +104,14 @@ class Projector:
         m = len(e)
         if not v.flags.carray:
             v = plain_array(v)
-        rates, lower = np.empty((4, m)), np.empty(m)
+        rates = np.empty((4, m))
         if m <= _FEW:
             velocity = np.empty(len(x))
-            given = J, v, e, x, self._last, velocity, lower, rates
+            last = self._last
             if isinstance(metric, TreeMetric):
-                residual = few_rows.tree_law(metric.lower, metric.parent, *given)
+                residual = few_rows.tree_law(metric.lower, metric.parent, J, v, e, x, last, velocity, rates)
             else:
-                residual = few_rows.law(J, metric.solve_rows(J), *given[1:])
+                residual = few_rows.law(J, metric.solve_rows(J), v, e, x, last, velocity, rates)
             if residual <= ROUNDING:
                 self._last = rates[0]
                 return velocity, rates, residual

@@ -9,13 +9,15 @@ from ..errors import InputError
 from .metric import Array, triangular
 
 
-def _factor_plain(mass: Array, parent: Array, L: Array) -> int:
-    """Write L with L'L = M; return 0, or one plus a row where M turns out not to be positive definite.
+def _factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+    """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
 
     Parameters
     ----------
     mass : ndarray, shape (nv, nv)
         M, of which the lower triangle is read.
+    h, damping : float and ndarray, shape (nv,)
+        h and the diagonal of D.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
     L : ndarray, shape (nv, nv)
@@ -26,7 +28,7 @@ def _factor_plain(mass: Array, parent: Array, L: Array) -> int:
     R. Featherstone, Rigid Body Dynamics Algorithms (2008), table 6.3.
     """
     lower = np.tril(mass)
-    M = lower + np.tril(lower, -1).T
+    M = lower + np.tril(lower, -1).T + h * np.diag(damping)
     try:
         L[:] = np.linalg.cholesky(M[::-1, ::-1]).T[::-1, ::-1]
     except np.linalg.LinAlgError:
@@ -34,12 +36,13 @@ def _factor_plain(mass: Array, parent: Array, L: Array) -> int:
     return 0
 
 
-@kernel("i8(f8[:,::1], i8[::1], f8[:,::1])", plain=_factor_plain)
-def _factor(mass: Array, parent: Array, L: Array) -> int:
+@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])", plain=_factor_plain)
+def _factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
     n = len(parent)
     for i in range(n):
         for j in range(n):
             L[i, j] = mass[i, j] if j <= i else 0.0
+        L[i, i] += h * damping[i]
     for k in range(n - 1, -1, -1):
         # written so that a NaN is refused too
         if not L[k, k] > 0.0:
@@ -59,60 +62,107 @@ def _factor(mass: Array, parent: Array, L: Array) -> int:
     return 0
 
 
+def _back_plain(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by (L'L)^-1 x."""
+    x[:] = np.linalg.solve(L, np.linalg.solve(L.T, x))
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[::1])", plain=_back_plain)
+def _back(L: Array, parent: Array, x: Array) -> None:
+    n = len(x)
+    for k in range(n - 1, -1, -1):
+        # a gradient touches the joints that carry its bodies only
+        if x[k] != 0.0:
+            x[k] /= L[k, k]
+            i = parent[k]
+            while i >= 0:
+                x[i] -= L[k, i] * x[k]
+                i = parent[i]
+    for k in range(n):
+        y = x[k]
+        i = parent[k]
+        while i >= 0:
+            y -= L[k, i] * x[i]
+            i = parent[i]
+        x[k] = y / L[k, k]
+
+
 def solve_plain(L: Array, parent: Array, rows: Array, out: Array) -> None:
-    """Write M^-1 r for every row r, shapes (m, nv)."""
+    """Write (L'L)^-1 r for every row r, shapes (m, nv)."""
     out[:] = np.linalg.solve(L, np.linalg.solve(L.T, rows.T)).T
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])", plain=solve_plain)
 def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
     """Loops of `solve_plain`."""
-    m, n = rows.shape
-    for a in range(m):
-        for k in range(n):
-            out[a, k] = rows[a, k]
-        for k in range(n - 1, -1, -1):
-            # a row touches the joints that carry its bodies only
-            if out[a, k] != 0.0:
-                out[a, k] /= L[k, k]
-                i = parent[k]
-                while i >= 0:
-                    out[a, i] -= L[k, i] * out[a, k]
-                    i = parent[i]
-        for k in range(n):
-            x = out[a, k]
-            i = parent[k]
-            while i >= 0:
-                x -= L[k, i] * out[a, i]
-                i = parent[i]
-            out[a, k] = x / L[k, k]
+    for a in range(len(rows)):
+        out[a] = rows[a]
+        _back(L, parent, out[a])
 
 
-def _advance_plain(L: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, out: Array) -> None:
-    """Write v + h M^-1 (torque - effects), all of shape (nv,)."""
-    out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects)))
+def _advance_plain(
+    mass: Array, damping: Array, parent: Array, L: Array, v: Array, h: float, torque: Array, effects: Array, out: Array
+) -> int:
+    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `_factor_plain`.
+
+    Parameters
+    ----------
+    mass, parent, L
+        As of `_factor_plain`.
+    damping, v, torque, effects, out : ndarray, shape (nv,)
+        The diagonal of D, velocity, torques and nonlinear effects, and the result.
+    h : float
+        Time step [s].
+    """
+    bad = _factor_plain(mass, h, damping, parent, L)
+    if not bad:
+        out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects - damping * v)))
+    return bad
 
 
-@kernel("void(f8[:,::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1])", plain=_advance_plain)
-def _advance(L: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, out: Array) -> None:
+@kernel(
+    "i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[::1], f8, f8[::1], f8[::1], f8[::1])",
+    plain=_advance_plain,
+)
+def _advance(
+    mass: Array, damping: Array, parent: Array, L: Array, v: Array, h: float, torque: Array, effects: Array, out: Array
+) -> int:
     n = len(v)
+    bad = _factor(mass, h, damping, parent, L)
+    if bad:
+        return bad
     for k in range(n):
-        out[k] = h * (torque[k] - effects[k])
-    for k in range(n - 1, -1, -1):
-        out[k] /= L[k, k]
-        i = parent[k]
-        while i >= 0:
-            out[i] -= L[k, i] * out[k]
-            i = parent[i]
-    for k in range(n):
-        x = out[k]
-        i = parent[k]
-        while i >= 0:
-            x -= L[k, i] * out[i]
-            i = parent[i]
-        out[k] = x / L[k, k]
+        out[k] = h * (torque[k] - effects[k] - damping[k] * v[k])
+    _back(L, parent, out)
     for k in range(n):
         out[k] += v[k]
+    return 0
+
+
+def advance(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array
+) -> tuple[Array, Array]:
+    """Return v + (M + h D)^-1 h (torque - effects - D v), shape (nv,), and the factor of M + h D, shape (nv, nv).
+
+    Raises
+    ------
+    InputError
+        If that is not positive definite.
+    """
+    out, L = np.empty(len(v)), np.empty(mass.shape)
+    if not v.flags.carray:
+        v = plain_array(v)
+    bad = _advance(mass, damping, parent, L, v, h, torque, effects, out)
+    if bad:
+        raise _indefinite(bad, len(mass))
+    return out, L
+
+
+def _indefinite(bad: int, size: int) -> InputError:
+    return InputError(
+        f"the mass matrix is not positive definite (row {bad - 1} of {size}): "
+        "check masses, inertias and the coordinates' redundancy"
+    )
 
 
 class TreeMetric:
@@ -120,26 +170,29 @@ class TreeMetric:
 
     Parameters
     ----------
-    mass : ndarray, shape (nv, nv)
-        M, of which the lower triangle is read.
+    lower : ndarray, shape (nv, nv)
+        L of M = L'L.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
-
-    Raises
-    ------
-    InputError
-        If M is not positive definite.
     """
 
-    def __init__(self, mass: Array, parent: Array) -> None:
-        self.parent = parent
-        self.lower = np.empty(mass.shape)
-        bad = _factor(mass, parent, self.lower)
+    def __init__(self, lower: Array, parent: Array) -> None:
+        self.lower, self.parent = lower, parent
+
+    @classmethod
+    def of(cls, mass: Array, parent: Array) -> TreeMetric:
+        """Factorise M, shape (nv, nv), of which the lower triangle is read.
+
+        Raises
+        ------
+        InputError
+            If M is not positive definite.
+        """
+        lower = np.empty(mass.shape)
+        bad = _factor(mass, 0.0, np.zeros(len(mass)), parent, lower)
         if bad:
-            raise InputError(
-                f"the mass matrix is not positive definite (row {bad - 1} of {len(mass)}): "
-                "check masses, inertias and the coordinates' redundancy"
-            )
+            raise _indefinite(bad, len(mass))
+        return cls(lower, parent)
 
     def apply(self, w: Array) -> Array:
         return self.lower.T @ (self.lower @ w)
@@ -153,14 +206,6 @@ class TreeMetric:
     def solve_rows(self, rows: Array) -> Array:
         out = np.empty(rows.shape)
         solve(self.lower, self.parent, rows, out)
-        return out
-
-    def advance(self, v: Array, h: float, torque: Array, effects: Array) -> Array:
-        """Return v + h M^-1 (torque - effects), shape (nv,)."""
-        out = np.empty(len(v))
-        if not v.flags.carray:
-            v = plain_array(v)
-        _advance(self.lower, self.parent, v, h, torque, effects, out)
         return out
 
     def dense(self) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ..compiled import kernel
 from ..errors import InputError
-from ..projection import Metric, TreeMetric
+from ..projection.tree import TreeMetric, advance
 from .memory import Memory
 from .system import Array
 
@@ -21,7 +22,25 @@ _UNBOUNDED = 1e300
 _WORLD = pin.Convention.WORLD
 
 
-def _rows_plain(
+class Kinematics(NamedTuple):
+    """Where the bodies of a mechanism are and how they move, in arrays that follow the last configuration asked for.
+
+    Attributes
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Columns of each body's rotation, then its origin [m].
+    columns : ndarray, shape (nv, 6)
+        Jacobian columns in the world, one a row.
+    support : ndarray, shape (njoints, nv)
+        1 where a velocity moves a body, else 0.
+    """
+
+    poses: Array
+    columns: Array
+    support: Array
+
+
+def separation_plain(
     columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
 ) -> None:
     """Write the gradients of the separation of bodies.
@@ -45,11 +64,12 @@ def _rows_plain(
 
 @kernel(
     "void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])",
-    plain=_rows_plain,
+    plain=separation_plain,
 )
-def _rows(
+def separation(
     columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
 ) -> None:
+    """Loops of `separation_plain`."""
     m, n = rows.shape
     for a in range(m):
         x, y, z = normal[a, 0], normal[a, 1], normal[a, 2]
@@ -103,6 +123,7 @@ class ArticulatedSystem:
             for ancestor in list(model.supports[joint])[1:]:
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
+        self._see()
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return pin.integrate(self.model, q, dv)
@@ -113,6 +134,10 @@ class ArticulatedSystem:
     def start(self) -> None:
         self._memory.check()
         self._key = None
+        self._see()
+
+    def _see(self) -> None:
+        self._kinematics = Kinematics(self._memory.poses, self._memory.columns, self._support)
 
     def _refresh(self, q: Array) -> None:
         """Bring placements, Jacobian columns and mass matrix to q, once per q."""
@@ -127,7 +152,7 @@ class ArticulatedSystem:
     def metric(self, q: Array) -> TreeMetric:
         self._refresh(q)
         if self._metric is None:
-            self._metric = TreeMetric(self._memory.mass, self._parent)
+            self._metric = TreeMetric.of(self._memory.mass, self._parent)
         return self._metric
 
     def _torque(self, t: float, q: Array, v: Array) -> Array:
@@ -142,23 +167,26 @@ class ArticulatedSystem:
         g = self._torque(t, q, v) - pin.nonLinearEffects(self.model, self._data, q, v)
         return g - self.damping * v if self._damped else g
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
-        torque = self._torque(t, q, v)
-        if metric is None and not self._damped:
-            # aba leaves the data of another q, or of this one in other coordinates
-            self._key = None
-            free = pin.aba(self.model, self._data, q, v, torque)
-            free *= h
-            free += v
-            return free
-        effects = pin.nonLinearEffects(self.model, self._data, q, v)
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         if self._damped:
-            self._refresh(q)
-            mass = self._memory.mass.copy()
-            mass.reshape(-1)[:: self.nv + 1] += h * self.damping
-            return TreeMetric(mass, self._parent).advance(v, h, torque, effects + self.damping * v)
-        assert isinstance(metric, TreeMetric)
-        return metric.advance(v, h, torque, effects)
+            return self._advance(t, q, v, h)[0]
+        free = pin.aba(self.model, self._data, q, v, self._torque(t, q, v))
+        # that leaves the data of another q, or of this one in other coordinates
+        self._key = None
+        free *= h
+        free += v
+        return free
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, TreeMetric]:
+        free, lower = self._advance(t, q, v, h)
+        if self._damped:
+            return free, self.metric(q)
+        return free, TreeMetric(lower, self._parent)
+
+    def _advance(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+        self._refresh(q)
+        effects = pin.nonLinearEffects(self.model, self._data, q, v)
+        return advance(self._memory.mass, self.damping, self._parent, v, h, self._torque(t, q, v), effects)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
@@ -170,10 +198,14 @@ class ArticulatedSystem:
         self._refresh(q)
         return self._memory.poses.take(bodies, 0)
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+    def kinematics(self, q: Array) -> Kinematics:
         self._refresh(q)
+        return self._kinematics
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+        _, columns, support = self.kinematics(q)
         rows = np.empty((len(point), self.nv))
-        _rows(self._memory.columns, self._support, first, second, point, normal, rows)
+        separation(columns, support, first, second, point, normal, rows)
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:

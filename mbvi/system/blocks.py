@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..projection import BlockMetric, Metric
+from ..projection import BlockMetric
 from .system import Array, System
 
 
@@ -57,10 +57,12 @@ class BlockSystem:
     def force(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.force(t, q[b.q], v[b.v]) for b in self.blocks])
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
-        parts = metric.parts if isinstance(metric, BlockMetric) else [None] * len(self.blocks)
-        free = [b.system.free_velocity(t, q[b.q], v[b.v], h, part) for b, part in zip(self.blocks, parts, strict=True)]
-        return np.concatenate(free)
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return np.concatenate([b.system.free_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, BlockMetric]:
+        free, metrics = zip(*(b.system.push(t, q[b.q], v[b.v], h) for b in self.blocks), strict=True)
+        return np.concatenate(free), BlockMetric(metrics, self._slices)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return sum(b.system.kinetic_energy(q[b.q], v[b.v]) for b in self.blocks)

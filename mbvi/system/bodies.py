@@ -44,8 +44,11 @@ class Spheres:
     def force(self, t: float, q: Array, v: Array) -> Array:
         return self._metric.diagonal * self._gravity
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._gravity
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
+        return self.free_velocity(t, q, v, h), self._metric
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ (self._metric.diagonal * v))
@@ -133,8 +136,11 @@ class FreeBodies:
         g[:, 5] = momentum[:, 0] * spin[:, 1] - momentum[:, 1] * spin[:, 0]
         return g.reshape(-1)
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
+        return self.free_velocity(t, q, v, h), self._metric
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ self._metric.apply(v))

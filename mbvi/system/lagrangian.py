@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -71,9 +71,12 @@ class LagrangianSystem:
             raise InputError(f"force returned shape {g.shape}; ({self.nv},) is asked for")
         return g
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
-        metric = metric or self.metric(q)
-        return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v)))
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return self.push(t, q, v, h)[0]
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
+        metric = self.metric(q)
+        return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ np.asarray(self._mass(q), dtype=float) @ v)
@@ -85,7 +88,7 @@ class LagrangianSystem:
         work = sum(w * (self.force(t, s * q, rest) @ q) for s, w in zip(_NODES, _WEIGHTS, strict=True))
         return -float(work)
 
-    def placements(self, q: Array, bodies: Sequence[int]) -> tuple[Array, Array]:
+    def placements(self, q: Array, bodies: Array) -> Array:
         raise InputError("a LagrangianSystem has no bodies: its constraints are GapFunctions")
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:

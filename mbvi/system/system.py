@@ -48,8 +48,12 @@ class System(Protocol):
         """Return g(t, q, v), shape (nv,) [N, N m]."""
         ...
 
-    def free_velocity(self, t: float, q: Array, v: Array, h: float, metric: Metric | None = None) -> Array:
-        """Return v + h M^-1 g, shape (nv,); `metric` is M(q) where the caller has it already."""
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        """Return v + h M^-1 g, shape (nv,)."""
+        ...
+
+    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
+        """Return v + h M^-1 g, shape (nv,), and M(q), where both are wanted."""
         ...
 
     def kinetic_energy(self, q: Array, v: Array) -> float:

@@ -1,0 +1,214 @@
+"""The same robot in MuJoCo, built from what mbvi knows of it and not from its file a second time."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from itertools import combinations
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+import mbvi
+from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+
+Array = np.ndarray
+
+# mass matrix and gravity must agree to this, relative to their largest entries
+_AGREEMENT = 1e-6
+# MuJoCo's default time constant of a contact [s]
+_TIME = 0.02
+
+
+class Peer:
+    """One robot, its half-spaces, start and constant torques in MuJoCo; no friction, Euler, the default solver.
+
+    Parameters
+    ----------
+    problem : mbvi.Problem
+        A scene of one robot and half-spaces.
+    torque : ndarray, shape (nv,)
+        What pushes the joints at all times [N, N m]; nothing pushes a free base.
+    step : float
+        Time step [s].
+
+    Raises
+    ------
+    RuntimeError
+        If MuJoCo's mass matrix or gravity at the start is another than Pinocchio's.
+    """
+
+    def __init__(self, problem: mbvi.Problem, torque: Array, step: float) -> None:
+        self._source: pin.Model = problem.system.model
+        self.model = self._compile(problem, step)
+        self.data = mujoco.MjData(self.model)
+        self._base = "FreeFlyer" in self._source.joints[1].shortname()
+        self._coordinates()
+        self._q = self.data.qpos.copy()
+        self._q[self._here] = problem.q0[self._q_there]
+        self._to_mujoco = np.zeros((self.model.nv, self.model.nv))
+        self._to_mujoco[self._mine, self._v_there] = 1.0
+        if self._base:
+            x, y, z, w = problem.q0[3:7]
+            self._q[:7] = *problem.q0[:3], w, x, y, z
+            # MuJoCo's free joint moves along the world's axes and turns about the body's, Pinocchio's takes the body's
+            self._to_mujoco[:3, :3] = pin.Quaternion(w, x, y, z).matrix()
+            self._to_mujoco[3:6, 3:6] = np.eye(3)
+        self._v = self._to_mujoco @ problem.v0
+        self._torque = self._to_mujoco @ torque
+        self._check(problem)
+
+    def rows(self, count: int) -> float:
+        """Return the mean number of active rows over `count` steps, the first left out."""
+        self._reset()
+        rows = []
+        for _ in range(count):
+            mujoco.mj_step(self.model, self.data)
+            rows.append(self.data.nefc)
+        return float(np.mean(rows[1:]))
+
+    def time(self, count: int) -> float:
+        """Return the time of one step among `count`, the first taken away [s]."""
+        self._reset()
+        mujoco.mj_step(self.model, self.data)
+        start = time.process_time()
+        mujoco.mj_step(self.model, self.data, nstep=count - 1)
+        return (time.process_time() - start) / (count - 1)
+
+    def _reset(self) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:], self.data.qfrc_applied[:] = self._q, self._v, self._torque
+
+    def _compile(self, problem: mbvi.Problem, step: float) -> mujoco.MjModel:
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        spec.option.timestep = step
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        spec.option.gravity = self._source.gravity.linear
+        # what is fixed is no part of MuJoCo's world body, so that its pairs can be left out and the half-spaces' kept
+        bodies = [spec.worldbody.add_body(name="fixed")]
+        for joint in range(1, self._source.njoints):
+            bodies.append(self._add_body(bodies, spec.worldbody, joint))
+        for placed in problem.scene.shapes:
+            _add_geom(spec, bodies[placed.body], placed)
+        for wall in problem.scene.walls.values():
+            up = np.array(wall.normal)
+            turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up).matrix()
+            plane = mujoco.mjtGeom.mjGEOM_PLANE
+            spec.worldbody.add_geom(type=plane, size=[0, 0, 1], pos=wall.offset * up, quat=_quaternion(turn))
+        _leave_out(spec, bodies, problem)
+        for geom in spec.geoms:
+            geom.condim = 1
+            geom.solref = _TIME, _damping_ratio(float(problem.restitution.max()))
+        return spec.compile()
+
+    def _add_body(self, bodies: list, world: Any, joint: int) -> Any:
+        """Add the body behind one of Pinocchio's joints."""
+        source = self._source
+        place, inertia = source.jointPlacements[joint], source.inertias[joint]
+        parent = source.parents[joint]
+        matrix = inertia.inertia
+        body = (bodies[parent] if parent else world).add_body(
+            name=source.names[joint],
+            pos=place.translation,
+            quat=_quaternion(place.rotation),
+            mass=inertia.mass,
+            ipos=inertia.lever,
+            fullinertia=matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]],
+            explicitinertial=True,
+        )
+        if "FreeFlyer" in source.joints[joint].shortname():
+            body.add_freejoint(name=source.names[joint])
+            return body
+        if source.nqs[joint] != 1 or source.nvs[joint] != 1:
+            raise RuntimeError(f"joint {source.names[joint]} is neither a hinge nor a slide")
+        # a joint's own column, in its own frame, is the same at every q
+        q, v = source.idx_qs[joint], source.idx_vs[joint]
+        column = pin.computeJointJacobian(source, source.createData(), pin.neutral(source), joint)[:, v]
+        slides = bool(np.any(column[:3]))
+        lower, upper = source.lowerPositionLimit[q], source.upperPositionLimit[q]
+        body.add_joint(
+            name=source.names[joint],
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=column[:3] if slides else column[3:],
+            limited=bool(max(-lower, upper) < 1e100),
+            range=[lower, upper],
+            armature=source.armature[v],
+            damping=source.damping[v],
+        )
+        return body
+
+    def _coordinates(self) -> None:
+        """Find where the joints of one coordinate stand in MuJoCo's q and v and in Pinocchio's."""
+        joints = range(2 if self._base else 1, self._source.njoints)
+        mine = [self.model.joint(self._source.names[j]) for j in joints]
+        self._here = np.array([int(m.qposadr[0]) for m in mine])
+        self._mine = np.array([int(m.dofadr[0]) for m in mine])
+        self._q_there = np.array([self._source.idx_qs[j] for j in joints])
+        self._v_there = np.array([self._source.idx_vs[j] for j in joints])
+
+    def _check(self, problem: mbvi.Problem) -> None:
+        """Compare inertia and gravity at the start."""
+        source, model, data, turn = self._source, self.model, self.data, self._to_mujoco
+        self._reset()
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        mass = np.empty((model.nv, model.nv))
+        for k, unit in enumerate(np.eye(model.nv)):
+            mujoco.mj_mulM(model, data, mass[k], unit)
+        own = source.createData()
+        theirs = np.array(pin.crba(source, own, problem.q0))
+        weight = pin.computeGeneralizedGravity(source, own, problem.q0)
+        for what, a, b in (("mass matrix", turn.T @ mass @ turn, theirs), ("gravity", turn.T @ data.qfrc_bias, weight)):
+            off = np.abs(a - b).max() / max(np.abs(b).max(), 1e-300)
+            if off > _AGREEMENT:
+                raise RuntimeError(f"{source.name}: MuJoCo's {what} is off by {off:.1e} of its largest entry")
+
+
+def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:
+    geom = body.add_geom(name=placed.name, pos=placed.position, quat=_quaternion(placed.rotation))
+    kinds, shape = mujoco.mjtGeom, placed.shape
+    match shape:
+        case Sphere():
+            geom.type, geom.size = kinds.mjGEOM_SPHERE, [shape.radius, 0.0, 0.0]
+        case Ellipsoid():
+            geom.type, geom.size = kinds.mjGEOM_ELLIPSOID, shape.radii
+        case Box():
+            geom.type, geom.size = kinds.mjGEOM_BOX, 0.5 * np.array(shape.size)
+        case Capsule():
+            geom.type, geom.size = kinds.mjGEOM_CAPSULE, [shape.radius, 0.5 * shape.length, 0.0]
+        case Cylinder():
+            geom.type, geom.size = kinds.mjGEOM_CYLINDER, [shape.radius, 0.5 * shape.length, 0.0]
+        case Hull():
+            spec.add_mesh(name=placed.name, uservert=shape.vertices.ravel(), userface=shape.triangles.ravel())
+            geom.type, geom.meshname = kinds.mjGEOM_MESH, placed.name
+
+
+def _leave_out(spec: Any, bodies: list, problem: mbvi.Problem) -> None:
+    """Leave out the pairs of shapes that mbvi leaves out; MuJoCo knows pairs of bodies only."""
+    (robot,) = problem.scene.items.robots
+    out, kept = defaultdict(list), defaultdict(list)
+    for a, b in combinations(problem.scene.shapes, 2):
+        if a.body != b.body:
+            side = out if (a.name, b.name) in robot.robot.apart else kept
+            side[a.body, b.body].append((a.name, b.name))
+    parents = problem.system.model.parents
+    for pair in out:
+        # MuJoCo by itself leaves out what hangs on what moves
+        if pair[0] and parents[pair[1]] == pair[0]:
+            continue
+        spec.add_exclude(bodyname1=bodies[pair[0]].name, bodyname2=bodies[pair[1]].name)
+        for first, second in kept.get(pair, ()):
+            spec.add_pair(geomname1=first, geomname2=second, condim=1)
+
+
+def _damping_ratio(e: float) -> float:
+    """Return the damping with which a linear spring throws back at e times the speed; critical at 0."""
+    return abs(np.log(e)) / np.hypot(np.pi, np.log(e)) if e > 0.0 else 1.0
+
+
+def _quaternion(rotation: Array) -> Array:
+    x, y, z, w = pin.Quaternion(np.ascontiguousarray(rotation)).coeffs()
+    return np.array([w, x, y, z])
