@@ -11,7 +11,7 @@ import numpy as np
 from .errors import DivergedError, InputError
 from .problem import Problem
 from .progress import Progress
-from .projection import Projector
+from .projection import Projector, Push
 from .recorder import Recorder
 from .schemes import Paoli, Scheme, Step
 from .trajectory import Trajectory
@@ -161,7 +161,7 @@ def _start(problem: Problem, projector: Projector) -> Step:
     rounding = 1e-12 * (np.abs(active.jacobian) @ np.abs(v))
     if (before >= -rounding).all():
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual = projector.law(v, v, problem.system.metric(q), active.jacobian, active.restitution)
+    v, rates, residual = projector.law(v, Push(v, problem.system.metric(q)), active.jacobian, active.restitution)
     return Step(t, q, v, active, rates, residual)
 
 

@@ -14,6 +14,9 @@ from ..errors import InputError
 from ..system import System
 from .active import NOWHERE, STILL, Array, Constraint, Rows
 
+# one bit each; more of them are asked at every step
+_MOST_REMEMBERING = 60
+
 
 def _use_up_plain(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
     """Take what was travelled from what constraints have to spare; return one bit for each that must be asked.
@@ -77,16 +80,16 @@ class AdmissibleSet:
         self._starts = [int(s) for s in np.concatenate([[0], np.cumsum(self._sizes)])]
         ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
         # those that remember are asked only when what they had to spare is spent
-        self._remembering: list[Any] = [c for c in self.constraints if hasattr(c, "asked_by")]
+        self._remembering: list[Any] = [c for c in self.constraints if hasattr(c, "asked_by")][:_MOST_REMEMBERING]
         number = {id(c): k for k, c in enumerate(self._remembering)}
         turn = [number.get(id(c), -1) for c in self.constraints]
-        self._asked = list(zip(ask, self._starts[:-1], restitution, turn, strict=True))
-        self._always = len(self._remembering) < len(self.constraints)
+        self._all = list(zip(self.constraints, turn, ask, self._starts[:-1], restitution, strict=True))
+        self._plans: dict[int, list[tuple[Any, int, Any, int, float]]] = {}
         self._envelope = np.array([c.envelope for c in self._remembering]).reshape(-1, system.nv)
         self._travel, self._spare = np.zeros(self._envelope.shape), np.empty(len(self._remembering))
         # of these, one bit for each that is asked at every step
         self._busy = self._epoch = 0
-        self._last: bytes | None = None
+        self._last: Array | None = None
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
@@ -121,30 +124,28 @@ class AdmissibleSet:
             about last, no difference need be taken.
         """
         stale = self._spend(q, origin, moved)
-        if not (stale | self._busy) and not self._always:
-            return self.empty
         found = []
-        for ask, start, e, turn in self._asked:
+        for constraint, turn, ask, start, e in self._plan(stale | self._busy):
             if turn < 0:
-                rows = ask(t, q, tolerance, None)
+                rows = _own_numbers(ask(t, q, tolerance, None), start, e)
             elif stale >> turn & 1:
                 rows = self._ask_anew(turn, t, q, tolerance)
-            elif self._busy >> turn & 1:
-                rows = ask(t, q, tolerance, STILL)
-                if self._remembering[turn].spare < 0.0:
-                    self._spare[turn] = -np.inf
             else:
-                continue
-            if rows is None:
-                continue
-            if turn < 0:
-                # of those that remember, numbers are of the stack already, and so is e
-                own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
-                rows = rows._replace(constraint=rows.constraint + start, restitution=own)
-            found.append(rows)
+                rows = ask(t, q, tolerance, STILL)
+                if constraint.spare < 0.0:
+                    self._spare[turn] = -np.inf
+            if rows is not None:
+                found.append(rows)
         if not found:
             return self.empty
         return found[0] if len(found) == 1 else Rows(*map(np.concatenate, zip(*found, strict=True)))
+
+    def _plan(self, asked: int) -> list[tuple[Any, int, Any, int, float]]:
+        """Return the constraints to ask, one bit for each of those that remember; few sets come again and again."""
+        plan = self._plans.get(asked)
+        if plan is None:
+            plan = self._plans[asked] = [one for one in self._all if one[1] < 0 or asked >> one[1] & 1]
+        return plan
 
     def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
         constraint = self._remembering[turn]
@@ -167,13 +168,15 @@ class AdmissibleSet:
 
     def _spend(self, q: Array, origin: Array | None, moved: Array | None) -> int:
         """Return which of the constraints that remember must be asked at q, one bit each."""
-        last, self._last = self._last, q.tobytes()
+        last = self._last
+        # kept as it is where it cannot change, else as a copy
+        self._last = q if not q.flags.writeable else q.copy()
         if self._epoch != AdmissibleSet._epochs or last is None:
             self._take_over(last is None)
         if last is None:
             return (1 << len(self._remembering)) - 1
-        if origin is None or moved is None or origin.tobytes() != last:
-            moved = self.system.difference(np.frombuffer(last), q)
+        if moved is None or (origin is not last and (origin is None or origin.tobytes() != last.tobytes())):
+            moved = self.system.difference(last, q)
         return _use_up(moved, self._envelope, self._travel, self._spare)
 
     def gap(self, t: float, q: Array) -> Array:
@@ -207,6 +210,14 @@ class AdmissibleSet:
 def _size(constraint: Constraint) -> int:
     size = getattr(constraint, "size", None)
     return int(size) if size is not None else max(1, len(getattr(constraint, "names", ())))
+
+
+def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
+    """Return rows as of the stack, with the problem's e where they carry none; those that remember do so themselves."""
+    if rows is None:
+        return None
+    own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
+    return rows._replace(constraint=rows.constraint + start, restitution=own)
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:

@@ -8,15 +8,15 @@ with what is lowest.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..compiled import kernel
 from ..system import System, articulated
-from . import pairs
 from .active import Rows
-from .pairs import Array, Contacts, Pairs, chosen, sift_plain
+from .pairs import Array, Contacts, Pairs
 from .shapes import HalfSpace, PlacedShape
 
 _MOST_SELECTIONS = 1000
@@ -24,129 +24,194 @@ _MOST_SELECTIONS = 1000
 _LEVEL = 1e-9
 
 
-class _Selection(NamedTuple):
-    """The points of some pairs, gathered: what `_stand` is told of each."""
+class _Near(NamedTuple):
+    """What is the same for some near points at every step: their rows' numbers, e, and normals."""
+
+    number: Array
+    restitution: Array
+    up: Array
+
+
+@dataclass
+class _Selection:
+    """The points of some pairs, gathered.
+
+    Attributes
+    ----------
+    pair : ndarray of int, shape (k,)
+        The pair of each point.
+    bodies : ndarray of int, shape (b,)
+        The bodies there are.
+    numbers : ndarray, shape (k, 17)
+        Of each point: its place in the body, or the centre of the rim or ellipsoid it moves on [m]; the half axes of
+        that in the body, one column after the other, zero for a point that is fixed; the half-space's normal; the
+        radius of the ball around the point, and that plus the half-space's offset [m].
+    frames, owners : ndarray of int, shape (k, 2)
+        Which of the bodies, or which body of all, each point belongs to, and its pair.
+    index : ndarray of int, shape (k + 1,)
+        How many points were within the tolerance when last looked at, and which.
+    near : _Near
+        What is known of these.
+    """
 
     pair: Array
     bodies: Array
-    frame: Array
-    local: Array
-    swell: Array
-    up: Array
-    radius: Array
-    level: Array
+    numbers: Array
+    frames: Array
+    owners: Array
+    index: Array
+    near: _Near
 
 
-def _stand_plain(
-    places: Array, frame: Array, local: Array, swell: Array, up: Array, radius: Array, level: Array,
-    gap: Array, point: Array, pair: Array, tolerance: float, budget: Array, index: Array,
-) -> tuple[int, bool]:  # fmt: skip
-    """Write gaps and contact points of points of bodies above half-spaces.
+def _lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
+    """Write contact point and gap, shape (4,), of one point of a body above a half-space.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
         Where the bodies are: columns of the rotation, then the origin.
-    frame : ndarray of int, shape (k,)
-        Which of them each point belongs to.
-    local : ndarray, shape (k, 3)
-        The points in their bodies, or the centres of the rims and ellipsoids they move on.
-    swell : ndarray, shape (k, 3, 3)
-        The half axes of these in their bodies, as columns; zero for a point that is fixed.
-    up : ndarray, shape (k, 3)
-        Normals of the half-spaces.
-    radius, level : ndarray, shape (k,)
-        Radius of the ball around each point, and that plus the half-space's offset [m].
-    gap, point : ndarray, shapes (k,) and (k, 3)
-        Receive the results.
-    pair, tolerance, budget, index
-        As of `sift`, which this ends with.
+    body : int
+        Which of them it is.
+    numbers, i
+        As of `_Selection`, and which of its rows.
     """
-    R, origin = places[frame, :3], places[frame, 3]
-    toward = np.matvec(swell.transpose(0, 2, 1), np.matvec(R, up))
+    P, number = places[body], numbers[i]
+    swell, up = number[3:12].reshape(3, 3), number[12:15]
+    toward = swell @ (P[:3] @ up)
+    length = np.linalg.norm(toward)
+    lowest = -toward / length if length > _LEVEL * np.abs(swell).max() else np.array([1.0, 0.0, 0.0])
+    world = (number[:3] + lowest @ swell) @ P[:3] + P[3]
+    out[:3], out[3] = world - number[15] * up, world @ up - number[16]
+
+
+@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])", plain=_lowest_plain)
+def _lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
+    P, n = places, numbers
+    x, y, z = n[i, 0], n[i, 1], n[i, 2]
+    if n[i, 3] != 0.0 or n[i, 4] != 0.0 or n[i, 5] != 0.0:
+        u = P[body, 0, 0] * n[i, 12] + P[body, 0, 1] * n[i, 13] + P[body, 0, 2] * n[i, 14]
+        v = P[body, 1, 0] * n[i, 12] + P[body, 1, 1] * n[i, 13] + P[body, 1, 2] * n[i, 14]
+        w = P[body, 2, 0] * n[i, 12] + P[body, 2, 1] * n[i, 13] + P[body, 2, 2] * n[i, 14]
+        a = n[i, 3] * u + n[i, 4] * v + n[i, 5] * w
+        b = n[i, 6] * u + n[i, 7] * v + n[i, 8] * w
+        c = n[i, 9] * u + n[i, 10] * v + n[i, 11] * w
+        length, largest = np.sqrt(a * a + b * b + c * c), 0.0
+        for k in range(3, 12):
+            largest = max(largest, abs(n[i, k]))
+        if length > _LEVEL * largest:
+            a, b, c = -a / length, -b / length, -c / length
+        else:
+            a, b, c = 1.0, 0.0, 0.0
+        x += n[i, 3] * a + n[i, 6] * b + n[i, 9] * c
+        y += n[i, 4] * a + n[i, 7] * b + n[i, 10] * c
+        z += n[i, 5] * a + n[i, 8] * b + n[i, 11] * c
+    out[3] = -n[i, 16]
+    for k in range(3):
+        where = x * P[body, 0, k] + y * P[body, 1, k] + z * P[body, 2, k] + P[body, 3, k]
+        out[3] += where * n[i, 12 + k]
+        out[k] = where - n[i, 15] * n[i, 12 + k]
+
+
+def _stand_plain(places: Array, frames: Array, numbers: Array, gap: Array, point: Array) -> None:
+    """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are: columns of the rotation, then the origin.
+    frames, numbers
+        As of `_Selection`; of the first, which of the places each point belongs to is all that is read.
+    """
+    local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
+    R, origin = places[frames[:, 0], :3], places[frames[:, 0], 3]
+    toward = np.matvec(swell, np.matvec(R, up))
     length = np.sqrt(np.vecdot(toward, toward))[:, None]
     tilted = length > _LEVEL * np.abs(swell).max(axis=(1, 2), initial=0.0)[:, None]
     lowest = np.where(tilted, -toward / np.where(tilted, length, 1.0), np.array([1.0, 0.0, 0.0]))
-    world = np.matvec(R.transpose(0, 2, 1), local + np.matvec(swell, lowest)) + origin
-    gap[:] = np.vecdot(world, up) - level
-    point[:] = world - radius[:, None] * up
-    return sift_plain(pair, gap, tolerance, budget, index)
+    world = np.vecmat(local + np.vecmat(lowest, swell), R) + origin
+    gap[:], point[:] = np.vecdot(world, up) - numbers[:, 16], world - numbers[:, 15:16] * up
 
 
-@kernel(
-    "Tuple((i8, b1))(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1],"
-    " i8[::1], f8, f8[::1], i8[::1])",
-    plain=_stand_plain,
-)
-def _stand(
-    places: Array,
-    frame: Array,
-    local: Array,
-    swell: Array,
-    up: Array,
-    radius: Array,
-    level: Array,
-    gap: Array,
-    point: Array,
-    pair: Array,
-    tolerance: float,
-    budget: Array,
-    index: Array,
-) -> tuple[int, bool]:
-    for i in range(len(frame)):
-        P, B = places[frame[i]], swell[i]
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        if B[0, 0] != 0.0 or B[1, 0] != 0.0 or B[2, 0] != 0.0:
-            u = P[0, 0] * up[i, 0] + P[0, 1] * up[i, 1] + P[0, 2] * up[i, 2]
-            v = P[1, 0] * up[i, 0] + P[1, 1] * up[i, 1] + P[1, 2] * up[i, 2]
-            w = P[2, 0] * up[i, 0] + P[2, 1] * up[i, 1] + P[2, 2] * up[i, 2]
-            a = B[0, 0] * u + B[1, 0] * v + B[2, 0] * w
-            b = B[0, 1] * u + B[1, 1] * v + B[2, 1] * w
-            c = B[0, 2] * u + B[1, 2] * v + B[2, 2] * w
-            length = np.sqrt(a * a + b * b + c * c)
-            if length > _LEVEL * np.abs(B).max():
-                a, b, c = -a / length, -b / length, -c / length
-            else:
-                a, b, c = 1.0, 0.0, 0.0
-            x += B[0, 0] * a + B[0, 1] * b + B[0, 2] * c
-            y += B[1, 0] * a + B[1, 1] * b + B[1, 2] * c
-            z += B[2, 0] * a + B[2, 1] * b + B[2, 2] * c
-        gap[i] = -level[i]
-        for k in range(3):
-            where = x * P[0, k] + y * P[1, k] + z * P[2, k] + P[3, k]
-            gap[i] += where * up[i, k]
-            point[i, k] = where - radius[i] * up[i, k]
-    return pairs.sift(pair, gap, tolerance, budget, index)
+@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])", plain=_stand_plain)
+def _stand(places: Array, frames: Array, numbers: Array, gap: Array, point: Array) -> None:
+    out = np.empty(4)
+    for i in range(len(frames)):
+        _lowest(places, frames[i, 0], numbers, i, out)
+        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
 
 
 def _touch_plain(
-    poses: Array, columns: Array, support: Array, frame: Array, local: Array, swell: Array, up: Array, radius: Array,
-    level: Array, gap: Array, point: Array, pair: Array, first: Array, second: Array, tolerance: float, budget: Array,
-    index: Array, rows: Array,
-) -> tuple[int, bool]:  # fmt: skip
-    """Do what `_stand` does and, if all points are within the tolerance, write their rows, as `separation` does."""
-    count, vain = _stand_plain(
-        poses, frame, local, swell, up, radius, level, gap, point, pair, tolerance, budget, index
-    )  # fmt: skip
-    if count == len(gap):
-        articulated.separation_plain(columns, support, first, second, point, up, rows)
-    return count, vain
+    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
+    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
+) -> tuple[int, bool, bool]:  # fmt: skip
+    """Write gaps, points and gradients of the points within the tolerance, if they are those of the last time.
+
+    Parameters
+    ----------
+    poses, columns, support
+        As of `Kinematics`.
+    owners, numbers, index
+        As of `_Selection`; `index` is written.
+    tolerance : float
+        Gap at and below which a point is active [m].
+    budget : ndarray, shape (n,)
+        Of all pairs; the least gap is written for those here.
+    gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
+        For as many points as `index` counts.
+
+    Returns
+    -------
+    count : int
+        How many points are within the tolerance.
+    vain : bool
+        Whether a pair has none.
+    same : bool
+        Whether they are those of the last time; only then are gap, point and rows written in full.
+    """
+    gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
+    _stand_plain(poses, owners, numbers, gaps, points)
+    found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
+    budget[pair] = np.inf
+    np.minimum.at(budget, pair, gaps)
+    same = np.array_equal(index[1 : 1 + index[0]], found)
+    index[0], index[1 : 1 + len(found)] = len(found), found
+    if same:
+        gap[:], point[:] = gaps[found], points[found]
+        world = np.zeros(len(found), np.int64)
+        up = numbers[found, 12:15]
+        articulated.separation_plain(columns, support, world, owners[found, 0], point, up, rows)
+    return len(found), bool((budget[pair] > tolerance).any()), same
 
 
 @kernel(
-    "Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1], f8[:,::1], i8[::1], i8[::1], i8[::1], f8, f8[::1], i8[::1], f8[:,::1])",
+    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8, f8[::1], i8[::1], f8[::1],"
+    " f8[:,::1], f8[:,::1])",
     plain=_touch_plain,
 )
 def _touch(
-    poses: Array, columns: Array, support: Array, frame: Array, local: Array, swell: Array, up: Array, radius: Array,
-    level: Array, gap: Array, point: Array, pair: Array, first: Array, second: Array, tolerance: float, budget: Array,
-    index: Array, rows: Array,
-) -> tuple[int, bool]:  # fmt: skip
-    count, vain = _stand(poses, frame, local, swell, up, radius, level, gap, point, pair, tolerance, budget, index)
-    if count == len(gap):
-        articulated.separation(columns, support, first, second, point, up, rows)
-    return count, vain
+    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
+    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
+) -> tuple[int, bool, bool]:  # fmt: skip
+    out = np.empty(4)
+    count, vain, same, room = 0, False, True, len(gap)
+    for i in range(len(owners)):
+        budget[owners[i, 1]] = np.inf
+    for i in range(len(owners)):
+        body, pair = owners[i, 0], owners[i, 1]
+        _lowest(poses, body, numbers, i, out)
+        budget[pair] = min(budget[pair], out[3])
+        if out[3] <= tolerance:
+            same = same and count < room and index[1 + count] == i
+            index[1 + count] = i
+            if same:
+                point[count, 0], point[count, 1], point[count, 2], gap[count] = out[0], out[1], out[2], out[3]
+                articulated.row(columns, support[0], support[body], out, numbers[i, 12:15], rows[count])
+            count += 1
+    same = same and count == index[0]
+    index[0] = count
+    for i in range(len(owners)):
+        vain = vain or budget[owners[i, 1]] > tolerance
+    return count, vain, same
 
 
 class HalfSpaceContacts(Pairs):
@@ -175,21 +240,25 @@ class HalfSpaceContacts(Pairs):
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # there one kernel does it all
         self._one_mechanism = hasattr(system, "kinematics")
-        self._wall_normal = np.array([w.normal for w in walls], dtype=float).reshape(-1, 3)
-        self._wall_offset = np.array([w.offset for w in walls], dtype=float)
-        points, swell, radii, owner = [np.zeros((0, 3))], [np.zeros((0, 3, 3))], [], []
-        for pair, placed in enumerate(shapes):
+        numbers, owner = [np.zeros((0, 17))], []
+        for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
             centres, half_axes, radius = placed.shape.standing_points()
-            points.append(centres @ placed.rotation.T + placed.position)
-            swell.append(placed.rotation * half_axes[:, None, :])
-            radii.extend([radius] * len(centres))
-            owner.extend([pair] * len(centres))
-        self._points, self._swell = np.concatenate(points), np.concatenate(swell)
-        self._radius, self._owner = np.array(radii, dtype=float), np.array(owner, dtype=np.int64)
-        self._selections: dict[bytes, _Selection] = {}
-        # the last of them, whose pairs may be the same array again
-        self._pairs: Array | None = None
+            points = centres @ placed.rotation.T + placed.position
+            # columns of rotation diag(half axes), one after the other
+            swell = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
+            rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
+            numbers.append(np.concatenate([points, swell, rest], axis=1))
+            owner.extend([pair] * len(points))
+        self._numbers, self._owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
         self._selection: _Selection
+
+    def forget(self) -> None:
+        """Ask every pair next time."""
+        super().forget()
+        # rows may be numbered otherwise from now on
+        self._selections: dict[bytes, _Selection] = {}
+        # the pairs of the last of them, which may be the same array again
+        self._pairs: Array | None = None
 
     def _select(self, pairs: Array) -> _Selection:
         """Gather the points of the asked pairs; the same few sets of pairs come again and again."""
@@ -206,54 +275,52 @@ class HalfSpaceContacts(Pairs):
 
     def _gather(self, pairs: Array) -> _Selection:
         chosen = np.flatnonzero(np.isin(self._owner, pairs))
-        pair, radius = self._owner[chosen], self._radius[chosen]
+        pair = self._owner[chosen]
         bodies, frame = np.unique(self._second_body[pair], return_inverse=True)
-        return _Selection(
+        owners = np.stack([self._second_body[pair], pair], axis=1)
+        found = _Selection(
             pair,
             bodies,
-            frame.astype(np.int64),
-            self._points[chosen],
-            self._swell[chosen],
-            self._wall_normal[pair],
-            radius,
-            self._wall_offset[pair] + radius,
+            self._numbers[chosen],
+            np.stack([frame.astype(np.int64), pair], axis=1),
+            owners,
+            np.zeros(len(pair) + 1, np.int64),
+            _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
         )
+        return found
 
-    def _stand_at(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts, Array, int, bool]:
-        """Return all contacts of some pairs, which of them are within the tolerance, how many, and what `sift` says."""
-        pair, bodies, frame, local, swell, up, radius, level = self._select(due)
-        k = len(level)
-        gap, point, index = np.empty(k), np.empty((k, 3)), np.empty(k, np.int64)
-        places = self.system.placements(q, bodies)
-        count, vain = _stand(
-            places, frame, local, swell, up, radius, level, gap, point, pair, tolerance, self._budget, index
-        )  # fmt: skip
-        return Contacts(pair, gap, point, up), index, count, vain
+    def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
+        selection = self._select(due)
+        gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
+        _stand(self.system.placements(q, selection.bodies), selection.frames, selection.numbers, gap, point)
+        return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
     def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
         if not self._one_mechanism:
             return super().rows(q, due, tolerance)
-        poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
-        pair, _, _, local, swell, up, radius, level = self._select(due)
-        number, first, second, restitution = self._sides_of(pair)
-        k = len(level)
-        gap, point, index, rows = np.empty(k), np.empty((k, 3)), np.empty(k, np.int64), np.empty((k, self.system.nv))
-        count, vain = _touch(
-            poses, columns, support, second, local, swell, up, radius, level, gap, point, pair, first, second,
-            tolerance, self._budget, index, rows,
-        )  # fmt: skip
-        if count == k:
-            return Rows(number, gap, rows, restitution, point, up), vain
+        selection = self._select(due)
+        count, vain, same, found = self._touch(q, selection, tolerance)
+        if not same:
+            near = selection.index[1 : 1 + count]
+            pair = selection.pair[near]
+            up = np.ascontiguousarray(selection.numbers[near, 12:15])
+            selection.near = _Near(pair + self.first_number, self.restitution[pair], up)
+            count, _, _, found = self._touch(q, selection, tolerance)
         if not count:
             return None, vain
-        near = index[:count]
-        point, up = point.take(near, 0), up.take(near, 0)
-        rows = self.system.separation_rows(q, first.take(near), second.take(near), point, up)
-        return Rows(number.take(near), gap.take(near), rows, restitution.take(near), point, up), vain
+        number, restitution, up = selection.near
+        gap, point, rows = found
+        return Rows(number, gap, rows, restitution, point, up), vain
 
-    def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
-        contacts, index, count, vain = self._stand_at(q, due, tolerance)
-        return chosen(contacts, index, count), vain
-
-    def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
-        return self._stand_at(q, due, tolerance)[0]
+    def _touch(
+        self, q: Array, selection: _Selection, tolerance: float
+    ) -> tuple[int, bool, bool, tuple[Array, Array, Array]]:
+        """Return what `_touch` does, with gaps, points and rows for as many points as were near the last time."""
+        poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
+        size = len(selection.near.number)
+        gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
+        count, vain, same = _touch(
+            poses, columns, support, selection.owners, selection.numbers, tolerance,
+            self._budget, selection.index, gap, point, rows,
+        )  # fmt: skip
+        return count, vain, same, (gap, point, rows)

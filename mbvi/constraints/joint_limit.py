@@ -6,21 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..compiled import kernel, plain_array
+from ..compiled import kernel
 from .active import NOWHERE, Array, Rows
 
 
-def _reached_plain(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
-    """Write the gaps sign q[position] + offset, all of shape (m,); return the least less the tolerance."""
-    gap[:] = sign * q[position] + offset
+def _reached_plain(where: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
+    """Write the gaps sign where + offset, all of shape (m,); return the least less the tolerance."""
+    gap[:] = sign * where + offset
     return float(gap.min()) - tolerance
 
 
-@kernel("f8(f8[::1], i8[::1], f8[::1], f8[::1], f8, f8[::1])", plain=_reached_plain)
-def _reached(q: Array, position: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
+@kernel("f8(f8[::1], f8[::1], f8[::1], f8, f8[::1])", plain=_reached_plain)
+def _reached(where: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
     nearest = np.inf
     for a in range(len(sign)):
-        gap[a] = sign[a] * q[position[a]] + offset[a]
+        gap[a] = sign[a] * where[a] + offset[a]
         nearest = min(nearest, gap[a])
     return nearest - tolerance
 
@@ -100,10 +100,8 @@ class JointLimits:
         if not self._sign.size:
             self.spare = np.inf
             return None
-        if not q.flags.carray:
-            q = plain_array(q)
         # a limit comes no nearer than its joint travels
-        spare = _reached(q, self._position, self._sign, self._offset, tolerance, self._gap)
+        spare = _reached(q.take(self._position), self._sign, self._offset, tolerance, self._gap)
         if spare > 0.0:
             self.spare = spare
             return None

@@ -59,6 +59,9 @@ class SignedDistances(Pairs):
             request.gjk_tolerance = request.epa_tolerance = accuracy
             self._requests.append(request)
         self._patches = _PatchFinder(self._geometry, self._placed)
+        shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
+        self._smooth = [a.smooth or b.smooth for a, b in shapes]
+        self._faced = [hasattr(a, "faces") or hasattr(b, "faces") for a, b in shapes]
         self._axes = SeparatingAxes(self._placed, np.array(self._sides, dtype=np.int64).reshape(-1, 2))
         self._pose = [coal.Transform3s() for _ in self._placed]
         for placed_shape, pose in zip(self._placed, self._pose, strict=True):
@@ -86,28 +89,34 @@ class SignedDistances(Pairs):
 
     def _measured(self, places: Array, pairs: Array, tolerance: float) -> Contacts:
         self._place(places, pairs)
-        pair, gap, point, normal = [], [], [], []
-        for k in pairs:
-            a, b = self._sides[k]
+        pair: list[int] = []
+        gap: list[float] = []
+        point: list[Array] = []
+        normal: list[Array] = []
+        for k in pairs.tolist():
             distance, result = self._measure(k)
             n = np.array(result.normal)
             self._axes.keep(places, k, n)
             middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
-            if distance <= tolerance:
-                n = self._sharpened(k, n, distance)
             found = None
-            if distance <= tolerance and not (self._placed[a].shape.smooth or self._placed[b].shape.smooth):
-                found = self._patches.find((a, b), (self._pose[a], self._pose[b]), middle, n, distance)
+            if distance <= tolerance:
+                if self._faced[k]:
+                    n = self._sharpened(k, n, distance)
+                if not self._smooth[k]:
+                    sides = self._sides[k]
+                    poses = self._pose[sides[0]], self._pose[sides[1]]
+                    found = self._patches.find(sides, poses, middle, n, distance)
             if found is None:
-                gap.append(np.array([distance]))
-                point.append(middle[None])
+                gap.append(distance)
+                point.append(middle)
             else:
-                point.append(found[0])
                 # no line along the normal crosses more than the depth
-                gap.append(np.maximum(found[1], distance))
-            pair.append(np.full(len(gap[-1]), k))
-            normal.append(np.broadcast_to(n, (len(gap[-1]), 3)))
-        return Contacts(np.concatenate(pair), np.concatenate(gap), np.concatenate(point), np.concatenate(normal))
+                gap.extend(np.maximum(found[1], distance))
+                point.extend(found[0])
+            new = len(gap) - len(pair)
+            pair.extend([k] * new)
+            normal.extend([n] * new)
+        return Contacts(np.array(pair), np.array(gap), np.array(point), np.array(normal))
 
     def _sharpened(self, k: int, n: Array, distance: float) -> Array:
         """Return the normal of a face that Coal's own, uncertain where the shapes just touch, may stand for."""

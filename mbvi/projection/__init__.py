@@ -1,8 +1,8 @@
 """Projections in the kinetic metric: they know no robot and no time step."""
 
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
-from .project import Projection, Projector, impact, project
-from .tree import TreeMetric
+from .project import Projection, Projector, Push, impact, project
+from .tree import TreeMetric, TreePush
 
 __all__ = [
     "BlockMetric",
@@ -12,7 +12,9 @@ __all__ = [
     "Metric",
     "Projection",
     "Projector",
+    "Push",
     "TreeMetric",
+    "TreePush",
     "as_metric",
     "impact",
     "project",

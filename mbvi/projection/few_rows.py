@@ -397,22 +397,33 @@ def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array,
 
 
 def _tree_law_plain(
-    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array
-) -> float:
-    """Do the same as `law` where M = L'L on the tree of `parent`; see `tree`."""
-    A = np.empty(J.shape)
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
+    last: Array, w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Do the same as `law` for one mechanism under forces, as a `TreePush` is told of; inf if M is not positive."""
+    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    if tree.advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
+        return np.inf
+    if tree.factor_plain(mass, 0.0, damping, parent, L):
+        return np.inf
     tree.solve_plain(L, parent, J, A)
     return _law_plain(J, A, v, e, x, last, w, rates)
 
 
 @kernel(
-    "f8(f8[:,::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
     plain=_tree_law_plain,
 )
 def tree_law(
-    L: Array, parent: Array, J: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array
-) -> float:
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
+    last: Array, w: Array, rates: Array,
+) -> float:  # fmt: skip
     """Loops of `_tree_law_plain`."""
-    A = np.empty(J.shape)
+    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    if tree.advance_by(mass, damping, parent, v, h, torque, effects, L, x):
+        return np.inf
+    # L is that of M already where there is no damping
+    if damping.any() and tree.factor(mass, 0.0, damping, parent, L):
+        return np.inf
     tree.solve(L, parent, J, A)
     return law(J, A, v, e, x, last, w, rates)

@@ -21,7 +21,7 @@ from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
 from .few_rows import ROUNDING
 from .metric import Array, Metric, as_metric
 from .proxqp import ProxQP
-from .tree import TreeMetric
+from .tree import TreePush
 
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
@@ -46,6 +46,13 @@ class Projection(NamedTuple):
     velocity: Array
     percussion: Array
     residual: float
+
+
+class Push(NamedTuple):
+    """What forces do within a step: v + h M^-1 g, shape (nv,), and M."""
+
+    free: Array
+    metric: Metric
 
 
 class Projector:
@@ -78,15 +85,15 @@ class Projector:
                 return Projection(velocity, rates[0], residual)
         return self._many(x, metric, J, lower)
 
-    def law(self, v: Array, x: Array, metric: Metric, J: Array, e: Array) -> tuple[Array, Array, float]:
+    def law(self, v: Array, push: Push | TreePush, J: Array, e: Array) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
         Parameters
         ----------
-        v, x : ndarray, shape (nv,)
-            Velocity before, and as the forces alone would leave it.
-        metric : Metric
-            M.
+        v : ndarray, shape (nv,)
+            Velocity before.
+        push : Push
+            The velocity x as the forces alone would leave it, and M.
         J : ndarray, shape (m, nv)
             Gradients of the active constraints.
         e : ndarray, shape (m,)
@@ -102,21 +109,20 @@ class Projector:
             As of a `Projection`.
         """
         m = len(e)
-        if not v.flags.carray:
-            v = plain_array(v)
         rates = np.empty((4, m))
         if m <= _FEW:
-            velocity = np.empty(len(x))
-            last = self._last
-            if isinstance(metric, TreeMetric):
-                residual = few_rows.tree_law(metric.lower, metric.parent, J, v, e, x, last, velocity, rates)
+            velocity = np.empty(len(v))
+            if type(push) is TreePush:
+                residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
             else:
-                residual = few_rows.law(J, metric.solve_rows(J), v, e, x, last, velocity, rates)
+                A = push.metric.solve_rows(J)
+                residual = few_rows.law(J, A, plain_array(v), e, push.free, self._last, velocity, rates)
             if residual <= ROUNDING:
                 self._last = rates[0]
                 return velocity, rates, residual
+        x = push.free
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._many(x, metric, J, -e * rates[3])
+        velocity, rates[0], residual = self._many(x, push.metric, J, -e * rates[3])
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import kernel, plain_array
+from ..compiled import kernel
 from ..errors import InputError
 from .metric import Array, triangular
 
 
-def _factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
     """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
 
     Parameters
@@ -36,8 +36,9 @@ def _factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array
     return 0
 
 
-@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])", plain=_factor_plain)
-def _factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])", plain=factor_plain)
+def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+    """Loops of `factor_plain`."""
     n = len(parent)
     for i in range(n):
         for j in range(n):
@@ -100,35 +101,36 @@ def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
         _back(L, parent, out[a])
 
 
-def _advance_plain(
-    mass: Array, damping: Array, parent: Array, L: Array, v: Array, h: float, torque: Array, effects: Array, out: Array
+def advance_plain(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
 ) -> int:
-    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `_factor_plain`.
+    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor_plain`.
 
     Parameters
     ----------
     mass, parent, L
-        As of `_factor_plain`.
+        As of `factor_plain`.
     damping, v, torque, effects, out : ndarray, shape (nv,)
         The diagonal of D, velocity, torques and nonlinear effects, and the result.
     h : float
         Time step [s].
     """
-    bad = _factor_plain(mass, h, damping, parent, L)
+    bad = factor_plain(mass, h, damping, parent, L)
     if not bad:
         out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects - damping * v)))
     return bad
 
 
 @kernel(
-    "i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[::1], f8, f8[::1], f8[::1], f8[::1])",
-    plain=_advance_plain,
+    "i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1])",
+    plain=advance_plain,
 )
-def _advance(
-    mass: Array, damping: Array, parent: Array, L: Array, v: Array, h: float, torque: Array, effects: Array, out: Array
+def advance_by(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
 ) -> int:
+    """Loops of `advance_plain`."""
     n = len(v)
-    bad = _factor(mass, h, damping, parent, L)
+    bad = factor(mass, h, damping, parent, L)
     if bad:
         return bad
     for k in range(n):
@@ -139,23 +141,19 @@ def _advance(
     return 0
 
 
-def advance(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array
-) -> tuple[Array, Array]:
-    """Return v + (M + h D)^-1 h (torque - effects - D v), shape (nv,), and the factor of M + h D, shape (nv, nv).
+def advance(mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array) -> Array:
+    """Return v + (M + h D)^-1 h (torque - effects - D v), shape (nv,).
 
     Raises
     ------
     InputError
         If that is not positive definite.
     """
-    out, L = np.empty(len(v)), np.empty(mass.shape)
-    if not v.flags.carray:
-        v = plain_array(v)
-    bad = _advance(mass, damping, parent, L, v, h, torque, effects, out)
+    out = np.empty(len(v))
+    bad = advance_by(mass, damping, parent, v, h, torque, effects, np.empty(mass.shape), out)
     if bad:
         raise _indefinite(bad, len(mass))
-    return out, L
+    return out
 
 
 def _indefinite(bad: int, size: int) -> InputError:
@@ -165,34 +163,54 @@ def _indefinite(bad: int, size: int) -> InputError:
     )
 
 
+class TreePush:
+    """What forces do to one mechanism within a step, worked out when it is asked for.
+
+    Parameters
+    ----------
+    mass, damping, parent, v, h, torque, effects
+        As of `advance_plain`; good as long as `mass` is not written to.
+    """
+
+    def __init__(
+        self, mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array
+    ) -> None:
+        # what kernels are told of it
+        self.told = mass, damping, parent, v, h, torque, effects
+
+    @property
+    def free(self) -> Array:
+        """V + (M + h D)^-1 h (torque - effects - D v), shape (nv,)."""
+        return advance(*self.told)
+
+    @property
+    def metric(self) -> TreeMetric:
+        """M."""
+        mass, _, parent, *_ = self.told
+        return TreeMetric(mass, parent)
+
+
 class TreeMetric:
     """The mass matrix of one mechanism.
 
     Parameters
     ----------
-    lower : ndarray, shape (nv, nv)
-        L of M = L'L.
+    mass : ndarray, shape (nv, nv)
+        M, of which the lower triangle is read.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
+
+    Raises
+    ------
+    InputError
+        If M is not positive definite.
     """
 
-    def __init__(self, lower: Array, parent: Array) -> None:
-        self.lower, self.parent = lower, parent
-
-    @classmethod
-    def of(cls, mass: Array, parent: Array) -> TreeMetric:
-        """Factorise M, shape (nv, nv), of which the lower triangle is read.
-
-        Raises
-        ------
-        InputError
-            If M is not positive definite.
-        """
-        lower = np.empty(mass.shape)
-        bad = _factor(mass, 0.0, np.zeros(len(mass)), parent, lower)
+    def __init__(self, mass: Array, parent: Array) -> None:
+        self.lower, self.parent = np.empty(mass.shape), parent
+        bad = factor(mass, 0.0, np.zeros(len(mass)), parent, self.lower)
         if bad:
             raise _indefinite(bad, len(mass))
-        return cls(lower, parent)
 
     def apply(self, w: Array) -> Array:
         return self.lower.T @ (self.lower @ w)

@@ -33,6 +33,6 @@ class Paoli:
         active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
-        free, metric = system.push(t, q, v, h)
-        velocity, rates, residual = projector.law(v, free, metric, active.jacobian, active.restitution)
+        push = system.push(t, q, v, h)
+        velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution)
         return Step(t, q, velocity, active, rates, residual)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 from ..errors import InputError
-from ..projection.tree import TreeMetric, advance
+from ..projection import TreeMetric, TreePush
 from .memory import Memory
 from .system import Array
 
@@ -40,26 +40,42 @@ class Kinematics(NamedTuple):
     support: Array
 
 
-def separation_plain(
-    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
-) -> None:
-    """Write the gradients of the separation of bodies.
+def row_plain(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
+    """Write the gradient of the separation of two bodies at a point.
 
     Parameters
     ----------
     columns : ndarray, shape (nv, 6)
         Jacobian columns in the world, one a row.
-    support : ndarray, shape (njoints, nv)
-        1 where a velocity moves a body, else 0.
-    first, second : ndarray of int, shape (m,)
-        The bodies.
-    point, normal : ndarray, shape (m, 3)
-        Contact points and normals in the world.
-    rows : ndarray, shape (m, nv)
+    first, second : ndarray, shape (nv,)
+        1 where a velocity moves the body, else 0.
+    point, normal : ndarray, shape (3,) or more, of which the first three count
+        Contact point and normal from the first to the second body, in the world.
+    row : ndarray, shape (nv,)
         Receives [n, p x n]' columns, signed by which of the two bodies a velocity moves.
     """
-    wrench = np.concatenate([normal, np.cross(point, normal)], axis=1)
-    rows[:] = (wrench @ columns.T) * (support[second] - support[first])
+    row[:] = columns @ np.concatenate([normal, np.cross(point[:3], normal)]) * (second - first)
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", plain=row_plain)
+def row(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
+    """Loops of `row_plain`."""
+    x, y, z = normal[0], normal[1], normal[2]
+    u, v, w = point[1] * z - point[2] * y, point[2] * x - point[0] * z, point[0] * y - point[1] * x
+    for k in range(len(row)):
+        sign = second[k] - first[k]
+        row[k] = 0.0
+        if sign != 0.0:
+            c = columns[k]
+            row[k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
+
+
+def separation_plain(
+    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
+) -> None:
+    """Write `row_plain` of several contacts: bodies of shape (m,), points and normals (m, 3), rows (m, nv)."""
+    for a in range(len(rows)):
+        row_plain(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
 @kernel(
@@ -70,18 +86,8 @@ def separation(
     columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
 ) -> None:
     """Loops of `separation_plain`."""
-    m, n = rows.shape
-    for a in range(m):
-        x, y, z = normal[a, 0], normal[a, 1], normal[a, 2]
-        u = point[a, 1] * z - point[a, 2] * y
-        v = point[a, 2] * x - point[a, 0] * z
-        w = point[a, 0] * y - point[a, 1] * x
-        for k in range(n):
-            sign = support[second[a], k] - support[first[a], k]
-            rows[a, k] = 0.0
-            if sign != 0.0:
-                c = columns[k]
-                rows[a, k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
+    for a in range(len(rows)):
+        row(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
 class ArticulatedSystem:
@@ -113,7 +119,9 @@ class ArticulatedSystem:
         self._zero = np.zeros(self.nv)
         self._data = model.createData()
         self._energy_data = model.createData()
+        # the configuration the data belong to, by its bytes and, if it cannot have changed, as the very array
         self._key: bytes | None = None
+        self._seen: Array | None = None
         self._memory = Memory(model, self._data)
         self._metric: TreeMetric | None = None
         # the velocity that carries each one
@@ -126,14 +134,17 @@ class ArticulatedSystem:
         self._see()
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        return pin.integrate(self.model, q, dv)
+        moved = pin.integrate(self.model, q, dv)
+        # so that what was computed for it is known to be still true
+        moved.setflags(write=False)
+        return moved
 
     def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)
 
     def start(self) -> None:
         self._memory.check()
-        self._key = None
+        self._key = self._seen = None
         self._see()
 
     def _see(self) -> None:
@@ -141,52 +152,55 @@ class ArticulatedSystem:
 
     def _refresh(self, q: Array) -> None:
         """Bring placements, Jacobian columns and mass matrix to q, once per q."""
+        if q is self._seen:
+            return
         key = q.tobytes()
         if key != self._key:
             # in the world convention crba fills data.J and data.oMi on its way
             pin.crba(self.model, self._data, q, _WORLD)
-            self._memory.refresh()
-            self._metric = None
-            self._key = key
+            if not self._memory.in_place:
+                self._memory.refresh()
+            self._metric, self._key = None, key
+        self._seen = None if q.flags.writeable else q
 
     def metric(self, q: Array) -> TreeMetric:
         self._refresh(q)
         if self._metric is None:
-            self._metric = TreeMetric.of(self._memory.mass, self._parent)
+            self._metric = TreeMetric(self._memory.mass, self._parent)
         return self._metric
 
     def _torque(self, t: float, q: Array, v: Array) -> Array:
-        if self.control is None:
-            return self._zero
-        tau = np.array(self.control(t, q, v), dtype=float)
+        assert self.control is not None
+        tau = self.control(t, q, v)
+        if type(tau) is not np.ndarray or not tau.flags.carray or tau.dtype != np.float64:
+            tau = plain_array(np.asarray(tau, dtype=float))
         if tau.shape != (self.nv,):
             raise InputError(f"control returned shape {tau.shape}; this robot asks for ({self.nv},)")
         return tau
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        g = self._torque(t, q, v) - pin.nonLinearEffects(self.model, self._data, q, v)
+        torque = self._zero if self.control is None else self._torque(t, q, v)
+        g = torque - pin.nonLinearEffects(self.model, self._data, q, v)
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         if self._damped:
-            return self._advance(t, q, v, h)[0]
-        free = pin.aba(self.model, self._data, q, v, self._torque(t, q, v))
+            return self.push(t, q, v, h).free
+        torque = self._zero if self.control is None else self._torque(t, q, v)
+        free = pin.aba(self.model, self._data, q, v, torque)
         # that leaves the data of another q, or of this one in other coordinates
-        self._key = None
+        self._key = self._seen = None
         free *= h
         free += v
         return free
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, TreeMetric]:
-        free, lower = self._advance(t, q, v, h)
-        if self._damped:
-            return free, self.metric(q)
-        return free, TreeMetric(lower, self._parent)
-
-    def _advance(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    def push(self, t: float, q: Array, v: Array, h: float) -> TreePush:
         self._refresh(q)
+        torque = self._zero if self.control is None else self._torque(t, q, v)
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
-        return advance(self._memory.mass, self.damping, self._parent, v, h, self._torque(t, q, v), effects)
+        if not v.flags.carray:
+            v = plain_array(v)
+        return TreePush(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..projection import BlockMetric
+from ..projection import BlockMetric, Push
 from .system import Array, System
 
 
@@ -60,9 +60,9 @@ class BlockSystem:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return np.concatenate([b.system.free_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, BlockMetric]:
-        free, metrics = zip(*(b.system.push(t, q[b.q], v[b.v], h) for b in self.blocks), strict=True)
-        return np.concatenate(free), BlockMetric(metrics, self._slices)
+    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
+        parts = [b.system.push(t, q[b.q], v[b.v], h) for b in self.blocks]
+        return Push(np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices))
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return sum(b.system.kinetic_energy(q[b.q], v[b.v]) for b in self.blocks)

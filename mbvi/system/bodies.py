@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..projection import BodiesMetric, DiagonalMetric, Metric
+from ..projection import BodiesMetric, DiagonalMetric, Metric, Push
 from . import rotations
 from .system import Array
 
@@ -47,8 +47,8 @@ class Spheres:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._gravity
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
-        return self.free_velocity(t, q, v, h), self._metric
+    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
+        return Push(self.free_velocity(t, q, v, h), self._metric)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ (self._metric.diagonal * v))
@@ -139,8 +139,8 @@ class FreeBodies:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
-        return self.free_velocity(t, q, v, h), self._metric
+    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
+        return Push(self.free_velocity(t, q, v, h), self._metric)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ self._metric.apply(v))

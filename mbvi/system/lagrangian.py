@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
-from ..projection import DenseMetric, Metric, as_metric
+from ..projection import DenseMetric, Metric, Push, as_metric
 from .system import Array
 
 # nodes and weights of Gauss and Legendre on [0, 1]
@@ -72,11 +72,11 @@ class LagrangianSystem:
         return g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return self.push(t, q, v, h)[0]
+        return self.push(t, q, v, h).free
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
+    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
         metric = self.metric(q)
-        return v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric
+        return Push(v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ np.asarray(self._mass(q), dtype=float) @ v)

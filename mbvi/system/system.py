@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..projection import Metric
+from ..projection import Metric, Push, TreePush
 
 Array = np.ndarray
 
@@ -52,8 +52,8 @@ class System(Protocol):
         """Return v + h M^-1 g, shape (nv,)."""
         ...
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> tuple[Array, Metric]:
-        """Return v + h M^-1 g, shape (nv,), and M(q), where both are wanted."""
+    def push(self, t: float, q: Array, v: Array, h: float) -> Push | TreePush:
+        """Return v + h M^-1 g, shape (nv,), together with M(q); good until the system is asked about another q."""
         ...
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
