@@ -92,13 +92,13 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
 
 
 def coal_distance(contacts, q):
-    contacts._place(q, np.array([0]))
+    contacts._place(contacts.system.placements(q, contacts._axes.bodies), np.array([0]))
     return np.array([contacts._measure(0)[0]])
 
 
 def nearest_gradient(contacts, system, q):
     """The gradient at the witness points Coal gives, whatever the patch of two flat faces says."""
-    contacts._place(q, np.array([0]))
+    contacts._place(contacts.system.placements(q, contacts._axes.bodies), np.array([0]))
     result = contacts._measure(0)[1]
     middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
     return system.separation_rows(q, np.array([1]), np.array([2]), middle[None], np.array(result.normal)[None])

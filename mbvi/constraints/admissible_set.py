@@ -80,7 +80,8 @@ class AdmissibleSet:
         self._starts = [int(s) for s in np.concatenate([[0], np.cumsum(self._sizes)])]
         ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
         # those that remember are asked only when what they had to spare is spent
-        self._remembering: list[Any] = [c for c in self.constraints if hasattr(c, "asked_by")][:_MOST_REMEMBERING]
+        remembering: Any = [c for c in self.constraints if hasattr(c, "asked_by")]
+        self._remembering: list[Any] = remembering[:_MOST_REMEMBERING]
         number = {id(c): k for k, c in enumerate(self._remembering)}
         turn = [number.get(id(c), -1) for c in self.constraints]
         self._all = list(zip(self.constraints, turn, ask, self._starts[:-1], restitution, strict=True))
