@@ -228,8 +228,8 @@ def test_far_pairs_are_not_asked_and_near_ones_never_missed(rng):
     problem, fresh = scene.build(), scene.build()
     pairs = next(c for c in problem.constraints.constraints if isinstance(c, SignedDistances))
     asked, total = [], 0
-    ask = pairs.contacts
-    pairs.contacts = lambda q, due, tolerance: asked.append(len(due)) or ask(q, due, tolerance)
+    ask = pairs._measured
+    pairs._measured = lambda places, due, tolerance: asked.append(len(due)) or ask(places, due, tolerance)
     for k, step in enumerate(mbvi.steps(problem, step=2e-3)):
         fresh.constraints._last = None
         every = fresh.constraints.active(step.t, step.q, problem.tolerance)

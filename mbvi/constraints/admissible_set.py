@@ -125,8 +125,13 @@ class AdmissibleSet:
             about last, no difference need be taken.
         """
         stale = self._spend(q, origin, moved)
+        asked = stale | self._busy
+        plan = self._plans.get(asked)
+        if plan is None:
+            # few sets come again and again
+            plan = self._plans[asked] = [one for one in self._all if one[1] < 0 or asked >> one[1] & 1]
         found = []
-        for constraint, turn, ask, start, e in self._plan(stale | self._busy):
+        for constraint, turn, ask, start, e in plan:
             if turn < 0:
                 rows = _own_numbers(ask(t, q, tolerance, None), start, e)
             elif stale >> turn & 1:
@@ -140,13 +145,6 @@ class AdmissibleSet:
         if not found:
             return self.empty
         return found[0] if len(found) == 1 else Rows(*map(np.concatenate, zip(*found, strict=True)))
-
-    def _plan(self, asked: int) -> list[tuple[Any, int, Any, int, float]]:
-        """Return the constraints to ask, one bit for each of those that remember; few sets come again and again."""
-        plan = self._plans.get(asked)
-        if plan is None:
-            plan = self._plans[asked] = [one for one in self._all if one[1] < 0 or asked >> one[1] & 1]
-        return plan
 
     def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
         constraint = self._remembering[turn]

@@ -40,14 +40,14 @@ class _Selection:
     ----------
     pair : ndarray of int, shape (k,)
         The pair of each point.
-    bodies : ndarray of int, shape (b,)
-        The bodies there are.
+    bodies : ndarray of int, shape (b,), or None
+        The bodies there are, where not all are placed at once.
     numbers : ndarray, shape (k, 17)
         Of each point: its place in the body, or the centre of the rim or ellipsoid it moves on [m]; the half axes of
         that in the body, one column after the other, zero for a point that is fixed; the half-space's normal; the
         radius of the ball around the point, and that plus the half-space's offset [m].
-    frames, owners : ndarray of int, shape (k, 2)
-        Which of the bodies, or which body of all, each point belongs to, and its pair.
+    owners : ndarray of int, shape (k, 2)
+        Which of the bodies each point belongs to, and its pair.
     index : ndarray of int, shape (k + 1,)
         How many points were within the tolerance when last looked at, and which.
     near : _Near
@@ -55,9 +55,8 @@ class _Selection:
     """
 
     pair: Array
-    bodies: Array
+    bodies: Array | None
     numbers: Array
-    frames: Array
     owners: Array
     index: Array
     near: _Near
@@ -112,18 +111,18 @@ def _lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> Non
         out[k] = where - n[i, 15] * n[i, 12 + k]
 
 
-def _stand_plain(places: Array, frames: Array, numbers: Array, gap: Array, point: Array) -> None:
+def _stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
     """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
         Where the bodies are: columns of the rotation, then the origin.
-    frames, numbers
-        As of `_Selection`; of the first, which of the places each point belongs to is all that is read.
+    owners, numbers
+        As of `_Selection`.
     """
     local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
-    R, origin = places[frames[:, 0], :3], places[frames[:, 0], 3]
+    R, origin = places[owners[:, 0], :3], places[owners[:, 0], 3]
     toward = np.matvec(swell, np.matvec(R, up))
     length = np.sqrt(np.vecdot(toward, toward))[:, None]
     tilted = length > _LEVEL * np.abs(swell).max(axis=(1, 2), initial=0.0)[:, None]
@@ -133,10 +132,10 @@ def _stand_plain(places: Array, frames: Array, numbers: Array, gap: Array, point
 
 
 @kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])", plain=_stand_plain)
-def _stand(places: Array, frames: Array, numbers: Array, gap: Array, point: Array) -> None:
+def _stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
     out = np.empty(4)
-    for i in range(len(frames)):
-        _lowest(places, frames[i, 0], numbers, i, out)
+    for i in range(len(owners)):
+        _lowest(places, owners[i, 0], numbers, i, out)
         point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
 
 
@@ -237,6 +236,7 @@ class HalfSpaceContacts(Pairs):
         names: Sequence[str],
         restitution: Array,
     ) -> None:
+        self._numbered_from = -1
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # there one kernel does it all
         self._one_mechanism = hasattr(system, "kinematics")
@@ -255,10 +255,12 @@ class HalfSpaceContacts(Pairs):
     def forget(self) -> None:
         """Ask every pair next time."""
         super().forget()
-        # rows may be numbered otherwise from now on
-        self._selections: dict[bytes, _Selection] = {}
-        # the pairs of the last of them, which may be the same array again
-        self._pairs: Array | None = None
+        if self.first_number != self._numbered_from:
+            # rows are numbered otherwise from now on
+            self._numbered_from = self.first_number
+            self._selections: dict[bytes, _Selection] = {}
+            # the pairs of the last of them, which may be the same array again
+            self._pairs: Array | None = None
 
     def _select(self, pairs: Array) -> _Selection:
         """Gather the points of the asked pairs; the same few sets of pairs come again and again."""
@@ -274,53 +276,46 @@ class HalfSpaceContacts(Pairs):
         return found
 
     def _gather(self, pairs: Array) -> _Selection:
-        chosen = np.flatnonzero(np.isin(self._owner, pairs))
+        due = np.zeros(len(self.names), bool)
+        due[pairs] = True
+        chosen = due[self._owner].nonzero()[0]
         pair = self._owner[chosen]
-        bodies, frame = np.unique(self._second_body[pair], return_inverse=True)
-        owners = np.stack([self._second_body[pair], pair], axis=1)
-        found = _Selection(
+        body = self._second_body[pair]
+        bodies, frame = (None, body) if self._one_mechanism else np.unique(body, return_inverse=True)
+        return _Selection(
             pair,
             bodies,
             self._numbers[chosen],
-            np.stack([frame.astype(np.int64), pair], axis=1),
-            owners,
+            np.array([frame, pair], dtype=np.int64).T.copy(),
             np.zeros(len(pair) + 1, np.int64),
             _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
         )
-        return found
 
     def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
         selection = self._select(due)
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
-        _stand(self.system.placements(q, selection.bodies), selection.frames, selection.numbers, gap, point)
+        if selection.bodies is None:
+            places = self.system.kinematics(q).poses  # type: ignore[attr-defined]
+        else:
+            places = self.system.placements(q, selection.bodies)
+        _stand(places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
     def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
         if not self._one_mechanism:
             return super().rows(q, due, tolerance)
-        selection = self._select(due)
-        count, vain, same, found = self._touch(q, selection, tolerance)
-        if not same:
-            near = selection.index[1 : 1 + count]
-            pair = selection.pair[near]
-            up = np.ascontiguousarray(selection.numbers[near, 12:15])
-            selection.near = _Near(pair + self.first_number, self.restitution[pair], up)
-            count, _, _, found = self._touch(q, selection, tolerance)
-        if not count:
-            return None, vain
-        number, restitution, up = selection.near
-        gap, point, rows = found
-        return Rows(number, gap, rows, restitution, point, up), vain
-
-    def _touch(
-        self, q: Array, selection: _Selection, tolerance: float
-    ) -> tuple[int, bool, bool, tuple[Array, Array, Array]]:
-        """Return what `_touch` does, with gaps, points and rows for as many points as were near the last time."""
+        selection = self._selection if due is self._pairs else self._select(due)
         poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
-        size = len(selection.near.number)
-        gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
-        count, vain, same = _touch(
-            poses, columns, support, selection.owners, selection.numbers, tolerance,
-            self._budget, selection.index, gap, point, rows,
-        )  # fmt: skip
-        return count, vain, same, (gap, point, rows)
+        owners, numbers, index = selection.owners, selection.numbers, selection.index
+        while True:
+            number, restitution, up = selection.near
+            size = len(number)
+            gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
+            count, vain, same = _touch(
+                poses, columns, support, owners, numbers, tolerance, self._budget, index, gap, point, rows
+            )  # fmt: skip
+            if same:
+                return Rows(number, gap, rows, restitution, point, up) if count else None, vain
+            near = index[1 : 1 + count]
+            pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])
+            selection.near = _Near(pair + self.first_number, self.restitution[pair], up)

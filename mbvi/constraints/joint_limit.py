@@ -10,19 +10,51 @@ from ..compiled import kernel
 from .active import NOWHERE, Array, Rows
 
 
-def _reached_plain(where: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
-    """Write the gaps sign where + offset, all of shape (m,); return the least less the tolerance."""
-    gap[:] = sign * where + offset
-    return float(gap.min()) - tolerance
+def _reached_plain(
+    where: Array, sign: Array, offset: Array, tolerance: float, index: Array, gap: Array
+) -> tuple[float, bool]:
+    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance.
+
+    Parameters
+    ----------
+    index : ndarray of int, shape (m + 1,)
+        How many were reached the last time, and which; overwritten.
+    gap : ndarray, shape (c,)
+        Receives the gaps of these, for as many as `index` counts, if they are the same again.
+
+    Returns
+    -------
+    nearest : float
+        The least gap.
+    same : bool
+        Whether those reached are those of the last time.
+    """
+    gaps = sign * where + offset
+    reached = np.flatnonzero(gaps <= tolerance)
+    same = np.array_equal(index[1 : 1 + index[0]], reached)
+    index[0], index[1 : 1 + len(reached)] = len(reached), reached
+    if same:
+        gap[:] = gaps[reached]
+    return float(gaps.min()), same
 
 
-@kernel("f8(f8[::1], f8[::1], f8[::1], f8, f8[::1])", plain=_reached_plain)
-def _reached(where: Array, sign: Array, offset: Array, tolerance: float, gap: Array) -> float:
-    nearest = np.inf
+@kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])", plain=_reached_plain)
+def _reached(
+    where: Array, sign: Array, offset: Array, tolerance: float, index: Array, gap: Array
+) -> tuple[float, bool]:
+    count, nearest, same = 0, np.inf, True
     for a in range(len(sign)):
-        gap[a] = sign[a] * where[a] + offset[a]
-        nearest = min(nearest, gap[a])
-    return nearest - tolerance
+        here = sign[a] * where[a] + offset[a]
+        nearest = min(nearest, here)
+        if here <= tolerance:
+            same = same and count < len(gap) and index[1 + count] == a
+            index[1 + count] = a
+            if same:
+                gap[count] = here
+            count += 1
+    same = same and count == index[0]
+    index[0] = count
+    return nearest, same
 
 
 class JointLimits:
@@ -65,15 +97,14 @@ class JointLimits:
         self.first_number = 0
         self.envelope = np.zeros(nv)
         self.envelope[self._velocity] = 1.0
-        self.spare, self.busy = -np.inf, False
-        self._gap = np.empty(len(kept))
-        self._nowhere = np.tile(NOWHERE, (len(kept), 1))
-        # the rows last reached, which are often reached again
-        self._key = b""
+        self.busy = False
+        # which limits were reached the last time, and what is known of them
+        self._index = np.zeros(len(kept) + 1, np.int64)
         self.restitution = e[joint]
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
         )
+        self.forget()
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the distances to the limits, shape (m,) [rad or m]."""
@@ -93,24 +124,29 @@ class JointLimits:
 
     def forget(self) -> None:
         """Look at every limit next time."""
-        self.spare, self._key = -np.inf, b""
+        self.spare = -np.inf
+        # rows may be numbered otherwise from now on
+        self._index[0], self._near = 0, self._rows_of(np.zeros(0, np.int64))
 
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows of the limits that are reached."""
         if not self._sign.size:
             self.spare = np.inf
             return None
+        number, rows, restitution, nowhere = self._near
+        where, gap = q.take(self._position), np.empty(len(number))
+        nearest, same = _reached(where, self._sign, self._offset, tolerance, self._index, gap)
         # a limit comes no nearer than its joint travels
-        spare = _reached(q.take(self._position), self._sign, self._offset, tolerance, self._gap)
-        if spare > 0.0:
-            self.spare = spare
+        self.spare = nearest - tolerance if nearest > tolerance else -np.inf
+        if not same:
+            self._near = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
+            gap = np.empty(len(number))
+            _reached(where, self._sign, self._offset, tolerance, self._index, gap)
+        if not gap.size:
             return None
-        self.spare = -np.inf
-        index = (self._gap <= tolerance).nonzero()[0]
-        key = index.tobytes()
-        if key != self._key:
-            self._key = key
-            self._rows_of = index + self.first_number, self._rows(index), self.restitution[index]
-        number, rows, restitution = self._rows_of
-        nowhere = self._nowhere[: len(index)]
-        return Rows(number, self._gap.take(index), rows.copy(), restitution, nowhere, nowhere)
+        return Rows(number, gap, rows.copy(), restitution, nowhere, nowhere)
+
+    def _rows_of(self, index: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what is the same for some limits whenever they are reached: numbers, gradients, e, and no point."""
+        nowhere = np.tile(NOWHERE, (len(index), 1))
+        return index + self.first_number, self._rows(index), self.restitution[index], nowhere

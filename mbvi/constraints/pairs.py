@@ -181,7 +181,7 @@ class Pairs:
         """Ask every pair next time."""
         self._budget[:] = -np.inf
         self._due = np.arange(len(self.names))
-        self._pair = None
+        self._pair, self._key = None, b""
         self.spare, self.busy = -np.inf, True
 
     def contacts(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
@@ -236,15 +236,18 @@ class Pairs:
         return chosen(contacts, index, count), vain
 
     def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
-        """Return number, bodies and restitution of some pairs; often the same array comes again."""
+        """Return number, bodies and restitution of some pairs; often the same come again."""
         if pair is not self._pair:
+            key = pair.tobytes()
+            if key != self._key:
+                self._key = key
+                self._sides_and_e = (
+                    pair + self.first_number,
+                    self._first_body[pair],
+                    self._second_body[pair],
+                    self.restitution[pair],
+                )
             self._pair = pair
-            self._sides_and_e = (
-                pair + self.first_number,
-                self._first_body[pair],
-                self._second_body[pair],
-                self.restitution[pair],
-            )
         return self._sides_and_e
 
     def _spend(self, tolerance: float, travel: Array) -> None:

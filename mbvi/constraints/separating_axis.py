@@ -154,9 +154,11 @@ def _clear(
         for side in range(2):
             s = sides[pair, side]
             if frame[s] < 0:
-                world[side] = fixed[s]
-                if side == 0:
-                    n[:] = axis[pair]
+                for c in range(3):
+                    for k in range(4):
+                        world[side, k, c] = fixed[s, k, c]
+                    if side == 0:
+                        n[c] = axis[pair, c]
                 continue
             P = places[frame[s]]
             for c in range(3):
@@ -176,6 +178,26 @@ def _clear(
             asked[count] = pair
             count += 1
     return count
+
+
+def _keep_plain(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `_clear_plain`."""
+    for pair, normal in zip(pairs, normals, strict=True):
+        body = frame[sides[pair, 0]]
+        axis[pair] = normal if body < 0 else places[body, :3] @ normal
+
+
+@kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])", plain=_keep_plain)
+def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+    for i in range(len(pairs)):
+        body = frame[sides[pairs[i], 0]]
+        for c in range(3):
+            x = normals[i, c]
+            if body >= 0:
+                x = 0.0
+                for k in range(3):
+                    x += places[body, c, k] * normals[i, k]
+            axis[pairs[i], c] = x
 
 
 class SeparatingAxes:
@@ -220,7 +242,6 @@ class SeparatingAxes:
         )  # fmt: skip
         return asked[:count]
 
-    def keep(self, places: Array, pair: int, normal: Array) -> None:
-        """Keep a measured normal, shape (3,), as the axis of a pair."""
-        frame = self.frame.item(self._sides.item(pair, 0))
-        self._axis[pair] = normal if frame < 0 else places[frame, :3] @ normal
+    def keep(self, places: Array, pairs: Array, normals: Array) -> None:
+        """Keep measured normals, shape (k, 3), as the axes of some pairs."""
+        _keep(places, self.frame, self._sides, self._axis, pairs, normals)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import MbviError
 from ..system import System
+from .balls import Balls
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
 from .shapes import Ellipsoid, PlacedShape, Sphere
@@ -62,7 +63,9 @@ class SignedDistances(Pairs):
         shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
         self._smooth = [a.smooth or b.smooth for a, b in shapes]
         self._faced = [hasattr(a, "faces") or hasattr(b, "faces") for a, b in shapes]
-        self._axes = SeparatingAxes(self._placed, np.array(self._sides, dtype=np.int64).reshape(-1, 2))
+        both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
+        self._axes = SeparatingAxes(self._placed, both)
+        self._balls = Balls(self._placed, self._axes.frame, both)
         self._pose = [coal.Transform3s() for _ in self._placed]
         for placed_shape, pose in zip(self._placed, self._pose, strict=True):
             if placed_shape.body == 0:
@@ -88,6 +91,12 @@ class SignedDistances(Pairs):
                 self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + places[frame, 3])
 
     def _measured(self, places: Array, pairs: Array, tolerance: float) -> Contacts:
+        if self._balls.are[pairs].all():
+            gaps, points, normals = self._balls.contacts(places, pairs)
+            # of balls about one centre Coal knows a way apart
+            if not np.isnan(normals).any():
+                self._axes.keep(places, pairs, normals)
+                return Contacts(pairs, gaps, points, normals)
         self._place(places, pairs)
         pair: list[int] = []
         gap: list[float] = []
@@ -96,7 +105,7 @@ class SignedDistances(Pairs):
         for k in pairs.tolist():
             distance, result = self._measure(k)
             n = np.array(result.normal)
-            self._axes.keep(places, k, n)
+            self._axes.keep(places, np.array([k]), n[None])
             middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
             found = None
             if distance <= tolerance:

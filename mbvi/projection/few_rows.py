@@ -13,6 +13,8 @@ from . import tree
 from .metric import Array
 
 ROUNDING = 1e-13
+# the share of its terms that a sum J w cannot be told from zero at
+_LAST_DIGITS = 4e-15
 # a pivot of the scaled G under the first belongs to a dependent row, over the second to an independent one
 _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
 # slack, relative to the largest speed, under which a row that does not press touches all the same
@@ -168,9 +170,10 @@ def _exchange_plain(G: Array, d: Array, chosen: Array) -> bool:
 def _exchange(G: Array, d: Array, chosen: Array) -> bool:
     m = len(d)
     S, u, r, slack, F = np.empty(m, np.int64), np.zeros(m), np.empty(m), np.empty(m), np.empty((m, m))
-    scale = np.abs(d).max()
-    size = 0
-    chosen[:] = False
+    scale, size = 0.0, 0
+    for a in range(m):
+        scale = max(scale, abs(d[a]))
+        chosen[a] = False
     for _ in range(10 * m):
         entering, largest = -1, scale
         for a in range(m):
@@ -246,21 +249,22 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
     Returns
     -------
     float
-        The relative KKT residual of what was written; it is no answer unless at most `ROUNDING`.
+        The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
     """
     p, speed, reached = table
     speed[:] = J @ x
     w[:], p[:], reached[:] = x, 0.0, speed
-    missing = lower - speed
-    if (missing <= ROUNDING * (np.abs(J) @ np.abs(x) + np.abs(lower))).all():
+    missing, terms = lower - speed, np.abs(J) @ np.abs(x) + np.abs(lower)
+    if (missing <= ROUNDING * terms).all():
         return 0.0
     G = J @ A.T
     lengths = np.sqrt(np.maximum(G.diagonal(), 0.0))
     if not (lengths > 0.0).all():
         return np.inf
     largest = ((np.abs(speed) + np.abs(lower)) / lengths).max()
+    enough = max(ROUNDING, _LAST_DIGITS * (terms / lengths).max() / largest)
     G, d = G / np.outer(lengths, lengths), missing / lengths
-    nothing, u, residual = np.zeros(len(d)), np.empty(len(d)), np.inf
+    nothing, u = np.zeros(len(d)), np.empty(len(d))
     for attempt in range(3):
         chosen, base = d > 0.0, nothing
         if attempt == 1:
@@ -277,14 +281,14 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
             reached[:] = J @ w
             slack = (reached - lower) / lengths
             residual = np.abs(np.minimum(u, slack)).max() / largest
-            if residual <= ROUNDING:
+            if residual <= enough:
                 # rows that touch without pressing may share the percussion: that is settled elsewhere
                 alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
                 return float(residual) if alone else np.inf
             correction = np.empty(len(d))
             _settle(G, -slack, chosen, nothing, correction)
             u += correction
-    return float(residual)
+    return np.inf
 
 
 @kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])", plain=_press_plain)
@@ -300,12 +304,13 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
             terms += abs(term)
         table[0, a], table[1, a], table[2, a] = 0.0, speed, speed
         missing = missing or not lower[a] - speed <= ROUNDING * terms
-    w[:] = x
+    for k in range(n):
+        w[k] = x[k]
     if not missing:
         return 0.0
     G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
+    largest = most_terms = 0.0
     correction, chosen = np.empty(m), np.empty(m, np.bool_)
-    largest = 0.0
     for a in range(m):
         for b in range(a + 1):
             g = 0.0
@@ -316,16 +321,19 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
             return np.inf
         lengths[a] = np.sqrt(G[a, a])
         largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / lengths[a])
+        terms = abs(lower[a])
+        for k in range(n):
+            terms += abs(J[a, k] * x[k])
+        most_terms = max(most_terms, terms / lengths[a])
         d[a] = (lower[a] - table[1, a]) / lengths[a]
     for a in range(m):
         for b in range(a + 1):
             G[a, b] /= lengths[a] * lengths[b]
             G[b, a] = G[a, b]
-    residual = np.inf
+    enough = max(ROUNDING, _LAST_DIGITS * most_terms / largest)
     for attempt in range(3):
-        base[:] = 0.0
         for a in range(m):
-            chosen[a] = d[a] > 0.0
+            chosen[a], base[a] = d[a] > 0.0, 0.0
         if attempt == 1:
             if len(last) != m:
                 continue
@@ -336,7 +344,8 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
         if not _settle(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
-            w[:] = x
+            for k in range(n):
+                w[k] = x[k]
             for a in range(m):
                 table[0, a] = u[a] / lengths[a]
                 if u[a] != 0.0:
@@ -355,13 +364,14 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                     residual = off
                 alone = alone and (chosen[a] or attempt < 2 or slack[a] > _TOUCHING * largest)
                 slack[a] = -slack[a]
-            if residual <= ROUNDING:
+            if residual <= enough:
                 return residual if alone else np.inf
-            base[:] = 0.0
+            for a in range(m):
+                base[a] = 0.0
             _settle(G, slack, chosen, base, correction)
             for a in range(m):
                 u[a] += correction[a]
-    return residual
+    return np.inf
 
 
 def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
@@ -422,8 +432,11 @@ def tree_law(
     L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
     if tree.advance_by(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
+    damped = False
+    for d in damping:
+        damped = damped or d != 0.0
     # L is that of M already where there is no damping
-    if damping.any() and tree.factor(mass, 0.0, damping, parent, L):
+    if damped and tree.factor(mass, 0.0, damping, parent, L):
         return np.inf
     tree.solve(L, parent, J, A)
     return law(J, A, v, e, x, last, w, rates)

@@ -80,7 +80,7 @@ class Projector:
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
             residual = few_rows.press(J, metric.solve_rows(J), x, lower, self._last, velocity, rates)
-            if residual <= ROUNDING:
+            if residual < np.inf:
                 self._last = rates[0]
                 return Projection(velocity, rates[0], residual)
         return self._many(x, metric, J, lower)
@@ -117,7 +117,7 @@ class Projector:
             else:
                 A = push.metric.solve_rows(J)
                 residual = few_rows.law(J, A, plain_array(v), e, push.free, self._last, velocity, rates)
-            if residual <= ROUNDING:
+            if residual < np.inf:
                 self._last = rates[0]
                 return velocity, rates, residual
         x = push.free

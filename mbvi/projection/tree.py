@@ -96,8 +96,10 @@ def solve_plain(L: Array, parent: Array, rows: Array, out: Array) -> None:
 @kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])", plain=solve_plain)
 def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
     """Loops of `solve_plain`."""
-    for a in range(len(rows)):
-        out[a] = rows[a]
+    m, n = rows.shape
+    for a in range(m):
+        for k in range(n):
+            out[a, k] = rows[a, k]
         _back(L, parent, out[a])
 
 

@@ -184,7 +184,8 @@ class ArticulatedSystem:
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        if self._damped:
+        # where M is there already, the rest is less than the whole of aba
+        if self._damped or q is self._seen:
             return self.push(t, q, v, h).free
         torque = self._zero if self.control is None else self._torque(t, q, v)
         free = pin.aba(self.model, self._data, q, v, torque)
