@@ -53,7 +53,7 @@ def two_feet() -> tuple[mbvi.Problem, Array]:
     lifted = {f"{leg}_thigh_joint": 1.9 for leg in ("FR", "RL")}
 
     def crouch(thigh: float) -> tuple[mbvi.Problem, Array]:
-        return _quadruped(1.0, {**_every_leg(0.0, thigh, -2.4), **lifted})
+        return _quadruped(1.0, {**_every_leg(0.0, thigh, -2.4), **lifted}, held=True)
 
     # the centre of mass is to be above the line between the feet
     return _held(*crouch(brentq(lambda thigh: _unsupported(_lowered(crouch(thigh)[0]))[4], 1.25, 1.45, xtol=1e-12)))
@@ -61,7 +61,7 @@ def two_feet() -> tuple[mbvi.Problem, Array]:
 
 def four_feet() -> tuple[mbvi.Problem, Array]:
     """Stand on four feet."""
-    return _held(*_quadruped(1.0, _every_leg(0.0, 0.6, -1.2)))
+    return _held(*_quadruped(1.0, _every_leg(0.0, 0.6, -1.2), held=True))
 
 
 def kneeling() -> tuple[mbvi.Problem, Array]:
@@ -70,7 +70,7 @@ def kneeling() -> tuple[mbvi.Problem, Array]:
     # the radii of foot and knee, half the knee's width and the calf's length are the URDF's
     rise = 0.02 * np.cos(hip) + 0.017 * np.sin(hip) - 0.023
     calf = -np.arccos(rise / (0.2 * np.cos(hip))) - thigh
-    return _held(*_quadruped(1.0, _every_leg(hip, thigh, calf)))
+    return _held(*_quadruped(1.0, _every_leg(hip, thigh, calf), held=True))
 
 
 def folding() -> tuple[mbvi.Problem, Array]:
@@ -107,7 +107,7 @@ def panda() -> tuple[mbvi.Problem, Array]:
     joints |= {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
     velocity = {f"panda_joint{k}": rate for k, rate in (("1", 0.8), ("2", 0.4), ("3", -0.6), ("4", 0.5), ("7", 1.0))}
     file = _REAL / "panda_description" / "urdf" / "panda.urdf"
-    problem, torque = _robot(mbvi.Scene(), file, 9, base="fixed", joints=joints, velocity=velocity)
+    problem, torque = _robot(mbvi.Scene(), file, 9, True, base="fixed", joints=joints, velocity=velocity)
     system = problem.system
     torque -= system.force(problem.t0, problem.q0, np.zeros(system.nv))
     torque[5] += 3.0
@@ -121,7 +121,7 @@ def talos() -> tuple[mbvi.Problem, Array]:
     arms |= {f"arm_{side}_4_joint": -0.5 for side in ("left", "right")}
     arms |= {f"gripper_{side}_joint": -0.2 for side in ("left", "right")}
     file = _REAL / "talos_data" / "robots" / "talos_reduced_box.urdf"
-    return _held(*_robot(_floor(), file, 38, position=(0.0, 0.0, 1.3), joints=legs | arms))
+    return _held(*_robot(_floor(), file, 38, True, position=(0.0, 0.0, 1.3), joints=legs | arms))
 
 
 def _every_leg(hip: float, thigh: float, calf: float) -> dict[str, float]:
@@ -146,16 +146,18 @@ def _floor() -> mbvi.Scene:
     return scene
 
 
-def _robot(scene: mbvi.Scene, file: Path, nv: int, **options: Any) -> tuple[mbvi.Problem, Array]:
-    """Return a robot and the torques of its control, zeros to be filled in."""
+def _robot(scene: mbvi.Scene, file: Path, nv: int, held: bool = False, **options: Any) -> tuple[mbvi.Problem, Array]:
+    """Return a robot and its torques: zeros, to be filled in where a control is to hold it."""
     torque = np.zeros(nv)
-    scene.add_urdf(file, control=lambda t, q, v: torque, **options)
+    scene.add_urdf(file, control=(lambda t, q, v: torque) if held else None, **options)
     return scene.build(), torque
 
 
-def _quadruped(height: float, joints: dict[str, float], **options: Any) -> tuple[mbvi.Problem, Array]:
+def _quadruped(
+    height: float, joints: dict[str, float], held: bool = False, **options: Any
+) -> tuple[mbvi.Problem, Array]:
     file = _OWN / "quadruped" / "quadruped.urdf"
-    return _robot(_floor(), file, 18, position=(0.0, 0.0, height), joints=joints, **options)
+    return _robot(_floor(), file, 18, held, position=(0.0, 0.0, height), joints=joints, **options)
 
 
 def _pendulum(distance: float, speed: float, restitution: float) -> tuple[mbvi.Problem, Array]:

@@ -174,6 +174,8 @@ class TreePush:
         As of `advance_plain`; good as long as `mass` is not written to.
     """
 
+    __slots__ = ("told",)
+
     def __init__(
         self, mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array
     ) -> None:
