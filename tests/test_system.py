@@ -1,5 +1,8 @@
 """Mass matrices, forces and retractions: against Pinocchio, closed forms, and each other."""
 
+import copy
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -191,3 +194,15 @@ def test_block_projection_equals_dense(seed):
     dense = Projector().project(x, DenseMetric(metric.dense()), J, np.zeros(4))
     np.testing.assert_allclose(block.velocity, dense.velocity, atol=1e-10)
     np.testing.assert_allclose(block.percussion, dense.percussion, atol=1e-9)
+
+
+def test_a_copy_of_a_mechanism_stands_on_its_own(rng):
+    system = quadruped()
+    q, v = state(system, rng)
+    expected = system.placements(q, np.arange(5)).copy()
+    for twin in (copy.copy(system), copy.deepcopy(system), pickle.loads(pickle.dumps(system))):
+        np.testing.assert_array_equal(twin.placements(q, np.arange(5)), expected)
+        np.testing.assert_array_equal(twin.push(0.0, q, v, 1e-3).free, system.push(0.0, q, v, 1e-3).free)
+        # asked about another q, the twin leaves the first as it was
+        twin.placements(state(system, rng)[0], np.arange(5))
+        np.testing.assert_array_equal(system.placements(q, np.arange(5)), expected)

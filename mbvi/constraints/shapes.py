@@ -6,19 +6,19 @@ Every shape is centred on its own frame; lengths in metres; capsules and cylinde
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
 import numpy as np
 
 from ..errors import InputError
+from .faces import FACING, leave
 
 Array = np.ndarray
 
 _RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6)])
 _CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-# faces met at a flatter angle than this do not bound a patch
-_FACING = 0.1
 _MOST_NEIGHBOURS = 200
 
 
@@ -95,10 +95,7 @@ class _Polyhedron:
 
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
-        normals, offsets = self.faces
-        slope = normals @ direction
-        facing = slope > _FACING
-        return ((offsets[facing] - points @ normals[facing].T) / slope[facing]).min(axis=1)
+        return leave(points, direction, self.faces)
 
 
 @dataclass(frozen=True)
@@ -107,12 +104,12 @@ class Box(_Polyhedron):
 
     size: tuple[float, float, float]
 
-    @property
+    @cached_property
     def vertices(self) -> Array:  # type: ignore[override]
         """The corners, shape (8, 3)."""
         return _CORNERS * np.asarray(self.size)
 
-    @property
+    @cached_property
     def faces(self) -> tuple[Array, Array]:  # type: ignore[override]
         """Outward normals, shape (6, 3), and offsets, shape (6,)."""
         half = 0.5 * np.asarray(self.size)
@@ -263,7 +260,7 @@ class Cylinder:
         half_axes = np.concatenate([np.zeros(fixed.shape), rim, rim])
         return np.concatenate([fixed, [-end, end]]), half_axes, 0.0
 
-    @property
+    @cached_property
     def faces(self) -> tuple[Array, Array]:
         """Outward normals of the two ends, shape (2, 3), and their offsets, shape (2,)."""
         return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
@@ -271,10 +268,10 @@ class Cylinder:
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
         way = np.full(len(points), np.inf)
-        if abs(direction[2]) > _FACING:
+        if abs(direction[2]) > FACING:
             way = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
         across = np.hypot(direction[0], direction[1])
-        if across > _FACING:
+        if across > FACING:
             flat = points * np.array([1.0, 1.0, 0.0])
             unit = np.array([direction[0], direction[1], 0.0]) / across
             way = np.minimum(way, _leave_ball(flat, unit, self.radius) / across)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import cos
 
 import coal
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ..errors import MbviError
 from ..system import System
 from .balls import Balls
+from .faces import most_facing
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
 from .shapes import Ellipsoid, PlacedShape, Sphere
@@ -62,7 +64,9 @@ class SignedDistances(Pairs):
         self._patches = _PatchFinder(self._geometry, self._placed)
         shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
         self._smooth = [a.smooth or b.smooth for a, b in shapes]
-        self._faced = [hasattr(a, "faces") or hasattr(b, "faces") for a, b in shapes]
+        # of the faces that a normal may stand for; None where a shape has none
+        self._normals = [s.shape.faces[0].copy() if hasattr(s.shape, "faces") else None for s in self._placed]
+        self._faced = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
         both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
         self._balls = Balls(self._placed, self._axes.frame, both)
@@ -129,16 +133,15 @@ class SignedDistances(Pairs):
 
     def _sharpened(self, k: int, n: Array, distance: float) -> Array:
         """Return the normal of a face that Coal's own, uncertain where the shapes just touch, may stand for."""
-        closest, sharp = np.cos(min(_MOST_TURN, _FINE / max(abs(distance), 1e-300) + _LEAST_TURN)), n
+        closest, sharp = cos(min(_MOST_TURN, _FINE / max(abs(distance), 1e-300) + _LEAST_TURN)), n
         for side, sign in zip(self._sides[k], (1.0, -1.0), strict=True):
-            faces = getattr(self._placed[side].shape, "faces", None)
-            if faces is None:
+            normals = self._normals[side]
+            if normals is None:
                 continue
             R = self._pose[side].getRotation()
-            along = faces[0] @ (R.T @ n) * sign
-            best = int(np.argmax(along))
-            if along[best] > closest:
-                closest, sharp = along[best], sign * (R @ faces[0][best])
+            along, normal = most_facing(normals, R.T.dot(sign * n))
+            if along > closest:
+                closest, sharp = along, sign * R.dot(normal)
         return sharp
 
     def _measure(self, k: int) -> tuple[float, coal.DistanceResult]:

@@ -112,6 +112,7 @@ class ArticulatedSystem:
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
         self.model = model
         self.control = control
+        self._name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping = np.array(model.damping, dtype=float)
@@ -132,6 +133,10 @@ class ArticulatedSystem:
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
         self._see()
+
+    def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
+        # a copy gets Data of its own, for what is kept here lies in the memory of these
+        return ArticulatedSystem, (self.model, self._name, self.control)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         moved = pin.integrate(self.model, q, dv)
