@@ -61,8 +61,9 @@ def load() -> None:
     start, told = time.perf_counter(), False
     for item in KERNELS:
         compiled = _compile(item)
-        # what is not in the cache is compiled for the first time, and so is the rest of them
-        if not told and not sum(compiled.stats.cache_hits.values()):
+        # what is not in the cache is compiled for the first time, and so is the rest of them; with numba's own switch
+        # off (NUMBA_DISABLE_JIT) there is nothing to compile
+        if not told and hasattr(compiled, "stats") and not sum(compiled.stats.cache_hits.values()):
             print(
                 f"mbvi: compiling {len(KERNELS)} kernels, once on this machine ...", end="", file=sys.stderr, flush=True
             )

@@ -79,7 +79,8 @@ class Projector:
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
-            residual = few_rows.press(J, metric.solve_rows(J), x, lower, self._last, velocity, rates)
+            A = plain_array(metric.solve_rows(J))
+            residual = few_rows.press(J, A, x, lower, self._last, velocity, rates)
             if residual < np.inf:
                 self._last = rates[0]
                 return Projection(velocity, rates[0], residual)
@@ -115,7 +116,7 @@ class Projector:
             if type(push) is TreePush:
                 residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
             else:
-                A = push.metric.solve_rows(J)
+                A = plain_array(push.metric.solve_rows(J))
                 residual = few_rows.law(J, A, plain_array(v), e, push.free, self._last, velocity, rates)
             if residual < np.inf:
                 self._last = rates[0]
