@@ -5,6 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from types import CellType, FunctionType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -58,9 +61,9 @@ def load() -> None:
     if _loaded:
         return
     _loaded = True
-    start, told = time.perf_counter(), False
+    start, told, stamp = time.perf_counter(), False, _stamp()
     for item in KERNELS:
-        compiled = _compile(item)
+        compiled = _compile(item, stamp)
         # what is not in the cache is compiled for the first time, and so is the rest of them; with numba's own switch
         # off (NUMBA_DISABLE_JIT) there is nothing to compile
         if not told and hasattr(compiled, "stats") and not sum(compiled.stats.cache_hits.values()):
@@ -73,14 +76,25 @@ def load() -> None:
         print(f" {time.perf_counter() - start:.0f} s", file=sys.stderr)
 
 
-def _compile(item: Kernel) -> Any:
+def _stamp() -> str:
+    """Return a hash of all the kernels' sources."""
+    sources = sorted({item.loops.__code__.co_filename for item in KERNELS})
+    return sha256(b"".join(Path(source).read_bytes() for source in sources)).hexdigest()
+
+
+def _compile(item: Kernel, stamp: str) -> Any:
     # imported here for its weight: only runs need it
     from numba import njit
 
+    # numba's cache goes by a kernel's own file; those it calls may be in others. It goes by what a function closes over
+    # as well, which is where the stamp of all files is put
+    code = item.loops.__code__.replace(co_freevars=("stamp",))
+    loops = FunctionType(code, item.namespace, item.name, None, (CellType(stamp),))
+    loops.__module__, loops.__doc__ = item.loops.__module__, item.loops.__doc__
     try:
-        return njit(item.signature, cache=True, error_model="numpy")(item.loops)
+        return njit(item.signature, cache=True, error_model="numpy")(loops)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
         # nowhere to write to: the next process compiles again
-        return njit(item.signature, error_model="numpy")(item.loops)
+        return njit(item.signature, error_model="numpy")(loops)

@@ -35,7 +35,7 @@ def _note_plain(k: int, gap: Array, rates: Array, residual: float, penetration: 
         Where these are kept.
     """
     residuals[k] = max(residuals[k], residual)
-    penetration[k] = -min(gap.min(initial=0.0), 0.0)
+    penetration[k] = max((-gap).max(initial=0.0), 0.0)
     percussion, free, _, before = rates
     closing = before + 2.0 * np.abs(free - before) < -_STILL
     return bool((closing & (percussion > 0.0)).any())
@@ -46,10 +46,10 @@ def _note(k: int, gap: Array, rates: Array, residual: float, penetration: Array,
     residuals[k] = max(residuals[k], residual)
     deepest, impact = 0.0, False
     for a in range(len(gap)):
-        deepest = min(deepest, gap[a])
+        deepest = max(deepest, -gap[a])
         percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
         impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -_STILL)
-    penetration[k] = -deepest
+    penetration[k] = deepest
     return impact
 
 

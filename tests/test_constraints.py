@@ -99,9 +99,8 @@ def coal_distance(contacts, q):
 def nearest_gradient(contacts, system, q):
     """The gradient at the witness points Coal gives, whatever the patch of two flat faces says."""
     contacts._place(contacts.system.placements(q, contacts._axes.bodies), np.array([0]))
-    result = contacts._measure(0)[1]
-    middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
-    return system.separation_rows(q, np.array([1]), np.array([2]), middle[None], np.array(result.normal)[None])
+    _, normal, middle = contacts._measure(0)
+    return system.separation_rows(q, np.array([1]), np.array([2]), middle[None], normal[None])
 
 
 @pytest.mark.parametrize("robot", ["hopper", "quadruped", "biped", "arm", "double_pendulum"])
@@ -310,3 +309,16 @@ def test_a_line_across_a_face_leaves_the_shape_where_it_ends(shape, face, rng):
         way = shape.exit(point[None], direction)[0]
         assert contains(shape, (point + (way - 2e-5) * direction)[None]).all()
         assert not contains(shape, (point + (way + 2e-5) * direction)[None]).any()
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0), (0.0, 0.05), (0.28, 0.0)])
+def test_a_ball_deep_in_a_cylinder_is_thrown_back_the_short_way(where):
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.5)
+    scene.add_cylinder(0.3, 0.4, fixed=True, position=(0, 0, 0))
+    # one step takes its centre from above the upper end to 5 mm below
+    scene.add_sphere(0.01, position=(*where, 0.2151), velocity=(0, 0, -20))
+    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.01)
+    (impact,) = run.impacts
+    np.testing.assert_allclose(run.v[-1], [0, 0, 10], atol=1e-12)
+    np.testing.assert_allclose(np.abs(impact.normal[0]), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(run.penetration().max(), 0.0149, atol=1e-9)

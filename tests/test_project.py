@@ -1,7 +1,9 @@
 """The laws of the projection and of the impact law (8), on random data and at their degenerate ends."""
 
 import itertools
+from contextlib import contextmanager, nullcontext
 from fractions import Fraction
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
+from mbvi.projection import few_rows
 
 sizes = st.integers(1, 7)
 seeds = st.integers(0, 2**32 - 1)
@@ -136,23 +139,45 @@ DEGENERATE = {
 }
 
 
+@contextmanager
+def without_the_compiled_set():
+    """Leave every projection to ProxQP and what stands behind it."""
+    mbvi.project([1.0], [[1.0]], [[1.0]])
+    with mock.patch.object(few_rows, "press", lambda *arguments: np.inf):
+        yield
+
+
+@given(seeds, sizes, sizes, restitutions)
+def test_the_compiled_set_and_proxqp_agree(seed, n, m, e):
+    x, M, J = random_cone(seed, n, m)
+    lower = -e * (J @ x)
+    first = mbvi.project(x, M, J, lower)
+    with without_the_compiled_set():
+        second = mbvi.project(x, M, J, lower)
+    assert norm(first.velocity - second.velocity, M) <= 1e-9 * norm(x, M)
+
+
+@pytest.mark.parametrize("way", [nullcontext, without_the_compiled_set], ids=["compiled", "ProxQP"])
 @pytest.mark.parametrize("gradients", DEGENERATE.values(), ids=DEGENERATE)
 @pytest.mark.parametrize("masses", [(1, 1, 1), (1, 2, 4), (1, 1e4, 1e8), (1e8, 1, 1e4)])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_degenerate_active_sets_are_solved_exactly(gradients, masses, e):
+def test_degenerate_active_sets_are_solved_exactly(gradients, masses, e, way):
     J, M = np.array(gradients, dtype=float), np.diag(np.array(masses, dtype=float))
     for x in ([-1.0, -2.0, 3.0], [2.0, -1.0, -1.0], [-3.0, 1.0, 2.0]):
         x = np.array(x)
         lower = -e * (J @ x)
-        w = mbvi.project(x, M, J, lower)
+        with way():
+            w = mbvi.project(x, M, J, lower)
         assert norm(w.velocity - exact(x, M, J, lower), M) <= 1e-8 * norm(x, M)
         assert w.residual <= 1e-9
 
 
-def test_a_box_landing_flat_shares_the_percussion_evenly():
+@pytest.mark.parametrize("way", [nullcontext, without_the_compiled_set], ids=["compiled", "ProxQP"])
+def test_a_box_landing_flat_shares_the_percussion_evenly(way):
     # vertical velocity and two tilts; four corners, rank three
     J = np.array([[1.0, x, y] for x in (-1, 1) for y in (-1, 1)])
-    w = mbvi.project(np.array([-1.0, 0, 0]), np.diag([4.0, 1, 1]), J)
+    with way():
+        w = mbvi.project(np.array([-1.0, 0, 0]), np.diag([4.0, 1, 1]), J)
     np.testing.assert_allclose(w.velocity, 0, atol=1e-14)
     np.testing.assert_allclose(w.percussion, 1.0, rtol=1e-12)
 

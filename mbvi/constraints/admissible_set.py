@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..system import System
 from .active import NOWHERE, STILL, Array, Constraint, Rows
@@ -144,7 +144,9 @@ class AdmissibleSet:
                 found.append(rows)
         if not found:
             return self.empty
-        return found[0] if len(found) == 1 else Rows(*map(np.concatenate, zip(*found, strict=True)))
+        if len(found) == 1:
+            return found[0]
+        return Rows(*(np.ascontiguousarray(np.concatenate(parts)) for parts in zip(*found, strict=True)))
 
     def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
         constraint = self._remembering[turn]
@@ -216,7 +218,9 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     if rows is None:
         return None
     own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
-    return rows._replace(constraint=rows.constraint + start, restitution=own)
+    number, gap, jacobian, _, point, normal = rows
+    # they may come from a user's code
+    return Rows(number + start, plain_array(gap), plain_array(jacobian), plain_array(own), point, normal)
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:

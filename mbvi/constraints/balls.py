@@ -93,9 +93,34 @@ def _ball_contacts(
         a, b = radius[sides[pairs[i], 0]], radius[sides[pairs[i], 1]]
         gap[i] = length - a - b
         for c in range(3):
-            n = (world[1, 0, c] - world[0, 0, c]) / length
+            n = (world[1, 0, c] - world[0, 0, c]) / length if length > 0.0 else np.nan
             normal[i, c] = n
             point[i, c] = world[0, 0, c] + (a + 0.5 * gap[i]) * n
+
+
+def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float, Array]:
+    """Return the signed distance of a point from a solid cylinder's surface, and the unit vector straight out of it.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (3,)
+        The point, in the cylinder's frame.
+    radius, length : float
+        Of the cylinder [m].
+
+    Notes
+    -----
+    What Coal says of a ball whose centre is in a cylinder is wrong by up to the cylinder's radius.
+    """
+    across = float(np.hypot(centre[0], centre[1]))
+    outward = np.array([centre[0], centre[1], 0.0]) / across if across > 0.0 else np.array([1.0, 0.0, 0.0])
+    upward = np.array([0.0, 0.0, 1.0 if centre[2] >= 0.0 else -1.0])
+    side, end = across - radius, abs(float(centre[2])) - 0.5 * length
+    if side > 0.0 and end > 0.0:
+        away = side * outward + end * upward
+        distance = float(np.hypot(side, end))
+        return distance, away / distance
+    return (side, outward) if side > end else (end, upward)
 
 
 class Balls:

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..errors import MbviError
 from ..system import System
-from .balls import Balls
+from .balls import Balls, out_of_cylinder
 from .faces import most_facing
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
-from .shapes import Ellipsoid, PlacedShape, Sphere
+from .shapes import Cylinder, Ellipsoid, PlacedShape, Sphere
 
 # Coal's own tolerance leaves normals of curved shapes wrong in the third digit; at a fine one its penetration depth
 # fails once in some hundred times, by an order of magnitude or outright
@@ -107,10 +107,8 @@ class SignedDistances(Pairs):
         point: list[Array] = []
         normal: list[Array] = []
         for k in pairs.tolist():
-            distance, result = self._measure(k)
-            n = np.array(result.normal)
+            distance, n, middle = self._measure(k)
             self._axes.keep(places, np.array([k]), n[None])
-            middle = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
             found = None
             if distance <= tolerance:
                 if self._faced[k]:
@@ -144,22 +142,37 @@ class SignedDistances(Pairs):
                 closest, sharp = along, sign * R.dot(normal)
         return sharp
 
-    def _measure(self, k: int) -> tuple[float, coal.DistanceResult]:
-        """Return the signed distance of one pair, whose penetration depth is asked for twice."""
+    def _measure(self, k: int) -> tuple[float, Array, Array]:
+        """Return signed distance, unit normal, and a point midway of one pair, whose depth is asked for twice."""
         a, b = self._sides[k]
         (fine, robust), (result, second) = self._requests, self._results
         result.clear()
         distance = self._distance[k](self._pose[a], self._pose[b], fine, result)
-        if distance >= 0.0:
-            return distance, result
-        second.clear()
-        check = self._distance[k](self._pose[a], self._pose[b], robust, second)
-        # every direction bounds the depth from above: of two answers the deeper one is wrong
-        if distance < check - _AGREEMENT * self._bound[k]:
-            distance, result = check, second
-        if not abs(distance) < 1e100:
-            raise MbviError(f"{self.names[k]}: Coal finds no penetration depth; take a smaller step or simpler shapes")
-        return distance, result
+        if distance < 0.0:
+            if {type(self._placed[a].shape), type(self._placed[b].shape)} == {Sphere, Cylinder}:
+                return self._ball_at_cylinder(a, b)
+            second.clear()
+            check = self._distance[k](self._pose[a], self._pose[b], robust, second)
+            # every direction bounds the depth from above: of two answers the deeper one is wrong
+            if distance < check - _AGREEMENT * self._bound[k]:
+                distance, result = check, second
+            if not abs(distance) < 1e100:
+                raise MbviError(
+                    f"{self.names[k]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
+                )
+        return distance, np.array(result.normal), 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+
+    def _ball_at_cylinder(self, a: int, b: int) -> tuple[float, Array, Array]:
+        swapped = isinstance(self._placed[a].shape, Sphere)
+        ball, cylinder = (a, b) if swapped else (b, a)
+        centre, R = self._pose[ball].getTranslation(), self._pose[cylinder].getRotation()
+        size, radius = self._placed[cylinder].shape, self._placed[ball].shape.bound
+        assert isinstance(size, Cylinder)
+        distance, way = out_of_cylinder(
+            R.T @ (centre - self._pose[cylinder].getTranslation()), size.radius, size.length
+        )
+        out = R @ way
+        return distance - radius, -out if swapped else out, centre - 0.5 * (distance + radius) * out
 
 
 class _PatchFinder:

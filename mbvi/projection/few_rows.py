@@ -1,7 +1,6 @@
 """The small projection: which of a few rows press, guessed, exchanged where the guess fails, and always checked.
 
-Rows are scaled to unit length in the metric: G = J M^-1 J' has a unit diagonal, u are the percussions and d the missing
-rates in that scale. An answer counts if its own KKT residual is at rounding; otherwise others are asked.
+An answer counts if its own KKT residual is at rounding; otherwise others are asked.
 """
 
 from __future__ import annotations
@@ -9,225 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from . import tree
+from . import nonnegative, tree
 from .metric import Array
+from .nonnegative import ROUNDING
 
-ROUNDING = 1e-13
 # the share of its terms that a sum J w cannot be told from zero at
 _LAST_DIGITS = 4e-15
-# a pivot of the scaled G under the first belongs to a dependent row, over the second to an independent one
-_DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
 # slack, relative to the largest speed, under which a row that does not press touches all the same
 _TOUCHING = 1e-9
 _REFINEMENTS = 2
-
-
-def _settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
-
-    Parameters
-    ----------
-    G : ndarray, shape (m, m)
-        Scaled Delassus matrix, singular where rows depend on each other.
-    d, base, u : ndarray, shape (m,)
-        Missing rates, where to start from, and the result.
-    chosen : ndarray of bool, shape (m,)
-        S.
-    """
-    S = np.flatnonzero(chosen)
-    u[:] = 0.0
-    values, vectors = np.linalg.eigh(G[np.ix_(S, S)])
-    kept = values > _DEPENDENT * len(S)
-    if (values[kept] < _INDEPENDENT).any():
-        return False
-    missing = d[S] - G[np.ix_(S, S)] @ base[S]
-    u[S] = base[S] + vectors[:, kept] @ ((vectors[:, kept].T @ missing) / values[kept])
-    return True
-
-
-@kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])", plain=_settle_plain)
-def _settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    m = len(d)
-    # pivoted Cholesky G_SS = C C' with as many columns as G_SS has rank; y with C y = d
-    C, y, rest, order = np.zeros((m, m)), np.zeros(m), np.empty(m), np.empty(m, np.int64)
-    size = rank = 0
-    for a in range(m):
-        u[a] = 0.0
-        if chosen[a]:
-            order[size], rest[a] = a, G[a, a]
-            size += 1
-    for k in range(size):
-        best = k
-        for i in range(k + 1, size):
-            if rest[order[i]] > rest[order[best]]:
-                best = i
-        order[k], order[best] = order[best], order[k]
-        a = order[k]
-        if not rest[a] > _DEPENDENT:
-            break
-        if rest[a] < _INDEPENDENT:
-            return False
-        pivot = np.sqrt(rest[a])
-        C[a, k] = pivot
-        y[k] = d[a]
-        for j in range(k):
-            y[k] -= C[a, j] * y[j]
-        y[k] /= pivot
-        for i in range(k + 1, size):
-            b = order[i]
-            g = G[b, a]
-            for j in range(k):
-                g -= C[b, j] * C[a, j]
-            C[b, k] = g / pivot
-            rest[b] -= C[b, k] * C[b, k]
-        rank += 1
-    if rank == size:
-        # independent rows: C' u = y
-        for k in range(size - 1, -1, -1):
-            s = y[k]
-            for i in range(k + 1, size):
-                s -= C[order[i], k] * u[order[i]]
-            u[order[k]] = s / C[order[k], k]
-        return True
-    # of all u with C' u = y the nearest to the base: u = base + C (C'C)^-1 (y - C' base)
-    N = np.empty((rank, rank))
-    for k in range(rank):
-        for i in range(size):
-            y[k] -= C[order[i], k] * base[order[i]]
-        for j in range(k + 1):
-            s = 0.0
-            for i in range(size):
-                s += C[order[i], k] * C[order[i], j]
-            N[k, j] = s
-    for k in range(rank):
-        for j in range(k + 1):
-            s = N[k, j]
-            for i in range(j):
-                s -= N[k, i] * N[j, i]
-            N[k, j] = np.sqrt(s) if j == k else s / N[j, j]
-        for j in range(k):
-            y[k] -= N[k, j] * y[j]
-        y[k] /= N[k, k]
-    for k in range(rank - 1, -1, -1):
-        for j in range(k + 1, rank):
-            y[k] -= N[j, k] * y[j]
-        y[k] /= N[k, k]
-    for i in range(size):
-        s = base[order[i]]
-        for k in range(rank):
-            s += C[order[i], k] * y[k]
-        u[order[i]] = s
-    return True
-
-
-def _exchange_plain(G: Array, d: Array, chosen: Array) -> bool:
-    """Find the rows that press by the dual active-set method; False if none was found.
-
-    Parameters
-    ----------
-    G : ndarray, shape (m, m)
-        Scaled Delassus matrix.
-    d : ndarray, shape (m,)
-        Missing rates.
-    chosen : ndarray of bool, shape (m,)
-        Receives the rows; they are independent, and their u with (G u)_S = d_S is not negative.
-
-    Notes
-    -----
-    min u' G u / 2 - d' u, u >= 0: D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
-    """
-    m = len(d)
-    S: list[int] = []
-    u = np.zeros(m)
-    for _ in range(10 * m):
-        slack = G @ u - d
-        slack[S] = np.inf
-        entering = int(np.argmin(slack))
-        if slack[entering] >= -ROUNDING * (np.abs(d).max() + np.abs(G @ u).max()):
-            chosen[:] = False
-            chosen[S] = True
-            return True
-        while True:
-            r = np.linalg.solve(G[np.ix_(S, S)], G[S, entering])
-            curvature = G[entering, entering] - G[entering, S] @ r
-            missing = d[entering] - G[entering] @ u
-            full = missing / curvature if curvature > _INDEPENDENT else np.inf
-            ratios = [u[a] / s if s > 0.0 else np.inf for a, s in zip(S, r, strict=True)]
-            step = min([full, *ratios])
-            if not np.isfinite(step):
-                return False
-            u[S] -= step * r
-            u[entering] += step
-            if step == full:
-                break
-            del S[int(np.argmin(ratios))]
-            u[[a for a in range(m) if a not in S and a != entering]] = 0.0
-        S.append(entering)
-    return False
-
-
-@kernel("b1(f8[:,::1], f8[::1], b1[::1])", plain=_exchange_plain)
-def _exchange(G: Array, d: Array, chosen: Array) -> bool:
-    m = len(d)
-    S, u, r, slack, F = np.empty(m, np.int64), np.zeros(m), np.empty(m), np.empty(m), np.empty((m, m))
-    scale, size = 0.0, 0
-    for a in range(m):
-        scale = max(scale, abs(d[a]))
-        chosen[a] = False
-    for _ in range(10 * m):
-        entering, largest = -1, scale
-        for a in range(m):
-            s = 0.0
-            for b in range(m):
-                s += G[a, b] * u[b]
-            largest = max(largest, scale + abs(s))
-            slack[a] = s - d[a]
-            if not chosen[a] and (entering < 0 or slack[a] < slack[entering]):
-                entering = a
-        if entering < 0 or slack[entering] >= -ROUNDING * largest:
-            return True
-        missing = -slack[entering]
-        while True:
-            # r = G_SS^-1 G_S,entering
-            for i in range(size):
-                s = G[S[i], entering]
-                for j in range(i + 1):
-                    f = G[S[i], S[j]]
-                    for k in range(j):
-                        f -= F[i, k] * F[j, k]
-                    F[i, j] = np.sqrt(f) if i == j else f / F[j, j]
-                    if j < i:
-                        s -= F[i, j] * r[j]
-                r[i] = s / F[i, i]
-            for i in range(size - 1, -1, -1):
-                for j in range(i + 1, size):
-                    r[i] -= F[j, i] * r[j]
-                r[i] /= F[i, i]
-            curvature = G[entering, entering]
-            leaving, step = -1, np.inf
-            for i in range(size):
-                curvature -= G[entering, S[i]] * r[i]
-                if r[i] > 0.0 and u[S[i]] < step * r[i]:
-                    leaving, step = i, u[S[i]] / r[i]
-            if curvature > _INDEPENDENT and missing <= step * curvature:
-                leaving, step = -1, missing / curvature
-            if not step < np.inf:
-                return False
-            for i in range(size):
-                u[S[i]] -= step * r[i]
-            u[entering] += step
-            missing -= step * curvature
-            if leaving < 0:
-                break
-            u[S[leaving]] = 0.0
-            chosen[S[leaving]] = False
-            size -= 1
-            for i in range(leaving, size):
-                S[i] = S[i + 1]
-        S[size] = entering
-        chosen[entering] = True
-        size += 1
-    return False
 
 
 def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
@@ -271,9 +60,9 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
             if len(last) != len(d):
                 continue
             chosen, base = last > 0.0, last * lengths
-        if attempt == 2 and not _exchange(G, d, chosen):
+        if attempt == 2 and not nonnegative.exchange_plain(G, d, chosen):
             break
-        if not _settle(G, d, chosen, base, u):
+        if not nonnegative.settle_plain(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
             p[:] = u / lengths
@@ -286,7 +75,7 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
                 alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
                 return float(residual) if alone else np.inf
             correction = np.empty(len(d))
-            _settle(G, -slack, chosen, nothing, correction)
+            nonnegative.settle_plain(G, -slack, chosen, nothing, correction)
             u += correction
     return np.inf
 
@@ -339,9 +128,9 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 continue
             for a in range(m):
                 chosen[a], base[a] = last[a] > 0.0, last[a] * lengths[a]
-        if attempt == 2 and not _exchange(G, d, chosen):
+        if attempt == 2 and not nonnegative.exchange(G, d, chosen):
             break
-        if not _settle(G, d, chosen, base, u):
+        if not nonnegative.settle(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
             for k in range(n):
@@ -368,7 +157,7 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 return residual if alone else np.inf
             for a in range(m):
                 base[a] = 0.0
-            _settle(G, slack, chosen, base, correction)
+            nonnegative.settle(G, slack, chosen, base, correction)
             for a in range(m):
                 u[a] += correction[a]
     return np.inf

@@ -18,8 +18,8 @@ from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from . import few_rows
 from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
-from .few_rows import ROUNDING
 from .metric import Array, Metric, as_metric
+from .nonnegative import ROUNDING
 from .proxqp import ProxQP
 from .tree import TreePush
 
@@ -117,7 +117,7 @@ class Projector:
                 residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
             else:
                 A = plain_array(push.metric.solve_rows(J))
-                residual = few_rows.law(J, A, plain_array(v), e, push.free, self._last, velocity, rates)
+                residual = few_rows.law(J, A, plain_array(v), e, plain_array(push.free), self._last, velocity, rates)
             if residual < np.inf:
                 self._last = rates[0]
                 return velocity, rates, residual

@@ -29,6 +29,8 @@ def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array)
     """
     lower = np.tril(mass)
     M = lower + np.tril(lower, -1).T + h * np.diag(damping)
+    if not np.isfinite(M).all():
+        return 1
     try:
         L[:] = np.linalg.cholesky(M[::-1, ::-1]).T[::-1, ::-1]
     except np.linalg.LinAlgError:

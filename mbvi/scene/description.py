@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,7 +78,7 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
 def _shape(shape: Convex) -> dict[str, Any]:
     if isinstance(shape, Hull):
         return {"kind": "Hull", "points": shape.vertices.tolist()}
-    return {"kind": type(shape).__name__, **shape.__dict__}
+    return {"kind": type(shape).__name__, **{f.name: getattr(shape, f.name) for f in fields(shape)}}
 
 
 def _shape_back(data: dict[str, Any]) -> Convex:

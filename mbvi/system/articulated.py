@@ -136,7 +136,7 @@ class ArticulatedSystem:
 
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy gets Data of its own, for what is kept here lies in the memory of these
-        return ArticulatedSystem, (self.model, self._name, self.control)
+        return type(self), (self.model, self._name, self.control)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         moved = pin.integrate(self.model, q, dv)

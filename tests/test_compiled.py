@@ -1,0 +1,809 @@
+"""Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
+
+import copy
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from conftest import ROBOTS
+from test_same_as_before import is_free, path_of, problem_of
+
+import mbvi
+from mbvi.compiled import KERNELS, load
+from mbvi.constraints import HalfSpaceContacts, half_space
+from mbvi.constraints.balls import Balls
+from mbvi.constraints.separating_axis import SeparatingAxes
+from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.projection import Projector
+from mbvi.system import ArticulatedSystem
+
+SEEDS = range(20)
+SHAPES = [
+    Sphere(0.2),
+    Box((0.3, 0.4, 0.2)),
+    Ellipsoid((0.3, 0.2, 0.1)),
+    Capsule(0.1, 0.4),
+    Cylinder(0.15, 0.3),
+    Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)),
+]
+FACED = [shape for shape in SHAPES if hasattr(shape, "faces")]
+MODELS = ["quadruped", "biped", "arm", "panda", "talos"]
+
+
+# random but realistic arguments
+
+
+@cache
+def robot(name):
+    free = is_free(name)
+    model = pin.buildModelFromUrdf(str(path_of(name)), *([pin.JointModelFreeFlyer()] if free else []))
+    if name == "arm":
+        model.damping = np.linspace(0.1, 2.0, model.nv)
+    return ArticulatedSystem(model, name)
+
+
+def moving_robot(rng):
+    """One of the robots, a configuration and a velocity; its arrays are at that configuration."""
+    system = robot(rng.choice(MODELS))
+    neutral = pin.neutral(system.model)
+    q = system.integrate(neutral, rng.normal(size=system.nv))
+    system.metric(q)
+    return system, q, rng.normal(size=system.nv)
+
+
+def rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def unit(rng, *shape):
+    vectors = rng.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def place(rng):
+    return np.array([*rotation(rng), rng.normal(size=3)])
+
+
+def placed_on(rng, bodies, shapes=SHAPES):
+    """Every shape once, on random bodies."""
+    return [
+        PlacedShape(f"s{k}", shape, int(rng.choice(bodies)), rotation(rng), 0.2 * rng.normal(size=3))
+        for k, shape in enumerate(shapes)
+    ]
+
+
+def contact_rows(rng, system, q):
+    """Gradients of contacts and joint limits; every other time four points of one face stand on the same plane."""
+    m = int(rng.integers(1, 6))
+    second = rng.integers(1, len(system.bodies), m)
+    first = np.where(rng.random(m) < 0.5, 0, rng.integers(0, len(system.bodies), m))
+    point, normal = rng.normal(size=(m, 3)), unit(rng, m)
+    if rng.random() < 0.5:
+        face = rotation(rng) * 0.2
+        corners = [a * face[0] + b * face[1] for a in (-1, 1) for b in (-1, 1)]
+        second, first = np.append(second, [second[0]] * 4), np.append(first, [0] * 4)
+        point = np.vstack([point, point[0] + np.array(corners)])
+        normal = np.vstack([normal, [face[2] / 0.2] * 4])
+    rows = system.separation_rows(q, first.astype(np.int64), second.astype(np.int64), point, normal)
+    # bodies that no joint moves against each other have no row
+    rows = rows[np.abs(rows).max(axis=1) > 1e-3]
+    limit = np.zeros((1, system.nv))
+    limit[0, rng.integers(system.nv)] = rng.choice([-1.0, 1.0])
+    return np.ascontiguousarray(np.vstack([rows, limit]))
+
+
+def percussions_before(rng, m):
+    """What settled the last step: nothing, as many rows, or another number of rows."""
+    return rng.choice([0.0, 1.0], size=int(rng.choice([0, m, m + 1]))) * rng.random()
+
+
+def forces(rng, system, q, v):
+    """Mass matrix, damping, tree, velocity, step, torques and nonlinear effects."""
+    system.metric(q)
+    mass = np.array(system._memory.mass)
+    effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
+    damping = system.damping * rng.choice([0.0, 1.0])
+    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects
+
+
+def factor_of(rng):
+    system, q, _ = moving_robot(rng)
+    return system, np.array(system.metric(q).lower)
+
+
+def indefinite(rng, mass):
+    """Now and then a mass matrix that is none."""
+    mass = np.array(mass)
+    if rng.random() < 0.3:
+        k = rng.integers(len(mass))
+        mass[k, k] = rng.choice([-1.0, 0.0])
+    return mass
+
+
+def factor(rng):
+    system, _, _ = moving_robot(rng)
+    n = system.nv
+    return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
+
+
+def back(rng):
+    system, L = factor_of(rng)
+    # a gradient is zero for most joints
+    return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
+
+
+def solve(rng):
+    system, L = factor_of(rng)
+    rows = rng.normal(size=(rng.integers(0, 6), system.nv))
+    return L, system._parent, rows, np.full(rows.shape, np.nan)
+
+
+def advance_by(rng):
+    system, q, v = moving_robot(rng)
+    mass, *others = forces(rng, system, q, v)
+    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.full(len(v), np.nan)
+
+
+def scaled_cone(rng):
+    """Scaled G and missing rates that dependent rows agree on."""
+    m, n = rng.integers(1, 9, size=2)
+    J = rng.normal(size=(m, n + 1))
+    if m > 1 and rng.random() < 0.5:
+        J[1:] = rng.choice([-1.0, 1.0], size=(m - 1, 1)) * J[rng.integers(0, m, m - 1)]
+    J /= np.linalg.norm(J, axis=1)[:, None]
+    return J @ J.T, J @ rng.normal(size=n + 1)
+
+
+def settle(rng):
+    G, d = scaled_cone(rng)
+    m = len(d)
+    chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
+    if rng.random() < 0.2:
+        # neither dependent nor independent
+        J = np.array([[1.0, 0.0], [1.0, 1e-5]])
+        G, d, chosen, base = J @ J.T, np.ones(2), np.ones(2, bool), np.zeros(2)
+    return G, d, chosen, base, np.full(len(d), np.nan)
+
+
+def exchange(rng):
+    G, d = scaled_cone(rng)
+    if rng.random() < 0.4:
+        # rows may contradict each other
+        d = np.abs(d)
+    return G, d, rng.random(len(d)) < 0.5
+
+
+def cone(rng):
+    """Gradients and M^-1 times each, of a robot or of random numbers; a velocity before and one after the forces."""
+    if rng.random() < 0.7:
+        system, q, v = moving_robot(rng)
+        J, metric = contact_rows(rng, system, q), system.metric(q)
+        A = metric.solve_rows(J)
+    else:
+        m, n = rng.integers(1, 7, size=2)
+        B, J, v = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
+        if m > 1 and rng.random() < 0.5:
+            J[1] = rng.choice([1.0, 2.0, -1.0]) * J[0]
+        A = np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(n), J.T).T)
+    return J, A, v, v + 1e-2 * rng.normal(size=len(v))
+
+
+def restitution(rng, m):
+    return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
+
+
+def press(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    lower = -restitution(rng, m) * (J @ v)
+    return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
+
+
+def law(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    e, last = restitution(rng, m), percussions_before(rng, m)
+    return J, A, v, e, x, last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def tree_law(rng):
+    system, q, v = moving_robot(rng)
+    J = contact_rows(rng, system, q)
+    mass, *others = forces(rng, system, q, v)
+    if rng.random() < 0.1:
+        mass[0, 0] = -1.0
+    m, n = J.shape
+    last = percussions_before(rng, m)
+    return mass, *others, J, restitution(rng, m), last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def row(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    first, second = rng.integers(0, len(support), 2)
+    return np.array(columns), support[first], support[second], rng.normal(size=4), unit(rng), np.full(system.nv, np.nan)
+
+
+def separation(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    m = rng.integers(0, 7)
+    first, second = rng.integers(0, len(support), (2, m))
+    return (
+        np.array(columns),
+        support,
+        first,
+        second,
+        rng.normal(size=(m, 3)),
+        unit(rng, m),
+        np.full((m, system.nv), np.nan),
+    )
+
+
+def use_up(rng):
+    n, nv = rng.integers(0, 5), rng.integers(1, 9)
+    spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), spare
+
+
+def spend(rng):
+    nv, n = rng.integers(1, 9), rng.integers(0, 12)
+    budget = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
+    travel = rng.random(nv) * (rng.random(nv) < 0.7)
+    return budget, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
+
+
+def sift(rng):
+    pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
+    gap = rng.normal(size=len(pair))
+    return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
+
+
+def standing(rng):
+    """Shapes of every kind on a robot above two walls, and the points of some pairs; now and then a rim is level."""
+    system, q, _ = moving_robot(rng)
+    shapes = placed_on(rng, range(1, len(system.bodies)))
+    walls = [HalfSpace(tuple(unit(rng)), rng.normal()) for _ in shapes]
+    cylinder = next(k for k, placed in enumerate(shapes) if isinstance(placed.shape, Cylinder))
+    if rng.random() < 0.3:
+        axis = shapes[cylinder].rotation[:, 2] @ system.kinematics(q).poses[shapes[cylinder].body, :3]
+        walls[cylinder] = HalfSpace(tuple(axis), 0.0)
+    names = [placed.name for placed in shapes]
+    contacts = HalfSpaceContacts(system, walls, shapes, names, np.zeros(len(shapes)))
+    asked = np.union1d(np.flatnonzero(rng.random(len(shapes)) < 0.5), [cylinder])
+    return system.kinematics(q), contacts._select(asked), len(shapes)
+
+
+def lowest(rng):
+    kinematics, selection, _ = standing(rng)
+    i = int(rng.integers(len(selection.pair)))
+    return kinematics.poses, int(selection.owners[i, 0]), selection.numbers, i, np.full(4, np.nan)
+
+
+def stand(rng):
+    kinematics, selection, _ = standing(rng)
+    k = len(selection.pair)
+    return kinematics.poses, selection.owners, selection.numbers, np.full(k, np.nan), np.full((k, 3), np.nan)
+
+
+def last_time(rng, gap, tolerance):
+    """Which gaps were within a tolerance the last time, often the same as now, and where to write these gaps to."""
+    others = rng.random(len(gap)) < rng.choice([0.0, 2.0]) / len(gap)
+    near = np.flatnonzero((gap <= tolerance) ^ others)
+    index = np.full(len(gap) + 1, -1)
+    index[0], index[1 : 1 + len(near)] = len(near), near
+    return index, np.full(len(near), np.nan)
+
+
+def touch(rng):
+    kinematics, selection, n = standing(rng)
+    gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
+    half_space._stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
+    index, near = last_time(rng, gap, tolerance)
+    written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
+    return *kinematics, selection.owners, selection.numbers, tolerance, rng.normal(size=n), index, *written
+
+
+def reached(rng):
+    m = rng.integers(1, 9)
+    where, sign, offset = rng.normal(size=m), rng.choice([-1.0, 1.0], size=m), rng.random(m)
+    index, gap = last_time(rng, sign * where + offset, 1e-8)
+    return where, sign, offset, 1e-8, index, gap
+
+
+def shape_pairs(rng, shapes=SHAPES):
+    """Shapes on some bodies and the world, all their pairs, and where the bodies are."""
+    placed = placed_on(rng, range(4), shapes)
+    sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
+    axes = SeparatingAxes(placed, sides)
+    places = np.array([place(rng) for _ in axes.bodies]).reshape(-1, 4, 3)
+    axes._axis[:] = unit(rng, len(sides))
+    axes._axis[rng.random(len(sides)) < 0.2] = np.nan
+    return placed, axes, places
+
+
+def reach(rng):
+    _, axes, _ = shape_pairs(rng)
+    s = rng.integers(len(axes._sizes))
+    return place(rng), unit(rng), axes._sizes[s], axes._points[axes._first_point[s] : axes._first_point[s + 1]]
+
+
+def clear(rng):
+    _, axes, places = shape_pairs(rng)
+    n = len(axes._sides)
+    due = np.flatnonzero(rng.random(n) < 0.7)
+    return (
+        places, axes.frame, axes._fixed, axes._sizes, axes._points, axes._first_point,
+        axes._sides, axes._axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
+    )  # fmt: skip
+
+
+def keep(rng):
+    _, axes, places = shape_pairs(rng)
+    pairs = np.flatnonzero(rng.random(len(axes._sides)) < 0.3)
+    return places, axes.frame, axes._sides, axes._axis, pairs, unit(rng, len(pairs))
+
+
+def ball_contacts(rng):
+    round_ = [Sphere(0.2), Sphere(0.1), Capsule(0.1, 0.4), Capsule(0.05, 0.0), Capsule(0.3, 0.1)]
+    placed, axes, places = shape_pairs(rng, round_)
+    if rng.random() < 0.3:
+        # two about one centre
+        placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
+    balls = Balls(placed, axes.frame, axes._sides)
+    pairs = np.flatnonzero(balls.are)
+    k = len(pairs)
+    written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+    return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
+
+
+def leave(rng):
+    normals, offsets = rng.choice(FACED).faces
+    k = rng.integers(0, 5)
+    return 0.05 * rng.normal(size=(k, 3)), unit(rng), normals, offsets, np.full(k, np.nan)
+
+
+def most_facing(rng):
+    return rng.choice(FACED).faces[0], unit(rng)
+
+
+def note(rng):
+    m, n = rng.integers(0, 6), 4
+    percussion = rng.random(m) * (rng.random(m) < 0.5)
+    before = rng.choice([-1.0, 0.0, 1.0], size=m) * rng.random(m)
+    free = before + 0.5 * rng.normal(size=m)
+    rates = np.array([percussion, free, rng.normal(size=m), before])
+    return int(rng.integers(n)), 0.1 * rng.normal(size=m), rates, rng.random(), rng.random(n), rng.random(n)
+
+
+ARGUMENTS = {
+    "factor": factor,
+    "_back": back,
+    "solve": solve,
+    "advance_by": advance_by,
+    "settle": settle,
+    "exchange": exchange,
+    "press": press,
+    "law": law,
+    "tree_law": tree_law,
+    "row": row,
+    "separation": separation,
+    "_use_up": use_up,
+    "_spend": spend,
+    "sift": sift,
+    "_lowest": lowest,
+    "_stand": stand,
+    "_touch": touch,
+    "_reached": reached,
+    "_reach": reach,
+    "_clear": clear,
+    "_keep": keep,
+    "_ball_contacts": ball_contacts,
+    "_leave": leave,
+    "_most_facing": most_facing,
+    "_note": note,
+}
+# how many of the last arguments mean something only where the kernel did not refuse
+IF_ACCEPTED = {
+    "factor": 1,
+    "advance_by": 2,
+    "settle": 1,
+    "exchange": 1,
+    "press": 2,
+    "law": 2,
+    "tree_law": 2,
+    "_touch": 3,
+    "_reached": 1,
+}
+
+
+def arguments(item, seed):
+    return copy.deepcopy(ARGUMENTS[item.name](np.random.default_rng(seed)))
+
+
+def accepted(name, result):
+    """Whether a kernel that may refuse wrote an answer."""
+    if name in ("factor", "advance_by"):
+        return result == 0
+    if name in ("press", "law", "tree_law"):
+        return result < np.inf
+    return result[-1] if isinstance(result, tuple) else result
+
+
+def specified(name, result, arguments):
+    """What the plain form's description promises of the result and of the arguments afterwards."""
+    arguments = list(arguments)
+    if name in IF_ACCEPTED:
+        yes = accepted(name, result)
+        if not yes:
+            del arguments[-IF_ACCEPTED[name] :]
+        elif name == "exchange":
+            # of dependent rows any may be chosen, but what they bring about is the same
+            G, d, chosen = arguments
+            arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
+        return [*(result if isinstance(result, tuple) else [yes]), *arguments]
+    if name in ("_spend", "sift", "_clear"):
+        # in its first places only
+        count = result if name == "_clear" else result[0]
+        arguments[-1] = arguments[-1][:count]
+    return [*(result if isinstance(result, tuple) else [result]), *arguments]
+
+
+def equal(a, b):
+    """Counts, truths and NaN exactly, numbers to rounding of the largest."""
+    if a is None or np.asarray(a).dtype.kind in "biu":
+        np.testing.assert_array_equal(a, b)
+        return
+    finite = np.abs(a)[np.isfinite(a)]
+    np.testing.assert_allclose(b, a, rtol=1e-10, atol=max(1e-10 * finite.max(initial=0.0), 1e-13))
+
+
+def test_every_kernel_is_compared():
+    names = [item.name for item in KERNELS]
+    assert len(set(names)) == len(names)
+    assert set(ARGUMENTS) == set(names)
+
+
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.name)
+def test_a_kernel_equals_its_plain_form(item):
+    load()
+    compiled = item.namespace[item.name]
+    assert compiled is not item.plain
+    answers = set()
+    for seed in SEEDS:
+        first, second = arguments(item, seed), arguments(item, seed)
+        results = item.plain(*first), compiled(*second)
+        expected, found = (specified(item.name, *both) for both in zip(results, (first, second), strict=True))
+        for a, b in zip(expected, found, strict=True):
+            equal(a, b)
+        answers.add(item.name not in IF_ACCEPTED or bool(accepted(item.name, results[0])))
+    # one that may refuse has done both
+    assert answers == ({True, False} if item.name in IF_ACCEPTED else {True})
+
+
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.name)
+def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
+    """What it would misread or may not write to: other numbers, gaps between them, another order, read-only memory."""
+    load()
+    compiled = item.namespace[item.name]
+    refused = 0
+    for k, value in enumerate(arguments(item, 0)):
+        if not isinstance(value, np.ndarray):
+            continue
+        frozen = value.copy()
+        frozen.setflags(write=False)
+        narrower = value.astype({"f": np.float32, "i": np.int32, "b": np.int64}[value.dtype.kind])
+        others = [frozen, narrower, np.repeat(value, 2, axis=-1)[..., ::2], np.asfortranarray(value), value[None]]
+        for other in others:
+            # of one row or one column any order is the same
+            if other.dtype == value.dtype and other.ndim == value.ndim and other.flags.carray:
+                continue
+            given = list(arguments(item, 0))
+            given[k] = other
+            with pytest.raises(TypeError, match="No matching definition"):
+                compiled(*given)
+            refused += 1
+    assert refused >= 3
+
+
+# arrays that a kernel does not take as they are
+
+
+def hopper(control=None, e=0.5):
+    """A hopper that lands with its knee at a limit within some twenty steps of a millisecond."""
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(
+        ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.56), joints={"knee": 0.4}, velocity={"hip": -1.0},
+        control=control,
+    )  # fmt: skip
+    return scene.build()
+
+
+def test_a_projection_takes_any_array(rng):
+    J, x, B = rng.normal(size=(4, 6)), rng.normal(size=6), rng.normal(size=(6, 6))
+    M = B @ B.T + np.eye(6)
+    expected = mbvi.project(x, M, J, np.full(4, 0.1))
+    assert (expected.percussion > 0.0).any()
+    frozen, spaced = np.asfortranarray(J), np.repeat(J, 2, axis=1)[:, ::2]
+    frozen.setflags(write=False)
+    others = [
+        mbvi.project(x, M, frozen, 0.1),
+        mbvi.project(np.repeat(x, 2)[::2], np.asfortranarray(M), spaced, np.broadcast_to(0.1, 4)),
+        mbvi.project(x.tolist(), M.tolist(), J.tolist(), [0.1] * 4),
+    ]  # fmt: skip
+    for other in others:
+        np.testing.assert_allclose(other.velocity, expected.velocity, rtol=1e-13)
+        np.testing.assert_allclose(other.percussion, expected.percussion, rtol=1e-12, atol=1e-14)
+    whole = np.array([[2, 0, 1], [0, 1, 0]])
+    w = mbvi.project(np.array([-1, -1, 1]), np.eye(3, dtype=int), whole, 0).velocity
+    np.testing.assert_allclose(w, mbvi.project([-1.0, -1.0, 1.0], np.eye(3), whole * 1.0).velocity)
+    assert mbvi.impact(x, M, frozen, 0.5) == pytest.approx(mbvi.impact(x, M, J, np.full(4, 0.5)))
+
+
+class Columns:
+    """A metric of someone else's, whose answers stand in memory column by column."""
+
+    def __init__(self, M):
+        self.M, self.L = M, np.linalg.cholesky(M)
+
+    def apply(self, w):
+        return self.M @ w
+
+    def whiten(self, w):
+        return np.linalg.solve(self.L, w)
+
+    def unwhiten(self, y):
+        return np.linalg.solve(self.L.T, y)
+
+    def solve_rows(self, rows):
+        return np.asfortranarray(np.linalg.solve(self.M, rows.T).T)
+
+    def dense(self):
+        return self.M
+
+
+def test_a_projection_takes_any_metric(rng):
+    J, x, B = rng.normal(size=(4, 6)), rng.normal(size=6), rng.normal(size=(6, 6))
+    M = B @ B.T + np.eye(6)
+    given, expected = mbvi.project(x, Columns(M), J), mbvi.project(x, M, J)
+    np.testing.assert_allclose(given.velocity, expected.velocity, rtol=1e-12)
+
+
+@pytest.mark.parametrize("of_a_robot", [True, False])
+def test_a_step_goes_on_from_the_read_only_states_of_a_trajectory(of_a_robot):
+    def build():
+        if of_a_robot:
+            return hopper()
+        scene = mbvi.Scene(restitution=0.5)
+        scene.add_halfspace((0, 0, 1))
+        scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.13), angular_velocity=(1, 2, 0))
+        return scene.build()
+
+    h = 1e-3
+    problem, run = build(), mbvi.simulate(build(), step=h, duration=0.15, progress=False)
+    assert run.impacts
+    assert not run.q.flags.writeable
+    pressed = 0
+    for i in range(len(run.t) - 1):
+        step = mbvi.Paoli().step(problem, run.t[i], run.q[i], run.v[i], h, Projector())
+        np.testing.assert_allclose(step.q, run.q[i + 1], atol=1e-13)
+        np.testing.assert_allclose(step.v, run.v[i + 1], atol=1e-9)
+        pressed += step.percussion.any()
+    assert pressed
+
+
+def test_a_kernel_takes_what_a_control_returns():
+    """Read-only, strided, of integers, a list, or the same array every time."""
+
+    def torque(t):
+        return np.round(20.0 * np.sin(40.0 * t + np.arange(problem.system.nv))) * (np.arange(problem.system.nv) >= 6)
+
+    problem = hopper()
+    same = np.empty(problem.system.nv)
+
+    def frozen(t, q, v):
+        tau = torque(t)
+        tau.setflags(write=False)
+        return tau
+
+    def again(t, q, v):
+        same[:] = torque(t)
+        return same
+
+    controls = [
+        frozen,
+        again,
+        lambda t, q, v: np.repeat(torque(t), 3)[::3],
+        lambda t, q, v: torque(t).astype(int),
+        lambda t, q, v: torque(t).astype(np.float32),
+        lambda t, q, v: torque(t).tolist(),
+        lambda t, q, v: np.array([torque(t)]).T[:, 0],
+    ]
+    expected = mbvi.simulate(hopper(lambda t, q, v: torque(t)), duration=0.15, progress=False)
+    assert expected.impacts
+    free = mbvi.simulate(hopper(), duration=0.15, progress=False)
+    assert np.abs(free.q - expected.q).max() > 1e-3
+    for control in controls:
+        run = mbvi.simulate(hopper(control), duration=0.15, progress=False)
+        np.testing.assert_array_equal(run.q, expected.q)
+        np.testing.assert_array_equal(run.v, expected.v)
+
+
+# whole runs
+
+
+@pytest.fixture
+def plain_forms(monkeypatch):
+    """Call it to have every kernel's name mean the plain form until the end of the test."""
+    load()
+
+    def replace():
+        for item in KERNELS:
+            monkeypatch.setitem(item.namespace, item.name, item.plain)
+
+    return replace
+
+
+def swinging(name, e):
+    """A fixed robot that moves towards a wall one centimetre away."""
+    towards = {"double_pendulum": (-1, 0, 0), "ur5": (0, 0, 1)}[name]
+    velocity = {"shoulder": -3.0, "elbow": 1.0} if name == "double_pendulum" else {"elbow_joint": 1.0}
+
+    def build(offset):
+        scene = mbvi.Scene(restitution=e)
+        scene.add_halfspace(towards, offset, name="floor")
+        scene.add_urdf(path_of(name), base="fixed", velocity=velocity)
+        return scene.build()
+
+    far = build(-5.0)
+    wall = next(c for c in far.constraints.constraints if isinstance(c, HalfSpaceContacts))
+    return build(wall.gap(0.0, far.q0).min() - 5.01)
+
+
+def meeting(name, e):
+    """A scene in which the robot touches something within a hundred steps."""
+    if name in ("double_pendulum", "ur5"):
+        return swinging(name, e)
+    return problem_of(name, "fall" if name == "talos" else "limits", e)
+
+
+def check_whole_run(name, e, plain_forms):
+    compiled = mbvi.simulate(meeting(name, e), step=1e-3, duration=0.1, progress=False)
+    plain_forms()
+    plain = mbvi.simulate(meeting(name, e), step=1e-3, duration=0.1, progress=False)
+    assert plain.impacts
+    scale = max(1.0, np.abs(plain.v).max())
+    np.testing.assert_allclose(compiled.q, plain.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(compiled.v, plain.v, rtol=0, atol=1e-12 * scale)
+    assert [i.constraints for i in compiled.impacts] == [i.constraints for i in plain.impacts]
+    np.testing.assert_allclose(compiled.penetration(), plain.penetration(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("name", ["arm", "biped", "double_pendulum", "hopper", "quadruped"])
+def test_a_run_is_the_same_with_the_plain_forms(name, e, plain_forms):
+    check_whole_run(name, e, plain_forms)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("name", ["ur5", "panda", "solo12", "talos"])
+def test_a_run_of_a_real_robot_is_the_same_with_the_plain_forms(name, e, plain_forms):
+    check_whole_run(name, e, plain_forms)
+
+
+def test_no_other_module_keeps_a_kernels_first_meaning():
+    """A name imported from a kernel's module before kernels are loaded would stay the plain form for good."""
+    load()
+    modules = [module for name, module in list(sys.modules.items()) if name.split(".")[0] == "mbvi"]
+    assert len(modules) > 20
+    for item in KERNELS:
+        keeping = [module.__name__ for module in modules if vars(module).get(item.name) is item.plain]
+        assert not keeping, f"{item.name} of {item.namespace['__name__']}"
+
+
+# processes of their own
+
+LANDING = """
+import sys
+import mbvi
+assert "numba" not in sys.modules
+scene = mbvi.Scene(restitution=0.5)
+scene.add_halfspace((0, 0, 1))
+scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.11))
+scene.add_sphere(0.1, position=(0, 0, 0.5))
+problem = scene.build()
+assert "numba" not in sys.modules
+"""
+RUN = """
+run = mbvi.simulate(problem, step=1e-3, duration=0.1, progress=False)
+assert run.impacts
+print(repr(run.v[-1].tolist()))
+"""
+
+
+def process(code, package=None, **environment):
+    """What a new process that runs some code with a copy of the package prints, to both its ends."""
+    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | environment
+    if package is not None:
+        variables["PYTHONPATH"] = str(package.parent)
+        code = f"import mbvi\nassert mbvi.__path__ == [{str(package)!r}]\n{code}"
+    # without -P the working directory's package would come first
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("start", ["next(mbvi.steps(problem, step=1e-3))", "mbvi.simulate(problem, duration=1e-3)"])
+def test_numba_is_imported_when_a_run_starts_and_not_before(start):
+    process(LANDING + start + '\nassert "numba" in sys.modules')
+
+
+def copy_of_the_package(folder):
+    """The package's own files, without what was compiled from them."""
+    source = Path(mbvi.__file__).parent
+    shutil.copytree(source, folder / "mbvi", ignore=shutil.ignore_patterns("__pycache__", "robots"))
+    return folder / "mbvi"
+
+
+@pytest.mark.slow
+def test_the_first_run_says_that_it_compiles_and_the_second_reads_what_it_compiled(tmp_path):
+    first, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert said.startswith("mbvi: compiling")
+    assert list(tmp_path.rglob("*.nbc"))
+    again, silent = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert silent == ""
+    assert again == first
+
+
+@pytest.mark.slow
+def test_where_nothing_can_be_cached_every_process_compiles_and_runs(tmp_path):
+    """No place is left: a file stands where each folder of compiled code would be."""
+    package = copy_of_the_package(tmp_path)
+    for folder in {file.parent for file in package.rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    (tmp_path / "file").touch()
+    nowhere = {name: str(tmp_path / "file" / "cache") for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME")}
+    expected, _ = process(LANDING + RUN)
+    for _ in range(2):
+        found, said = process(LANDING + RUN, package, **nowhere)
+        assert said.startswith("mbvi: compiling")
+        assert found == expected
+    assert not [*tmp_path.rglob("*.nbc"), *tmp_path.rglob("*.nbi")]
+
+
+@pytest.mark.slow
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_elsewhere_has_changed(tmp_path):
+    """`_touch` calls `row` of another file, which a new version doubles."""
+    package, cache_ = copy_of_the_package(tmp_path), str(tmp_path / "cache")
+    code = f"""
+import numpy as np
+import mbvi
+from mbvi.compiled import load
+load()
+scene = mbvi.Scene()
+scene.add_halfspace((0, 0, 1))
+scene.add_urdf({str(ROBOTS / "hopper/hopper.urdf")!r}, position=(0, 0, 2))
+problem = scene.build()
+rows = [c.active(0.0, problem.q0, 10.0, None).jacobian for c in problem.constraints.constraints if hasattr(c, "rows")]
+print(np.concatenate(rows)[:, 2].max())
+"""
+    before, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
+    file = package / "system/articulated.py"
+    text = file.read_text()
+    changed = text.replace("row[k] = sign * (", "row[k] = 2.0 * sign * (")
+    assert changed != text
+    file.write_text(changed)
+    after, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
+    assert (float(before), float(after)) == (1.0, 2.0)
