@@ -137,19 +137,22 @@ class Recorder:
         return Impact(step.t, names, p, before, after, active.point[chosen], active.normal[chosen], energy_change)
 
     def _pressed_before(self, step: Step) -> Array:
-        """Return the percussion each pressing row had in the last step, 0 where it had none."""
-        pressed = np.zeros(len(step.percussion))
+        """Return the percussion each row had in the last step, 0 where it had none."""
         last = self._last
         if last is None or not last.percussion.any():
-            return pressed
-        for k in np.flatnonzero(step.percussion > 0.0):
-            same = (last.active.constraint == step.active.constraint[k]) & (last.percussion > 0.0)
-            if not same.any():
-                continue
-            shift = np.linalg.norm(last.active.point[same] - step.active.point[k], axis=1)
-            near = ~(shift > _SAME_POINT * self.problem.length)
-            pressed[k] = last.percussion[same][near].sum()
-        return pressed
+            return np.zeros(len(step.percussion))
+        # every row now beside every row of the same constraint that pressed then
+        then = np.flatnonzero(last.percussion > 0.0)
+        then = then[np.argsort(last.active.constraint[then], kind="stable")]
+        number = last.active.constraint[then]
+        first, end = (np.searchsorted(number, step.active.constraint, side) for side in ("left", "right"))
+        count = end - first
+        row = np.repeat(np.arange(len(count)), count)
+        other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
+        shift = last.active.point[other] - step.active.point[row]
+        # limits have no points: NaN is near
+        near = ~(np.vecdot(shift, shift) > (_SAME_POINT * self.problem.length) ** 2)
+        return np.bincount(row[near], last.percussion[other[near]], minlength=len(count))
 
     def _say(self, note: str) -> None:
         if not self.notes:

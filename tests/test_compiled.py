@@ -389,6 +389,7 @@ ARGUMENTS = {
     "factor": factor,
     "_back": back,
     "solve": solve,
+    "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
     "settle": settle,
     "exchange": exchange,

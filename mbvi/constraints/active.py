@@ -46,7 +46,8 @@ class Constraint(Protocol):
     `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast
     each velocity can bring it nearer; `spare`, how far it was from any other row when last asked; `busy`, whether it
     has rows to give or refuse at every step. One that is not busy need not be asked before `envelope . travel` has
-    used up `spare`, and until then a busy one is asked with `STILL` for its travel.
+    used up `spare`, and until then a busy one is asked with `STILL` for its travel. Travel that it has taken account
+    of it sets to zero.
     """
 
     def gap(self, t: float, q: Array) -> Array | float:

@@ -88,6 +88,7 @@ class AdmissibleSet:
         self._plans: dict[int, list[tuple[Any, int, Any, int, float]]] = {}
         self._envelope = np.array([c.envelope for c in self._remembering]).reshape(-1, system.nv)
         self._travel, self._spare = np.zeros(self._envelope.shape), np.empty(len(self._remembering))
+        self._travels = list(self._travel)
         # of these, one bit for each that is asked at every step
         self._busy = self._epoch = 0
         self._last: Array | None = None
@@ -150,8 +151,7 @@ class AdmissibleSet:
 
     def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
         constraint = self._remembering[turn]
-        rows: Rows | None = constraint.active(t, q, tolerance, self._travel[turn])
-        self._travel[turn] = 0.0
+        rows: Rows | None = constraint.active(t, q, tolerance, self._travels[turn])
         self._spare[turn] = constraint.spare
         self._busy = self._busy & ~(1 << turn) | constraint.busy << turn
         return rows

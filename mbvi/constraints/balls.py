@@ -14,8 +14,8 @@ from .shapes import Capsule, PlacedShape, Sphere
 def _ball_contacts_plain(
     places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
     normal: Array,
-) -> None:  # fmt: skip
-    """Write the contacts of pairs of which one side at least is a sphere; NaN where centres coincide.
+) -> bool:  # fmt: skip
+    """Write the contacts of pairs of which one side at least is a sphere; False if some have no normal, but NaN.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ def _ball_contacts_plain(
         normal[i] = apart / length if length > 0.0 else np.nan
         gap[i] = length - radius[a] - radius[b]
         point[i] = nearest[0] + (radius[a] + 0.5 * gap[i]) * normal[i]
+    return not np.isnan(normal).any()
 
 
 def _nearest(segment: Array, target: Array) -> Array:
@@ -55,13 +56,14 @@ def _nearest(segment: Array, target: Array) -> Array:
 
 
 @kernel(
-    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], i8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
+    "b1(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], i8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
     plain=_ball_contacts_plain,
 )
 def _ball_contacts(
     places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
     normal: Array,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
+    fine = True
     world = np.empty((2, 2, 3))
     for i in range(len(pairs)):
         for side in range(2):
@@ -96,6 +98,8 @@ def _ball_contacts(
             n = (world[1, 0, c] - world[0, 0, c]) / length if length > 0.0 else np.nan
             normal[i, c] = n
             point[i, c] = world[0, 0, c] + (a + 0.5 * gap[i]) * n
+        fine = fine and length > 0.0
+    return fine
 
 
 def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float, Array]:
@@ -155,9 +159,9 @@ class Balls:
         first, second = sides.T
         self.are = round_[first] & round_[second] & (ball[first] | ball[second])
 
-    def contacts(self, places: Array, pairs: Array) -> tuple[Array, Array, Array]:
-        """Return gaps, shape (k,), points and normals, shapes (k, 3), of such pairs; NaN where centres coincide."""
+    def contacts(self, places: Array, pairs: Array) -> tuple[Array, Array, Array] | None:
+        """Return gaps, shape (k,), points and normals, shapes (k, 3), of such pairs; None where centres coincide."""
         k = len(pairs)
         gap, point, normal = np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        _ball_contacts(places, self._frame, self._ends, self._radius, self._sides, pairs, gap, point, normal)
-        return gap, point, normal
+        fine = _ball_contacts(places, self._frame, self._ends, self._radius, self._sides, pairs, gap, point, normal)
+        return (gap, point, normal) if fine else None

@@ -44,13 +44,14 @@ def _spend_plain(budget: Array, reach: Array, travel: Array, tolerance: float, d
     reach : ndarray, shape (nv, n)
         How far each velocity carries each pair towards each other.
     travel : ndarray, shape (nv,)
-        What was travelled.
+        What was travelled; zero afterwards.
     tolerance : float
         The budget that counts as spent [m].
     due : ndarray of int, shape (n,)
         Receives the pairs whose budgets are spent, ascending, in its first places.
     """
     budget -= travel @ reach
+    travel[:] = 0.0
     spent = budget <= tolerance
     due[: spent.sum()] = spent.nonzero()[0]
     return int(spent.sum()), float(np.where(spent, np.inf, budget - tolerance).min(initial=np.inf))
@@ -63,6 +64,7 @@ def _spend(budget: Array, reach: Array, travel: Array, tolerance: float, due: Ar
         if travel[k] != 0.0:
             for i in range(n):
                 budget[i] -= travel[k] * reach[k, i]
+            travel[k] = 0.0
     count, spare = 0, np.inf
     for i in range(n):
         if budget[i] <= tolerance:
@@ -200,8 +202,8 @@ class Pairs:
         tolerance : float
             Gap at and below which a row is active [m].
         travel : ndarray, shape (nv,), or None
-            Sum of |difference| over all that was travelled since budgets were last reckoned; None asks every pair,
-            `STILL` those that were due.
+            Sum of |difference| over all that was travelled since budgets were last reckoned, zero afterwards; None asks
+            every pair, `STILL` those that were due.
         """
         if travel is None:
             self.forget()
@@ -258,6 +260,7 @@ class Pairs:
             self._due = due[:count]
         else:
             self._budget -= self._reach @ travel
+            travel[:] = 0.0
             spent = self._budget <= tolerance
             self._due = spent.nonzero()[0]
             self.spare = float(np.where(spent, np.inf, self._budget).min()) - tolerance

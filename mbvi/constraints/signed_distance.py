@@ -70,6 +70,7 @@ class SignedDistances(Pairs):
         both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
         self._balls = Balls(self._placed, self._axes.frame, both)
+        self._round = self._balls.are.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._placed]
         for placed_shape, pose in zip(self._placed, self._pose, strict=True):
             if placed_shape.body == 0:
@@ -95,12 +96,12 @@ class SignedDistances(Pairs):
                 self._pose[k].setTransform(turn @ placed.rotation, turn @ placed.position + places[frame, 3])
 
     def _measured(self, places: Array, pairs: Array, tolerance: float) -> Contacts:
-        if self._balls.are[pairs].all():
-            gaps, points, normals = self._balls.contacts(places, pairs)
+        if all(map(self._round, pairs.tolist())):
+            balls = self._balls.contacts(places, pairs)
             # of balls about one centre Coal knows a way apart
-            if not np.isnan(normals).any():
-                self._axes.keep(places, pairs, normals)
-                return Contacts(pairs, gaps, points, normals)
+            if balls is not None:
+                self._axes.keep(places, pairs, balls[2])
+                return Contacts(pairs, *balls)
         self._place(places, pairs)
         pair: list[int] = []
         gap: list[float] = []

@@ -90,6 +90,17 @@ def separation(
         row(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
+def _add_scaled_plain(v: Array, h: float, a: Array) -> None:
+    """Overwrite a by v + h a, both of shape (nv,)."""
+    a[:] = v + h * a
+
+
+@kernel("void(f8[::1], f8, f8[::1])", plain=_add_scaled_plain)
+def _add_scaled(v: Array, h: float, a: Array) -> None:
+    for k in range(len(a)):
+        a[k] = v[k] + h * a[k]
+
+
 class ArticulatedSystem:
     """A mechanism of joints, with gravity, joint damping and a control.
 
@@ -196,8 +207,7 @@ class ArticulatedSystem:
         free = pin.aba(self.model, self._data, q, v, torque)
         # that leaves the data of another q, or of this one in other coordinates
         self._key = self._seen = None
-        free *= h
-        free += v
+        _add_scaled(v if v.flags.carray else plain_array(v), h, free)
         return free
 
     def push(self, t: float, q: Array, v: Array, h: float) -> TreePush:
