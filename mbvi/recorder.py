@@ -14,6 +14,10 @@ from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
 _SAME_POINT = 0.1
+# pairs of rows up to which all are compared
+_MANY = 100_000
+# the rows before the first step: numbers, points, rates
+_NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
 # [m/s, rad/s]; what approaches more slowly does not close
 _STILL = 1e-12
 # a run may repeat itself at every step
@@ -23,7 +27,7 @@ _MOST_NOTES = 20
 def _note_plain(k: int, gap: Array, rates: Array, residual: float, penetration: Array, residuals: Array) -> bool:
     """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
 
-    A row closes when it approaches faster than the forces of one step explain.
+    One is where a row that presses approaches faster than the forces of one step explain.
 
     Parameters
     ----------
@@ -51,6 +55,82 @@ def _note(k: int, gap: Array, rates: Array, residual: float, penetration: Array,
         impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -_STILL)
     penetration[k] = deepest
     return impact
+
+
+def _struck_plain(
+    number: Array, point: Array, rates: Array, e: Array,
+    last_number: Array, last_point: Array, last_rates: Array, far: float, chosen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Choose the rows of an impact, if there is one, and add up its energy.
+
+    A row closes when it presses, approaches faster than the forces of one step explain and did not press just before.
+    Where one does, all that press more than twice as hard as the step before take part.
+
+    Parameters
+    ----------
+    number, point, rates, e
+        Constraints, contact points, rates and restitution of a step's rows.
+    last_number, last_point, last_rates
+        Those of the step before.
+    far : float
+        Points of one constraint farther apart than this are not the same [m].
+    chosen : ndarray of bool, shape (k,)
+        Receives which rows take part.
+
+    Returns
+    -------
+    count : int
+        How many rows take part; 0 if nothing closes.
+    energy : float
+        Kinetic energy gained by the law (8) [J]; see `Impact`.
+    """
+    percussion, free, after, before = rates
+    # every row now beside every row of the same constraint that pressed then
+    then = np.flatnonzero(last_rates[0] > 0.0)
+    then = then[np.argsort(last_number[then], kind="stable")]
+    first, end = (np.searchsorted(last_number[then], number, side) for side in ("left", "right"))
+    row = np.repeat(np.arange(len(number)), end - first)
+    other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(end - first) + end - first, end - first)]
+    shift = last_point[other] - point[row]
+    # limits have no points: NaN is near
+    near = ~(np.vecdot(shift, shift) > far**2)
+    pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
+    closing = (percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -_STILL) & (pressed == 0.0)
+    chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()
+    pushed = (free - before) * (1.0 - e) / (1.0 + e)
+    return int(chosen.sum()), 0.5 * float(percussion @ (before + after + pushed))
+
+
+@kernel(
+    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, b1[::1])",
+    plain=_struck_plain,
+)
+def _struck(
+    number: Array, point: Array, rates: Array, e: Array,
+    last_number: Array, last_point: Array, last_rates: Array, far: float, chosen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    count, energy, closes = 0, 0.0, False
+    for a in range(len(number)):
+        percussion, free, after, before = rates[0, a], rates[1, a], rates[2, a], rates[3, a]
+        energy += 0.5 * percussion * (before + after + (free - before) * (1.0 - e[a]) / (1.0 + e[a]))
+        pressed = 0.0
+        if percussion > 0.0:
+            for b in range(len(last_number)):
+                if last_number[b] == number[a] and last_rates[0, b] > 0.0:
+                    apart = 0.0
+                    for c in range(3):
+                        apart += (last_point[b, c] - point[a, c]) ** 2
+                    # limits have no points: NaN is near
+                    if not apart > far * far:
+                        pressed += last_rates[0, b]
+        closes = closes or (percussion > 0.0 and pressed == 0.0 and before + 2.0 * abs(free - before) < -_STILL)
+        chosen[a] = percussion > 0.0 and percussion > 2.0 * pressed
+        count += chosen[a]
+    if not closes:
+        for a in range(len(number)):
+            chosen[a] = False
+        return 0, energy
+    return count, energy
 
 
 class Recorder:
@@ -108,51 +188,28 @@ class Recorder:
         )
 
     def _impact(self, step: Step) -> None:
-        """Record an instant at which a constraint closed, with all that passed the blow on.
-
-        A row closes when it approaches faster than the forces of one step explain and did not press just before. Others
-        took part if they press more than twice as hard as the step before.
-        """
-        pressing = step.percussion > 0.0
-        closing = pressing & (step.before + 2.0 * np.abs(step.free - step.before) < -_STILL)
-        before = self._pressed_before(step)
-        if not (closing & (before == 0.0)).any():
+        """Record an instant at which a constraint closed, with all that passed the blow on."""
+        active, rates, last = step.active, step.rates, self._last
+        number, point, e = active.constraint, active.point, active.restitution
+        chosen = np.empty(len(number), bool)
+        before, places, pressed = _NOTHING if last is None else (last.active.constraint, last.active.point, last.rates)
+        # every row is compared with every one before: for many, by sorting them
+        struck = _struck if len(number) * len(before) < _MANY else _struck_plain
+        far = _SAME_POINT * self.problem.length
+        count, energy = struck(number, point, rates, e, before, places, pressed, far, chosen)
+        if not count:
             return
-        chosen = np.flatnonzero(pressing & (step.percussion > 2.0 * before))
-        impact = self._make(step, chosen)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
-        if impact.energy_change > 1e-9 * scale and step.active.restitution.min() < step.active.restitution.max():
+        if energy > 1e-9 * scale and e.min() < e.max():
             self._say(
                 f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
-                f"{impact.energy_change:.3g} J: Newton's law with several e promises no loss"
+                f"{energy:.3g} J: Newton's law with several e promises no loss"
             )
-        self.impacts.append(impact)
-
-    def _make(self, step: Step, chosen: Array) -> Impact:
-        active, e = step.active, step.active.restitution
-        names = tuple(self.problem.constraints.name(int(c)) for c in active.constraint[chosen])
-        p, before, after = (part[chosen] for part in (step.percussion, step.before, step.after))
-        pushed = (step.free - step.before) * (1.0 - e) / (1.0 + e)
-        energy_change = 0.5 * float(step.percussion @ (step.before + step.after + pushed))
-        return Impact(step.t, names, p, before, after, active.point[chosen], active.normal[chosen], energy_change)
-
-    def _pressed_before(self, step: Step) -> Array:
-        """Return the percussion each row had in the last step, 0 where it had none."""
-        last = self._last
-        if last is None or not last.percussion.any():
-            return np.zeros(len(step.percussion))
-        # every row now beside every row of the same constraint that pressed then
-        then = np.flatnonzero(last.percussion > 0.0)
-        then = then[np.argsort(last.active.constraint[then], kind="stable")]
-        number = last.active.constraint[then]
-        first, end = (np.searchsorted(number, step.active.constraint, side) for side in ("left", "right"))
-        count = end - first
-        row = np.repeat(np.arange(len(count)), count)
-        other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-        shift = last.active.point[other] - step.active.point[row]
-        # limits have no points: NaN is near
-        near = ~(np.vecdot(shift, shift) > (_SAME_POINT * self.problem.length) ** 2)
-        return np.bincount(row[near], last.percussion[other[near]], minlength=len(count))
+        names = tuple(map(self.problem.constraints.name, number[chosen].tolist()))
+        percussion, _, after, speed = rates[:, chosen]
+        self.impacts.append(
+            Impact(step.t, names, percussion, speed, after, point[chosen], active.normal[chosen], energy)
+        )
 
     def _say(self, note: str) -> None:
         if not self.notes:

@@ -385,7 +385,23 @@ def note(rng):
     return int(rng.integers(n)), 0.1 * rng.normal(size=m), rates, rng.random(), rng.random(n), rng.random(n)
 
 
+def struck(rng):
+    m, k = rng.integers(0, 6), rng.integers(0, 6)
+    rates, last = (rng.normal(size=(4, n)) * (rng.random((4, n)) < 0.7) for n in (m, k))
+    for r in (rates, last):
+        r[0] = np.abs(r[0])
+    point, last_point = rng.normal(size=(m, 3)), rng.normal(size=(k, 3))
+    # a limit has no point; every other contact stays near
+    point[rng.random(m) < 0.2] = np.nan
+    numbers, last_numbers = rng.integers(0, 4, m), rng.integers(0, 4, k)
+    for a in range(min(m, k)):
+        if rng.random() < 0.5:
+            last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
+    return numbers, point, rates, rng.random(m), last_numbers, last_point, last, 0.1, np.zeros(m, bool)
+
+
 ARGUMENTS = {
+    "_struck": struck,
     "factor": factor,
     "_back": back,
     "solve": solve,

@@ -220,7 +220,10 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
     number, gap, jacobian, _, point, normal = rows
     # they may come from a user's code
-    return Rows(number + start, plain_array(gap), plain_array(jacobian), plain_array(own), point, normal)
+    numbers = np.asarray(number, dtype=np.int64) + start
+    return Rows(
+        numbers, plain_array(gap), plain_array(jacobian), plain_array(own), plain_array(point), plain_array(normal)
+    )
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
