@@ -71,6 +71,7 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
             slack = (reached - lower) / lengths
             residual = np.abs(np.minimum(u, slack)).max() / largest
             if residual <= enough:
+                np.maximum(p, 0.0, out=p)
                 # rows that touch without pressing may share the percussion: that is settled elsewhere
                 alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
                 return float(residual) if alone else np.inf
@@ -154,6 +155,8 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 alone = alone and (chosen[a] or attempt < 2 or slack[a] > _TOUCHING * largest)
                 slack[a] = -slack[a]
             if residual <= enough:
+                for a in range(m):
+                    table[0, a] = max(table[0, a], 0.0)
                 return residual if alone else np.inf
             for a in range(m):
                 base[a] = 0.0
