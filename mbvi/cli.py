@@ -245,9 +245,12 @@ def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> N
 
 
 def _run(problem: Problem, step: float, duration: float, every: int, out: Path | None, page: Path | None) -> None:
+    from .compiled import load
     from .simulate import simulate as run_problem
     from .trajectory import energies
 
+    # the first run on a machine compiles, which is no part of its speed
+    load()
     begin = time.perf_counter()
     with warnings.catch_warnings():
         # what they say is in the notes
