@@ -1,0 +1,474 @@
+"""Realistic random arguments of every kernel, and what of its answers can be compared with those of its plain form."""
+
+import copy
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+from test_same_as_before import is_free, path_of
+
+from mbvi.constraints import HalfSpaceContacts, half_space
+from mbvi.constraints.balls import Balls
+from mbvi.constraints.separating_axis import SeparatingAxes
+from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.system import ArticulatedSystem
+
+SEEDS = range(20)
+SHAPES = [
+    Sphere(0.2),
+    Box((0.3, 0.4, 0.2)),
+    Ellipsoid((0.3, 0.2, 0.1)),
+    Capsule(0.1, 0.4),
+    Cylinder(0.15, 0.3),
+    Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)),
+]
+FACED = [shape for shape in SHAPES if hasattr(shape, "faces")]
+MODELS = ["quadruped", "biped", "arm", "panda", "talos"]
+
+
+# random but realistic arguments
+
+
+@cache
+def robot(name):
+    free = is_free(name)
+    model = pin.buildModelFromUrdf(str(path_of(name)), *([pin.JointModelFreeFlyer()] if free else []))
+    if name == "arm":
+        model.damping = np.linspace(0.1, 2.0, model.nv)
+    return ArticulatedSystem(model, name)
+
+
+def moving_robot(rng):
+    """One of the robots, a configuration and a velocity; its arrays are at that configuration."""
+    system = robot(rng.choice(MODELS))
+    neutral = pin.neutral(system.model)
+    q = system.integrate(neutral, rng.normal(size=system.nv))
+    system.metric(q)
+    return system, q, rng.normal(size=system.nv)
+
+
+def rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def unit(rng, *shape):
+    vectors = rng.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def place(rng):
+    return np.array([*rotation(rng), rng.normal(size=3)])
+
+
+def placed_on(rng, bodies, shapes=SHAPES):
+    """Every shape once, on random bodies."""
+    return [
+        PlacedShape(f"s{k}", shape, int(rng.choice(bodies)), rotation(rng), 0.2 * rng.normal(size=3))
+        for k, shape in enumerate(shapes)
+    ]
+
+
+def contact_rows(rng, system, q):
+    """Gradients of contacts and joint limits; every other time four points of one face stand on the same plane."""
+    m = int(rng.integers(1, 6))
+    second = rng.integers(1, len(system.bodies), m)
+    first = np.where(rng.random(m) < 0.5, 0, rng.integers(0, len(system.bodies), m))
+    point, normal = rng.normal(size=(m, 3)), unit(rng, m)
+    if rng.random() < 0.5:
+        face = rotation(rng) * 0.2
+        corners = [a * face[0] + b * face[1] for a in (-1, 1) for b in (-1, 1)]
+        second, first = np.append(second, [second[0]] * 4), np.append(first, [0] * 4)
+        point = np.vstack([point, point[0] + np.array(corners)])
+        normal = np.vstack([normal, [face[2] / 0.2] * 4])
+    rows = system.separation_rows(q, first.astype(np.int64), second.astype(np.int64), point, normal)
+    # bodies that no joint moves against each other have no row
+    rows = rows[np.abs(rows).max(axis=1) > 1e-3]
+    limit = np.zeros((1, system.nv))
+    limit[0, rng.integers(system.nv)] = rng.choice([-1.0, 1.0])
+    return np.ascontiguousarray(np.vstack([rows, limit]))
+
+
+def percussions_before(rng, m):
+    """What settled the last step: nothing, as many rows, or another number of rows."""
+    return rng.choice([0.0, 1.0], size=int(rng.choice([0, m, m + 1]))) * rng.random()
+
+
+def forces(rng, system, q, v):
+    """Mass matrix, damping, tree, velocity, step, torques and nonlinear effects."""
+    system.metric(q)
+    mass = np.array(system._memory.mass)
+    effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
+    damping = system.damping * rng.choice([0.0, 1.0])
+    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects
+
+
+def factor_of(rng):
+    system, q, _ = moving_robot(rng)
+    return system, np.array(system.metric(q).lower)
+
+
+def indefinite(rng, mass):
+    """Now and then a mass matrix that is none."""
+    mass = np.array(mass)
+    if rng.random() < 0.3:
+        k = rng.integers(len(mass))
+        mass[k, k] = rng.choice([-1.0, 0.0])
+    return mass
+
+
+def factor(rng):
+    system, _, _ = moving_robot(rng)
+    n = system.nv
+    return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
+
+
+def back(rng):
+    system, L = factor_of(rng)
+    # a gradient is zero for most joints
+    return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
+
+
+def solve(rng):
+    system, L = factor_of(rng)
+    rows = rng.normal(size=(rng.integers(0, 6), system.nv))
+    return L, system._parent, rows, np.full(rows.shape, np.nan)
+
+
+def advance_by(rng):
+    system, q, v = moving_robot(rng)
+    mass, *others = forces(rng, system, q, v)
+    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.full(len(v), np.nan)
+
+
+def scaled_cone(rng):
+    """Scaled G and missing rates that dependent rows agree on."""
+    m, n = rng.integers(1, 9, size=2)
+    J = rng.normal(size=(m, n + 1))
+    if m > 1 and rng.random() < 0.5:
+        J[1:] = rng.choice([-1.0, 1.0], size=(m - 1, 1)) * J[rng.integers(0, m, m - 1)]
+    J /= np.linalg.norm(J, axis=1)[:, None]
+    return J @ J.T, J @ rng.normal(size=n + 1)
+
+
+def settle(rng):
+    G, d = scaled_cone(rng)
+    m = len(d)
+    chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
+    if rng.random() < 0.2:
+        # neither dependent nor independent
+        J = np.array([[1.0, 0.0], [1.0, 1e-5]])
+        G, d, chosen, base = J @ J.T, np.ones(2), np.ones(2, bool), np.zeros(2)
+    return G, d, chosen, base, np.full(len(d), np.nan)
+
+
+def exchange(rng):
+    G, d = scaled_cone(rng)
+    if rng.random() < 0.4:
+        # rows may contradict each other
+        d = np.abs(d)
+    return G, d, rng.random(len(d)) < 0.5
+
+
+def cone(rng):
+    """Gradients and M^-1 times each, of a robot or of random numbers; a velocity before and one after the forces."""
+    if rng.random() < 0.7:
+        system, q, v = moving_robot(rng)
+        J, metric = contact_rows(rng, system, q), system.metric(q)
+        A = metric.solve_rows(J)
+    else:
+        m, n = rng.integers(1, 7, size=2)
+        B, J, v = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
+        if m > 1 and rng.random() < 0.5:
+            J[1] = rng.choice([1.0, 2.0, -1.0]) * J[0]
+        A = np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(n), J.T).T)
+    return J, A, v, v + 1e-2 * rng.normal(size=len(v))
+
+
+def restitution(rng, m):
+    return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
+
+
+def press(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    lower = -restitution(rng, m) * (J @ v)
+    return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
+
+
+def law(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    e, last = restitution(rng, m), percussions_before(rng, m)
+    return J, A, v, e, x, last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def tree_law(rng):
+    system, q, v = moving_robot(rng)
+    J = contact_rows(rng, system, q)
+    mass, *others = forces(rng, system, q, v)
+    if rng.random() < 0.1:
+        mass[0, 0] = -1.0
+    m, n = J.shape
+    last = percussions_before(rng, m)
+    return mass, *others, J, restitution(rng, m), last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def row(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    first, second = rng.integers(0, len(support), 2)
+    return np.array(columns), support[first], support[second], rng.normal(size=4), unit(rng), np.full(system.nv, np.nan)
+
+
+def separation(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    m = rng.integers(0, 7)
+    first, second = rng.integers(0, len(support), (2, m))
+    return (
+        np.array(columns),
+        support,
+        first,
+        second,
+        rng.normal(size=(m, 3)),
+        unit(rng, m),
+        np.full((m, system.nv), np.nan),
+    )
+
+
+def use_up(rng):
+    n, nv = rng.integers(0, 5), rng.integers(1, 9)
+    spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), spare
+
+
+def spend(rng):
+    nv, n = rng.integers(1, 9), rng.integers(0, 12)
+    budget = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
+    travel = rng.random(nv) * (rng.random(nv) < 0.7)
+    return budget, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
+
+
+def sift(rng):
+    pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
+    gap = rng.normal(size=len(pair))
+    return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
+
+
+def standing(rng):
+    """Shapes of every kind on a robot above two walls, and the points of some pairs; now and then a rim is level."""
+    system, q, _ = moving_robot(rng)
+    shapes = placed_on(rng, range(1, len(system.bodies)))
+    walls = [HalfSpace(tuple(unit(rng)), rng.normal()) for _ in shapes]
+    cylinder = next(k for k, placed in enumerate(shapes) if isinstance(placed.shape, Cylinder))
+    if rng.random() < 0.3:
+        axis = shapes[cylinder].rotation[:, 2] @ system.kinematics(q).poses[shapes[cylinder].body, :3]
+        walls[cylinder] = HalfSpace(tuple(axis), 0.0)
+    names = [placed.name for placed in shapes]
+    contacts = HalfSpaceContacts(system, walls, shapes, names, np.zeros(len(shapes)))
+    asked = np.union1d(np.flatnonzero(rng.random(len(shapes)) < 0.5), [cylinder])
+    return system.kinematics(q), contacts._select(asked), len(shapes)
+
+
+def lowest(rng):
+    kinematics, selection, _ = standing(rng)
+    i = int(rng.integers(len(selection.pair)))
+    return kinematics.poses, int(selection.owners[i, 0]), selection.numbers, i, np.full(4, np.nan)
+
+
+def stand(rng):
+    kinematics, selection, _ = standing(rng)
+    k = len(selection.pair)
+    return kinematics.poses, selection.owners, selection.numbers, np.full(k, np.nan), np.full((k, 3), np.nan)
+
+
+def last_time(rng, gap, tolerance):
+    """Which gaps were within a tolerance the last time, often the same as now, and where to write these gaps to."""
+    others = rng.random(len(gap)) < rng.choice([0.0, 2.0]) / len(gap)
+    near = np.flatnonzero((gap <= tolerance) ^ others)
+    index = np.full(len(gap) + 1, -1)
+    index[0], index[1 : 1 + len(near)] = len(near), near
+    return index, np.full(len(near), np.nan)
+
+
+def touch(rng):
+    kinematics, selection, n = standing(rng)
+    gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
+    half_space._stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
+    index, near = last_time(rng, gap, tolerance)
+    written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
+    return *kinematics, selection.owners, selection.numbers, tolerance, rng.normal(size=n), index, *written
+
+
+def reached(rng):
+    m = rng.integers(1, 9)
+    where, sign, offset = rng.normal(size=m), rng.choice([-1.0, 1.0], size=m), rng.random(m)
+    index, gap = last_time(rng, sign * where + offset, 1e-8)
+    return where, sign, offset, 1e-8, index, gap
+
+
+def shape_pairs(rng, shapes=SHAPES):
+    """Shapes on some bodies and the world, all their pairs, and where the bodies are."""
+    placed = placed_on(rng, range(4), shapes)
+    sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
+    axes = SeparatingAxes(placed, sides)
+    places = np.array([place(rng) for _ in axes.bodies]).reshape(-1, 4, 3)
+    axes._axis[:] = unit(rng, len(sides))
+    axes._axis[rng.random(len(sides)) < 0.2] = np.nan
+    return placed, axes, places
+
+
+def reach(rng):
+    _, axes, _ = shape_pairs(rng)
+    s = rng.integers(len(axes._sizes))
+    return place(rng), unit(rng), axes._sizes[s], axes._points[axes._first_point[s] : axes._first_point[s + 1]]
+
+
+def clear(rng):
+    _, axes, places = shape_pairs(rng)
+    n = len(axes._sides)
+    due = np.flatnonzero(rng.random(n) < 0.7)
+    return (
+        places, axes.frame, axes._fixed, axes._sizes, axes._points, axes._first_point,
+        axes._sides, axes._axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
+    )  # fmt: skip
+
+
+def keep(rng):
+    _, axes, places = shape_pairs(rng)
+    pairs = np.flatnonzero(rng.random(len(axes._sides)) < 0.3)
+    return places, axes.frame, axes._sides, axes._axis, pairs, unit(rng, len(pairs))
+
+
+def ball_contacts(rng):
+    round_ = [Sphere(0.2), Sphere(0.1), Capsule(0.1, 0.4), Capsule(0.05, 0.0), Capsule(0.3, 0.1)]
+    placed, axes, places = shape_pairs(rng, round_)
+    if rng.random() < 0.3:
+        # two about one centre
+        placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
+    balls = Balls(placed, axes.frame, axes._sides)
+    pairs = np.flatnonzero(balls.are)
+    k = len(pairs)
+    written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+    return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
+
+
+def leave(rng):
+    normals, offsets = rng.choice(FACED).faces
+    k = rng.integers(0, 5)
+    return 0.05 * rng.normal(size=(k, 3)), unit(rng), normals, offsets, np.full(k, np.nan)
+
+
+def most_facing(rng):
+    return rng.choice(FACED).faces[0], unit(rng)
+
+
+def note(rng):
+    m, n = rng.integers(0, 6), 4
+    percussion = rng.random(m) * (rng.random(m) < 0.5)
+    before = rng.choice([-1.0, 0.0, 1.0], size=m) * rng.random(m)
+    free = before + 0.5 * rng.normal(size=m)
+    rates = np.array([percussion, free, rng.normal(size=m), before])
+    return int(rng.integers(n)), 0.1 * rng.normal(size=m), rates, rng.random(), rng.random(n), rng.random(n)
+
+
+def struck(rng):
+    m, k = rng.integers(0, 6), rng.integers(0, 6)
+    rates, last = (rng.normal(size=(4, n)) * (rng.random((4, n)) < 0.7) for n in (m, k))
+    for r in (rates, last):
+        r[0] = np.abs(r[0])
+    point, last_point = rng.normal(size=(m, 3)), rng.normal(size=(k, 3))
+    # a limit has no point; every other contact stays near
+    point[rng.random(m) < 0.2] = np.nan
+    numbers, last_numbers = rng.integers(0, 4, m), rng.integers(0, 4, k)
+    for a in range(min(m, k)):
+        if rng.random() < 0.5:
+            last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
+    return numbers, point, rates, rng.random(m), last_numbers, last_point, last, 0.1, np.zeros(m, bool)
+
+
+ARGUMENTS = {
+    "_struck": struck,
+    "factor": factor,
+    "_back": back,
+    "solve": solve,
+    "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
+    "advance_by": advance_by,
+    "settle": settle,
+    "exchange": exchange,
+    "press": press,
+    "law": law,
+    "tree_law": tree_law,
+    "row": row,
+    "separation": separation,
+    "_use_up": use_up,
+    "_spend": spend,
+    "sift": sift,
+    "_lowest": lowest,
+    "_stand": stand,
+    "_touch": touch,
+    "_reached": reached,
+    "_reach": reach,
+    "_clear": clear,
+    "_keep": keep,
+    "_ball_contacts": ball_contacts,
+    "_leave": leave,
+    "_most_facing": most_facing,
+    "_note": note,
+}
+# how many of the last arguments mean something only where the kernel did not refuse
+IF_ACCEPTED = {
+    "factor": 1,
+    "advance_by": 2,
+    "settle": 1,
+    "exchange": 1,
+    "press": 2,
+    "law": 2,
+    "tree_law": 2,
+    "_touch": 3,
+    "_reached": 1,
+}
+
+
+def arguments(item, seed):
+    return copy.deepcopy(ARGUMENTS[item.name](np.random.default_rng(seed)))
+
+
+def accepted(name, result):
+    """Whether a kernel that may refuse wrote an answer."""
+    if name in ("factor", "advance_by"):
+        return result == 0
+    if name in ("press", "law", "tree_law"):
+        return result < np.inf
+    return result[-1] if isinstance(result, tuple) else result
+
+
+def specified(name, result, arguments):
+    """What the plain form's description promises of the result and of the arguments afterwards."""
+    arguments = list(arguments)
+    if name in IF_ACCEPTED:
+        yes = accepted(name, result)
+        if not yes:
+            del arguments[-IF_ACCEPTED[name] :]
+        elif name == "exchange":
+            # of dependent rows any may be chosen, but what they bring about is the same
+            G, d, chosen = arguments
+            arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
+        return [*(result if isinstance(result, tuple) else [yes]), *arguments]
+    if name in ("_spend", "sift", "_clear"):
+        # in its first places only
+        count = result if name == "_clear" else result[0]
+        arguments[-1] = arguments[-1][:count]
+    return [*(result if isinstance(result, tuple) else [result]), *arguments]
+
+
+def equal(a, b):
+    """Counts, truths and NaN exactly, numbers to rounding of the largest."""
+    if a is None or np.asarray(a).dtype.kind in "biu":
+        np.testing.assert_array_equal(a, b)
+        return
+    finite = np.abs(a)[np.isfinite(a)]
+    np.testing.assert_allclose(b, a, rtol=1e-10, atol=max(1e-10 * finite.max(initial=0.0), 1e-13))
