@@ -134,6 +134,8 @@ class ArticulatedSystem:
         # the configuration the data belong to, by its bytes and, if it cannot have changed, as the very array
         self._key: bytes | None = None
         self._seen: Array | None = None
+        # the last that `integrate` returned, known to be read-only
+        self._made: Array | None = None
         self._memory = Memory(model, self._data)
         self._metric: TreeMetric | None = None
         # the velocity that carries each one
@@ -152,7 +154,8 @@ class ArticulatedSystem:
     def integrate(self, q: Array, dv: Array) -> Array:
         moved = pin.integrate(self.model, q, dv)
         # so that what was computed for it is known to be still true
-        moved.setflags(write=False)
+        moved.setflags(False)
+        self._made = moved
         return moved
 
     def difference(self, q0: Array, q1: Array) -> Array:
@@ -177,7 +180,7 @@ class ArticulatedSystem:
             if not self._memory.in_place:
                 self._memory.refresh()
             self._metric, self._key = None, key
-        self._seen = None if q.flags.writeable else q
+        self._seen = q if q is self._made or not q.flags.writeable else None
 
     def metric(self, q: Array) -> TreeMetric:
         self._refresh(q)
