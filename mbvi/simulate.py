@@ -119,7 +119,10 @@ def simulate(
         look = 0.0
         for i in range(1, total + 1):
             t = problem.t0 + (i - 1) * h
-            state = _advance(problem, scheme, t, state, h if i <= whole else rest, projector)
+            state = scheme.step(problem, t, state.q, state.v, h if i <= whole else rest, projector)
+            # written so that a NaN is refused too
+            if not state.v.dot(state.v) < _RUNAWAY:
+                raise _diverged(state, h)
             recorder.step(state, i % every == 0 or i == total)
             if perf_counter() >= look:
                 look = min(writer.poll(), bar.poll(i))
@@ -134,20 +137,18 @@ def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> I
         yield state
     i = 0
     while True:
-        state = _advance(problem, scheme, problem.t0 + i * h, state, h, projector)
+        state = scheme.step(problem, problem.t0 + i * h, state.q, state.v, h, projector)
+        if not state.v.dot(state.v) < _RUNAWAY:
+            raise _diverged(state, h)
         i += 1
         yield state
 
 
-def _advance(problem: Problem, scheme: Scheme, t: float, state: Step, h: float, projector: Projector) -> Step:
-    done = scheme.step(problem, t, state.q, state.v, h, projector)
-    # written so that a NaN is refused too
-    if not done.v.dot(done.v) < _RUNAWAY:
-        raise DivergedError(
-            f"the velocity runs away at t = {done.t:.6g} s, to {np.abs(done.v).max():.3g}: the forces change too fast "
-            f"for h = {h:g} s; take a smaller step, or give light links damping or more inertia"
-        )
-    return done
+def _diverged(state: Step, h: float) -> DivergedError:
+    return DivergedError(
+        f"the velocity runs away at t = {state.t:.6g} s, to {np.abs(state.v).max():.3g}: the forces change too fast "
+        f"for h = {h:g} s; take a smaller step, or give light links damping or more inertia"
+    )
 
 
 def _start(problem: Problem, projector: Projector) -> Step:

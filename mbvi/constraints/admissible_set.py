@@ -139,7 +139,8 @@ class AdmissibleSet:
                 rows = self._ask_anew(turn, t, q, tolerance)
             else:
                 rows = ask(t, q, tolerance, STILL)
-                if constraint.spare < 0.0:
+                if constraint.spare < 0.0 or not constraint.busy:
+                    # what it has to spare is to be found out anew
                     self._spare[turn] = -np.inf
             if rows is not None:
                 found.append(rows)

@@ -301,7 +301,7 @@ class HalfSpaceContacts(Pairs):
         _stand(places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
-    def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
+    def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:
         if not self._one_mechanism:
             return super().rows(q, due, tolerance)
         selection = self._selection if due is self._pairs else self._select(due)
@@ -315,7 +315,9 @@ class HalfSpaceContacts(Pairs):
                 poses, columns, support, owners, numbers, tolerance, self._budget, index, gap, point, rows
             )  # fmt: skip
             if same:
-                return Rows(number, gap, rows, restitution, point, up) if count else None, vain
+                if vain:
+                    self.spare = -np.inf
+                return Rows(number, gap, rows, restitution, point, up) if count else None
             near = index[1 : 1 + count]
             pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])
             selection.near = _Near(pair + self.first_number, self.restitution[pair], up)

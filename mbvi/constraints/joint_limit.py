@@ -136,8 +136,9 @@ class JointLimits:
         number, rows, restitution, nowhere = self._near
         where, gap = q.take(self._position), np.empty(len(number))
         nearest, same = _reached(where, self._sign, self._offset, tolerance, self._index, gap)
-        # a limit comes no nearer than its joint travels
-        self.spare = nearest - tolerance if nearest > tolerance else -np.inf
+        # a limit comes no nearer than its joint travels; while one is reached, all are looked at every time
+        self.busy = nearest <= tolerance
+        self.spare = np.inf if self.busy else nearest - tolerance
         if not same:
             self._near = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
             gap = np.empty(len(number))

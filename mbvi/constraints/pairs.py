@@ -212,21 +212,20 @@ class Pairs:
         due = self._due
         if not due.size:
             return None
-        rows, vain = self.rows(q, due, tolerance)
-        if vain:
-            # that pair's budget is known anew, so that it need not be asked next time
-            self.spare = -np.inf
-        return rows
+        return self.rows(q, due, tolerance)
 
-    def rows(self, q: Array, due: Array, tolerance: float) -> tuple[Rows | None, bool]:
-        """Return the rows of some pairs within the tolerance, and whether a pair has none; budgets are written."""
+    def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:
+        """Return the rows of some pairs within the tolerance; where a pair has none, its budget is known anew."""
         near, vain = self.near(q, due, tolerance)
+        if vain:
+            # it need not be asked next time
+            self.spare = -np.inf
         if near is None:
-            return None, vain
+            return None
         pair, gap, point, normal = near
         number, first, second, restitution = self._sides_of(pair)
         rows = self.system.separation_rows(q, first, second, point, normal)
-        return Rows(number, gap, rows, restitution, point, normal), vain
+        return Rows(number, gap, rows, restitution, point, normal)
 
     def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
         """Return the contacts within the tolerance, and whether some pair has none; budgets are written."""

@@ -171,8 +171,6 @@ class ArticulatedSystem:
 
     def _refresh(self, q: Array) -> None:
         """Bring placements, Jacobian columns and mass matrix to q, once per q."""
-        if q is self._seen:
-            return
         key = q.tobytes()
         if key != self._key:
             # in the world convention crba fills data.J and data.oMi on its way
@@ -183,7 +181,8 @@ class ArticulatedSystem:
         self._seen = q if q is self._made or not q.flags.writeable else None
 
     def metric(self, q: Array) -> TreeMetric:
-        self._refresh(q)
+        if q is not self._seen:
+            self._refresh(q)
         if self._metric is None:
             self._metric = TreeMetric(self._memory.mass, self._parent)
         return self._metric
@@ -214,7 +213,8 @@ class ArticulatedSystem:
         return free
 
     def push(self, t: float, q: Array, v: Array, h: float) -> TreePush:
-        self._refresh(q)
+        if q is not self._seen:
+            self._refresh(q)
         torque = self._zero if self.control is None else self._torque(t, q, v)
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
         if not v.flags.carray:
@@ -228,11 +228,13 @@ class ArticulatedSystem:
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        self._refresh(q)
+        if q is not self._seen:
+            self._refresh(q)
         return self._memory.poses.take(bodies, 0)
 
     def kinematics(self, q: Array) -> Kinematics:
-        self._refresh(q)
+        if q is not self._seen:
+            self._refresh(q)
         return self._kinematics
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
