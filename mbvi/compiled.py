@@ -60,7 +60,6 @@ def load() -> None:
     global _loaded
     if _loaded:
         return
-    _loaded = True
     start, told, stamp = time.perf_counter(), False, _stamp()
     for item in KERNELS:
         compiled = _compile(item, stamp)
@@ -72,6 +71,8 @@ def load() -> None:
             )
             told = True
         item.namespace[item.name] = compiled
+    # only now: whoever interrupts this does not leave the rest plain for good
+    _loaded = True
     if told:
         print(f" {time.perf_counter() - start:.0f} s", file=sys.stderr)
 

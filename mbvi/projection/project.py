@@ -222,7 +222,7 @@ class Projector:
 def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
     """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
 
-    Most steps end here: the rows that the forces violate are those that press. The residual is the judge.
+    Of many rows, too, it is mostly those that the forces violate that press. The residual is the judge.
     """
     if (missing > 0.0).all():
         factor, p, info = lapack.dposv(G, missing)

@@ -202,10 +202,10 @@ class ArticulatedSystem:
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        # where M is there already, the rest is less than the whole of aba
-        if self._damped or q is self._seen:
+        if self._damped:
             return self.push(t, q, v, h).free
         torque = self._zero if self.control is None else self._torque(t, q, v)
+        # even where M is there already: the last digits may not depend on which pairs were asked
         free = pin.aba(self.model, self._data, q, v, torque)
         # that leaves the data of another q, or of this one in other coordinates
         self._key = self._seen = None

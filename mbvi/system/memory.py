@@ -51,20 +51,18 @@ class Memory:
     """
 
     def __init__(self, model: pin.Model, data: pin.Data) -> None:
-        self._data, self._count, nv = data, model.njoints, model.nv
-        self._shapes = (self._count, 4, 3), (nv, 6), (nv, nv)
-        self.in_place = False
+        self._data, nv = data, model.nv
+        self._shapes = (model.njoints, 4, 3), (nv, 6), (nv, nv)
         self.check()
 
     def check(self) -> None:
         """Look whether the layout is the expected one, and see the results in place or keep copies accordingly."""
         addresses = self._addresses()
+        self.in_place = addresses is not None
         if addresses is not None:
             windows = (_Window(self._data, *both) for both in zip(addresses, self._shapes, strict=True))
             self.poses, self.columns, self.mass = map(np.asarray, windows)
             self.in_place = self._agrees()
-        else:
-            self.in_place = False
         if not self.in_place:
             self.poses, self.columns, self.mass = map(np.zeros, self._shapes)
             self.refresh()
