@@ -1,6 +1,7 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
 from .constraints import GapFunction
+from .diagnosis import Diagnosis
 from .errors import (
     DivergedError,
     InadmissibleStartError,
@@ -13,7 +14,7 @@ from .errors import (
     UrdfError,
 )
 from .problem import Problem
-from .projection import Projection, impact, project
+from .projection import Forks, Projection, forks, impact, project
 from .scene import Scene
 from .schemes import Paoli
 from .simulate import simulate, steps
@@ -24,7 +25,9 @@ from .trajectory_file import load
 __version__ = "0.1.0"
 
 __all__ = [
+    "Diagnosis",
     "DivergedError",
+    "Forks",
     "GapFunction",
     "Impact",
     "InadmissibleStartError",
@@ -41,6 +44,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryFileError",
     "UrdfError",
+    "forks",
     "impact",
     "load",
     "project",

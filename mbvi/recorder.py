@@ -9,7 +9,7 @@ import numpy as np
 from .compiled import kernel
 from .errors import MbviWarning
 from .problem import Problem
-from .schemes import Step
+from .schemes import Scheme, Step
 from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
@@ -171,7 +171,7 @@ class Recorder:
             self.count = k + 1
         self._last = step
 
-    def trajectory(self, scheme: str, h: float) -> Trajectory:
+    def trajectory(self, scheme: Scheme, h: float) -> Trajectory:
         """Return what was recorded."""
         return Trajectory(
             self.t,
@@ -179,12 +179,13 @@ class Recorder:
             self.v,
             tuple(self.impacts),
             self.residual,
-            scheme,
+            type(scheme).__name__,
             h,
             tuple(self.notes),
             self.problem,
             True,
             self.penetration,
+            _scheme=scheme,
         )
 
     def _impact(self, step: Step) -> None:

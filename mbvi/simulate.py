@@ -128,7 +128,7 @@ def simulate(
                 look = min(writer.poll(), bar.poll(i))
         # the sum of the steps is off by rounding
         recorder.t[-1] = problem.t0 + duration
-    return recorder.trajectory(type(scheme).__name__, h)
+    return recorder.trajectory(scheme, h)
 
 
 def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:

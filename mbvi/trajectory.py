@@ -11,7 +11,9 @@ import numpy as np
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from .diagnosis import Diagnosis
     from .problem import Problem
+    from .schemes import Scheme
 
 Array = np.ndarray
 
@@ -87,6 +89,8 @@ class Trajectory:
     complete: bool = True
     _penetration: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     _energies: Array | None = field(default=None, repr=False)
+    # None where it comes from a file
+    _scheme: Scheme | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.v, self.residual, self._penetration):
@@ -149,6 +153,30 @@ class Trajectory:
     def penetration(self) -> Array:
         """Return the deepest penetration at each time, shape (n + 1,), >= 0 [m or rad]."""
         return self._penetration
+
+    def diagnosis(self, tolerance: float = 1e-3) -> Diagnosis:
+        """Return what of this run may be trusted, and until when; takes about as long as the run did.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest cosine of a kinetic angle that counts as a right angle in condition (12), and largest distance
+            between the outcomes of one impact, relative to its jump, that counts as none. Below the run's own accuracy
+            it tells discretisation, not ambiguity.
+
+        Returns
+        -------
+        Diagnosis
+            Instants with several active constraints, the horizon, variation and energy; printed, it is a report.
+
+        Raises
+        ------
+        InputError
+            If the run carries no problem, or the tolerance is not between 0 and 1.
+        """
+        from .diagnosis import diagnose
+
+        return diagnose(self, tolerance)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the run and its problem to an HDF5 file.

@@ -1,5 +1,7 @@
 """Projections in the kinetic metric: they know no robot and no time step."""
 
+from .delassus import against_condition_12, cosines_between, independent, islands, unit_gradients
+from .forks import Forks, follow, forks
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import Projection, Projector, Push, impact, project
 from .tree import TreeMetric, TreePush
@@ -9,13 +11,21 @@ __all__ = [
     "BodiesMetric",
     "DenseMetric",
     "DiagonalMetric",
+    "Forks",
     "Metric",
     "Projection",
     "Projector",
     "Push",
     "TreeMetric",
     "TreePush",
+    "against_condition_12",
     "as_metric",
+    "cosines_between",
+    "follow",
+    "forks",
     "impact",
+    "independent",
+    "islands",
     "project",
+    "unit_gradients",
 ]

@@ -302,12 +302,18 @@ def impact(v: Array, M: Array | Metric, J: Array, e: Array | float) -> Array:
     Equation (8). Since T is a cone, v+ = argmin |w - v|_M subject to J w >= -e J v, which carries one e per
     constraint as well.
     """
+    velocity, J, restitution = checked_impact(v, J, e)
+    metric = as_metric(M, velocity.size)
+    return Projector().project(velocity, metric, J, -restitution * (J @ velocity)).velocity
+
+
+def checked_impact(v: Array, J: Array, e: Array | float) -> tuple[Array, Array, Array]:
+    """Return the arguments of `impact` as float arrays of fitting shapes, one e per row, or raise `InputError`."""
     velocity, J, restitution = _checked(v, J, e, "e")
     # written so that a NaN is refused too
     if not ((restitution >= 0.0) & (restitution <= 1.0)).all():
         raise InputError(f"restitution e must lie in [0, 1]; got {e}")
-    metric = as_metric(M, velocity.size)
-    return Projector().project(velocity, metric, J, -restitution * (J @ velocity)).velocity
+    return velocity, J, restitution
 
 
 def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:
