@@ -47,7 +47,7 @@ class LagrangianSystem:
         if int(dim) != dim or dim < 1:
             raise InputError(f"dim must be a positive integer; got {dim!r}")
         self.nq = self.nv = int(dim)
-        self.bodies = ("world",)
+        self.bodies: tuple[str, ...] = ("world",)
         self._mass, self._force, self._potential = mass, force, potential
 
     def integrate(self, q: Array, dv: Array) -> Array:

@@ -1,0 +1,116 @@
+"""Motions of one point in closed form: a ball through its accumulation of impacts, sliding inside a circle."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from ..constraints import GapFunction
+from ..errors import InputError
+from ..problem import Problem
+from ..system import LagrangianSystem
+from .solution import Array, Pieces, Reference, State, checked, times
+
+# bounces slower than this, relative to the first, are below rounding
+_SLOWEST = 1e-13
+_MOST_BOUNCES = 100_000
+
+
+def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration: float = 2.0) -> Reference:
+    """Return a ball dropped from rest: for e < 1 infinitely many impacts in finite time, then rest.
+
+    Parameters
+    ----------
+    e : float
+        Restitution in [0, 1].
+    height : float
+        Height it is dropped from [m].
+    gravity : float
+        [m/s^2].
+    duration : float
+        [s].
+
+    Raises
+    ------
+    InputError
+        On e outside [0, 1], or lengths, gravity, durations that are not positive.
+
+    Notes
+    -----
+    With T = (2 height / gravity)^(1/2), impact k is at T (1 + 2 (e + ... + e^k)) and leaves the speed
+    e^(k+1) gravity T; they accumulate at T (1 + e) / (1 - e). The source is elementary.
+    """
+    e, duration = checked(e, duration)
+    if not (height > 0 and gravity > 0):
+        raise InputError(f"height and gravity must be positive; got {height} and {gravity}")
+    fall = float(np.sqrt(2 * height / gravity))
+    rest = fall * (1 + e) / (1 - e) if e < 1 else np.inf
+    starts, states = [0.0], [partial(_thrown, 0.0, height, 0.0, gravity)]
+    landing, speed = fall, e * gravity * fall
+    while landing <= duration and speed > _SLOWEST * gravity * fall:
+        if len(starts) > _MOST_BOUNCES:
+            raise InputError(f"more than {_MOST_BOUNCES} impacts: choose a shorter duration or another e")
+        starts.append(landing)
+        states.append(partial(_thrown, landing, 0.0, speed, gravity))
+        # times are sums of ever shorter flights: no cancellation
+        landing, speed = landing + 2 * speed / gravity, e * speed
+    impacts = times(starts[1:], duration)
+    if e == 0.0:
+        impacts = times([fall], duration)
+    starts.append(landing)
+    states.append(partial(_thrown, landing, 0.0, 0.0, 0.0))
+    problem = Problem(
+        LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.array([-gravity]), 1, lambda q: gravity * q[0]),
+        [GapFunction(lambda q: q[0], lambda q: np.ones(1), name="floor")],
+        [height],
+        [0.0],
+        restitution=e,
+    )
+    source = "closed form: parabolas between impacts whose times are a geometric series; exact to rounding"
+    at = Pieces(starts, states, duration)
+    return Reference("bouncing ball", problem, duration, at, impacts, source, times([rest], duration))
+
+
+def _thrown(start: float, height: float, speed: float, gravity: float, t: float) -> State:
+    s = t - start
+    return np.array([height + s * (speed - 0.5 * gravity * s)]), np.array([speed - gravity * s])
+
+
+def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 5.0) -> Reference:
+    """Return a force-free point sliding along the inside of the unit circle for ever.
+
+    Parameters
+    ----------
+    e : float
+        Restitution in [0, 1]; there is no impact, so any gives the same.
+    speed : float
+        [m/s].
+    duration : float
+        [s].
+
+    Raises
+    ------
+    InputError
+        On e outside [0, 1], a speed that is not finite, a duration that is not positive.
+
+    Notes
+    -----
+    f(q) = (1 - |q|^2) / 2 and q = (cos w t, sin w t) with w the speed: the reaction is the centripetal force.
+    """
+    e, duration = checked(e, duration)
+    if not np.isfinite(speed):
+        raise InputError(f"speed must be finite; got {speed}")
+
+    def at(t: float) -> State:
+        q: Array = np.array([np.cos(speed * t), np.sin(speed * t)])
+        return q, speed * np.array([-q[1], q[0]])
+
+    problem = Problem(
+        LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.zeros(2), 2, lambda q: 0.0),
+        [GapFunction(lambda q: 0.5 * (1.0 - q @ q), lambda q: -q, name="circle")],
+        *at(0.0),
+        restitution=e,
+    )
+    source = "closed form: uniform motion on the circle; exact to rounding"
+    return Reference("sliding in a disc", problem, duration, Pieces([0.0], [at], duration), np.zeros(0), source)

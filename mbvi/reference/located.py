@@ -1,0 +1,224 @@
+"""Motions under few constraints, integrated to rounding between events located to rounding; slow, and to be so.
+
+Between events DOP853 at its tightest tolerances and a small largest step; at impacts the law by enumeration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .law import complementary, law
+from .solution import Array, Pieces, State, times
+
+_RTOL, _ATOL = 1e-13, 1e-14
+# so short that what leaves contact is off before it can be back [s]
+_FIRST_STEP = 1e-7
+_MOST_EVENTS = 200
+# impacts nearer to one another than this are taken for an accumulation, and a motion that is to end before it ends
+# where they are nearer than that [s]
+_NEAREST, _NEAR = 1e-4, 1e-2
+# gaps below this are closed, normal speeds below that are none
+_TOUCHING, _STILL = 1e-10, 1e-11
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A system and its constraints as plain functions, all constraints at once.
+
+    Attributes
+    ----------
+    mass : callable
+        mass(q) -> (nv, nv).
+    force : callable
+        force(t, q, v) -> (nv,).
+    gap, gradient : callable
+        gap(q) -> (m,), gradient(q) -> (m, nv).
+    bend : callable
+        bend(q, v) -> (dJ/dt) v, shape (m,).
+    rate : callable
+        rate(q, v) -> dq/dt, shape (nq,).
+    normalise : callable
+        Put a q that is off its manifold by rounding back on it.
+    """
+
+    mass: Callable[[Array], Array]
+    force: Callable[[float, Array, Array], Array]
+    gap: Callable[[Array], Array]
+    gradient: Callable[[Array], Array]
+    bend: Callable[[Array, Array], Array]
+    rate: Callable[[Array, Array], Array] = lambda q, v: v
+    normalise: Callable[[Array], Array] = lambda q: q
+
+    def multipliers(self, t: float, q: Array, v: Array, closed: list[int], choose: bool = False) -> Array:
+        """Return the forces of closed contacts that keep them closed, or, to choose, those that press at all."""
+        J = self.gradient(q)[closed]
+        M = self.mass(q)
+        turned = np.linalg.solve(M, J.T)
+        apart = turned.T @ self.force(t, q, v) + self.bend(q, v)[closed]
+        return complementary(J @ turned, apart) if choose else np.linalg.solve(J @ turned, -apart)
+
+    def acceleration(self, t: float, q: Array, v: Array, closed: list[int]) -> Array:
+        """Return dv/dt with those contacts kept closed."""
+        push = self.force(t, q, v)
+        if closed:
+            push = push + self.gradient(q)[closed].T @ self.multipliers(t, q, v, closed)
+        return np.linalg.solve(self.mass(q), push)
+
+
+@dataclass(frozen=True)
+class Located:
+    """A motion with its events: at(t) -> (q, v) until the end, times of impacts and of releases [s]."""
+
+    at: Pieces
+    end: float
+    impacts: Array
+    releases: Array
+
+
+def locate(
+    mechanism: Mechanism,
+    q0: Array,
+    v0: Array,
+    e: float,
+    duration: float,
+    shorten: bool = False,
+    largest_step: float = 5e-3,
+) -> Located:
+    """Return the motion from (q0, v0) at time 0, free of contacts.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        System and constraints; gaps must be positive at q0.
+    q0, v0 : ndarray, shapes (nq,) and (nv,)
+        Start.
+    e : float
+        Restitution.
+    duration : float
+        [s].
+    shorten : bool
+        Whether to end before impacts accumulate.
+    largest_step : float
+        Largest step of the integrator [s]: a gap that opens again within one is not seen.
+
+    Raises
+    ------
+    InputError
+        If impacts accumulate before the end and it is not to be shortened.
+
+    Notes
+    -----
+    Contacts that an impact at e = 0 leaves closed stay so while their multipliers press, which are chosen by the
+    complementarity problem of accelerations.
+    """
+    nq = len(q0)
+    t, y, closed = 0.0, np.concatenate([q0, v0]), list[int]()
+    starts: list[float] = []
+    states: list[Callable[[float], State]] = []
+    struck: list[float] = []
+    released: list[float] = []
+    while t < duration:
+        if len(starts) == _MOST_EVENTS or (len(struck) > 1 and struck[-1] - struck[-2] < _NEAREST):
+            if not shorten:
+                raise InputError(f"impacts accumulate near {t:g} s: choose a duration that ends before")
+            first = int(np.argmax(np.diff(struck) < _NEAR))
+            duration = 0.5 * (struck[first] + struck[first + 1])
+            break
+        start = t
+        solution, t, y, event = _stretch(mechanism, t, y, closed, duration, largest_step, nq)
+        starts.append(start)
+        states.append(partial(_state, mechanism, solution, nq))
+        if event is None:
+            break
+        if event in closed:
+            released.append(t)
+        else:
+            struck.append(t)
+        y, closed = _through(mechanism, t, y, closed, event, e, nq)
+    states[0] = partial(_from_start, states[0], q0, v0)
+    return Located(Pieces(starts, states, duration), duration, times(struck, duration), times(released, duration))
+
+
+def _stretch(
+    mechanism: Mechanism, t: float, y: Array, closed: list[int], end: float, largest_step: float, nq: int
+) -> tuple[Any, float, Array, int | None]:
+    """Integrate until the first event; return the dense solution, time and state there, and which constraint it is."""
+    from scipy.integrate import solve_ivp
+
+    def flow(time: float, state: Array) -> Array:
+        q, v = state[:nq], state[nq:]
+        return np.concatenate([mechanism.rate(q, v), mechanism.acceleration(time, q, v, closed)])
+
+    events, numbers = [], list(range(len(mechanism.gap(y[:nq]))))
+    for a in numbers:
+        event = partial(_pressing, mechanism, closed, a, nq) if a in closed else partial(_gap, mechanism, a, nq)
+        event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+        events.append(event)
+    options: dict[str, Any] = {"method": "DOP853", "rtol": _RTOL, "atol": _ATOL, "max_step": largest_step}
+    first = min(_FIRST_STEP, end - t)
+    run = solve_ivp(flow, (t, end), y, dense_output=True, events=events, first_step=first, **options)
+    if run.status != 1:
+        return run.sol, end, run.y[:, -1], None
+    number = next(a for a in numbers if len(run.t_events[a]))
+    # again from the step before, without dense output in between: its error is of lower order
+    before, state, when = float(run.t[-2]), run.y[:, -2], float(run.t[-1])
+    for _ in range(3):
+        again = solve_ivp(flow, (before, when), state, **options).y[:, -1]
+        # a multiplier has no rate at hand
+        value, rate = _slope(mechanism, flow, events[number], closed, number, when, again, nq)
+        if abs(value / rate) < 1e-16 or when - value / rate <= before:
+            break
+        when -= value / rate
+    return run.sol, when, again, number
+
+
+def _slope(
+    mechanism: Mechanism, flow: Any, event: Any, closed: list[int], number: int, t: float, y: Array, nq: int
+) -> tuple[float, float]:
+    """Return the value of an event function and its rate."""
+    if number not in closed:
+        return event(t, y), float(mechanism.gradient(y[:nq])[number] @ y[nq:])
+    h, dy = 1e-5, flow(t, y)
+    return event(t, y), (event(t + h, y + h * dy) - event(t - h, y - h * dy)) / (2 * h)
+
+
+def _through(
+    mechanism: Mechanism, t: float, y: Array, closed: list[int], event: int, e: float, nq: int
+) -> tuple[Array, list[int]]:
+    """Return the state after an event and the contacts that are closed from then on."""
+    q, v = mechanism.normalise(y[:nq]), y[nq:]
+    if event in closed:
+        stay = [a for a in closed if a != event]
+        return np.concatenate([q, v]), stay
+    touching = [int(a) for a in np.flatnonzero(mechanism.gap(q) < _TOUCHING)]
+    J = mechanism.gradient(q)
+    v = law(mechanism.mass(q), J[touching], v, e)
+    still = [a for a in touching if J[a] @ v < _STILL]
+    if still:
+        press = mechanism.multipliers(t, q, v, still, choose=True)
+        still = [a for a, p in zip(still, press, strict=True) if p > 0]
+    return np.concatenate([q, v]), still
+
+
+def _gap(mechanism: Mechanism, number: int, nq: int, t: float, y: Array) -> float:
+    return float(mechanism.gap(y[:nq])[number])
+
+
+def _pressing(mechanism: Mechanism, closed: list[int], number: int, nq: int, t: float, y: Array) -> float:
+    return float(mechanism.multipliers(t, y[:nq], y[nq:], closed)[closed.index(number)])
+
+
+def _state(mechanism: Mechanism, solution: Any, nq: int, t: float) -> State:
+    y = solution(t)
+    return mechanism.normalise(y[:nq]), y[nq:]
+
+
+def _from_start(state: Callable[[float], State], q0: Array, v0: Array, t: float) -> State:
+    # the dense output rounds at its own start
+    return (q0.copy(), v0.copy()) if t == 0.0 else state(t)

@@ -1,0 +1,163 @@
+"""Force-free motions with a constant mass matrix between plane walls: straight lines, so that every impact is exact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ..constraints import GapFunction
+from ..errors import InputError
+from ..problem import Problem
+from ..system import LagrangianSystem
+from .law import law
+from .solution import Array, Pieces, Reference, State, checked
+
+_MOST_IMPACTS = 1000
+# gaps below this, and speeds relative to the largest below that, are zero but for rounding
+_TOUCHING, _STILL = 1e-13, 1e-14
+
+_STRAIGHT = "straight lines between impacts at the roots of linear functions, the law (8) by enumeration; "
+
+
+def corner(
+    e: float,
+    angle: float = np.pi / 2,
+    mass: Sequence[Sequence[float]] | Array = ((2.0, 0.5), (0.5, 1.0)),
+    aim: bool = False,
+    duration: float = 3.0,
+) -> Reference:
+    """Return a force-free point in the corner between two walls of any kinetic angle.
+
+    Parameters
+    ----------
+    e : float
+        Restitution in [0, 1].
+    angle : float
+        Angle between the walls measured in the kinetic metric, inside K, in (0, pi) [rad].
+    mass : array_like, shape (2, 2)
+        Mass matrix, constant.
+    aim : bool
+        Whether it is started exactly at the corner; else it strikes one wall after the other in their interior.
+    duration : float
+        [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    With M = L L' the map y = L' q makes kinetic angles those of the plane; K is {0 <= arg y <= angle} there. Condition
+    (12) holds for e = 0 up to a right angle, for e > 0 at a right angle only: at other angles the motion through the
+    corner itself does not depend continuously on the data.
+    """
+    e, duration = checked(e, duration)
+    M = np.array(mass, dtype=float)
+    if M.shape != (2, 2) or not np.allclose(M, M.T) or not np.linalg.eigvalsh(M)[0] > 0:
+        raise InputError(f"mass must be symmetric positive definite, shape (2, 2); got {mass!r}")
+    if not 0 < angle < np.pi:
+        raise InputError(f"angle must lie in (0, pi): beyond that K is no intersection of two walls; got {angle}")
+    L = np.linalg.cholesky(M)
+    N = np.array([[0.0, 1.0], [np.sin(angle), -np.cos(angle)]]) @ L.T
+    middle = np.array([np.cos(angle / 2), np.sin(angle / 2)])
+    if aim:
+        y0, speed = middle, -middle
+    else:
+        # towards the lower wall, at half the way from where the perpendicular meets it to the corner
+        y0 = middle
+        speed = np.array([0.5 * middle[0], 0.0]) - y0
+    q0, v0 = np.linalg.solve(L.T, y0), np.linalg.solve(L.T, speed)
+    name = f"corner of {np.degrees(angle):.4g} degrees" + (", aimed at" if aim else "")
+    return _reference(name, M, N, np.zeros(2), q0, v0, e, duration, ("lower wall", "upper wall"))
+
+
+def chain(
+    e: float,
+    masses: Sequence[float] = (1.0, 1.0, 1.0),
+    gaps: Sequence[float] = (0.5, 0.0),
+    duration: float = 2.0,
+) -> Reference:
+    """Return balls in a row, the first of which comes in at speed one and strikes the others at rest.
+
+    Parameters
+    ----------
+    e : float
+        Restitution in [0, 1].
+    masses : sequence of float, n of them
+        [kg].
+    gaps : sequence of float, n - 1 of them
+        Distances between neighbours, zero where they touch [m]; the first is what the first ball has to go.
+    duration : float
+        [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    Condition (12) fails at e > 0 where balls touch: the law's outcome is not that of balls that almost touch, and
+    rounding decides which a scheme finds unless it takes touching balls as active.
+    """
+    e, duration = checked(e, duration)
+    m, d = np.array(masses, dtype=float), np.array(gaps, dtype=float)
+    if m.ndim != 1 or len(m) < 2 or not (np.isfinite(m) & (m > 0)).all():
+        raise InputError(f"masses must be two positive numbers or more; got {masses!r}")
+    if d.shape != (len(m) - 1,) or not (np.isfinite(d) & (d >= 0)).all():
+        raise InputError(f"gaps must be {len(m) - 1} numbers >= 0, one between each two balls; got {gaps!r}")
+    n = len(m)
+    N = np.eye(n)[1:] - np.eye(n)[:-1]
+    # so placed that touching balls are at equal coordinates to the last bit
+    q0, v0 = np.concatenate([[0.0], np.cumsum(d)]), np.eye(n)[0]
+    kind = "touching" if (d[1:] == 0).any() else "apart"
+    equal = "" if (m == m[0]).all() else ", unequal masses"
+    name = f"chain of {n}, {kind}{equal}"
+    labels = tuple(f"ball {k} | ball {k + 1}" for k in range(1, n))
+    return _reference(name, np.diag(m), N, np.zeros(n - 1), q0, v0, e, duration, labels)
+
+
+def _reference(
+    name: str, M: Array, N: Array, c: Array, q0: Array, v0: Array, e: float, duration: float, labels: tuple[str, ...]
+) -> Reference:
+    """Return the force-free motion in {N q >= c}."""
+    d = len(q0)
+    at, impacts = _fly(M, N, c, q0, v0, e, duration)
+    gaps = [
+        GapFunction(lambda q, n=n, b=b: n @ q - b, lambda q, n=n: n, name=label)  # type: ignore[misc]
+        for n, b, label in zip(N, c, labels, strict=True)
+    ]
+    system = LagrangianSystem(lambda q: M, lambda t, q, v: np.zeros(d), d, lambda q: 0.0)
+    problem = Problem(system, gaps, q0, v0, restitution=e)
+    return Reference(name, problem, duration, at, impacts, f"{_STRAIGHT}exact to rounding")
+
+
+def _fly(M: Array, N: Array, c: Array, q: Array, v: Array, e: float, duration: float) -> tuple[Pieces, Array]:
+    """Return the motion and its impact times."""
+    t, gap, speed = 0.0, N @ q - c, np.abs(v).max()
+    starts, states = [t], [partial(_straight, t, q, v)]
+    impacts: list[float] = []
+    while True:
+        gap[np.abs(gap) < _TOUCHING] = 0.0
+        rate = N @ v
+        closing = rate < -_STILL * speed
+        wait = np.divide(gap, -rate, out=np.full(len(gap), np.inf), where=closing)
+        if t + wait.min() > duration:
+            return Pieces(starts, states, duration), np.array(impacts)
+        if len(impacts) == _MOST_IMPACTS:
+            raise InputError(f"more than {_MOST_IMPACTS} impacts before {t:g} s: choose a shorter duration")
+        dt = float(wait.min())
+        t, q, gap = t + dt, q + dt * v, gap + dt * rate
+        touching = gap < _TOUCHING
+        # taken together: whatever is struck, and whatever touched already
+        v = law(M, N[touching], v, e)
+        starts.append(t)
+        states.append(partial(_straight, t, q, v))
+        impacts.append(t)
+
+
+def _straight(start: float, q: Array, v: Array, t: float) -> State:
+    return q + (t - start) * v, v.copy()

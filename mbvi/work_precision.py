@@ -1,0 +1,128 @@
+"""How far a run is from an exact solution, and the order at which that falls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .reference import Reference
+    from .trajectory import Trajectory
+
+Array = np.ndarray
+
+# Gauss and Legendre on [0, 1]
+_NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(3)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(3)[1])
+# points at which a jump of the velocity is compared
+_POINTS = 33
+# segments compared at once
+_CHUNK = 2_000_000
+
+
+class Errors(NamedTuple):
+    """How far a run is from an exact solution.
+
+    Attributes
+    ----------
+    q : float
+        Largest difference of configurations, over all components and times [m, rad].
+    v : float
+        Integral of |v_h - v| over time, which a jump at a slightly wrong time does not spoil [m, rad].
+    graph : float
+        Hausdorff distance of the graphs of v_h and v in (t, v), their jumps filled in.
+    """
+
+    q: float
+    v: float
+    graph: float
+
+
+def errors(run: Trajectory, reference: Reference) -> Errors:
+    """Compare a run, every step of it recorded, with an exact solution.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run of `reference.problem`, starting where that starts.
+    reference : Reference
+        The problem with its exact solution.
+
+    Returns
+    -------
+    Errors
+        Of configurations, of velocities, and of the graph of the velocity.
+    """
+    difference = reference.problem.system.difference
+    jumps = reference.impacts[reference.impacts <= run.t[-1]]
+    times = np.union1d(run.t, jumps)
+    exact = [reference.at(float(t)) for t in times]
+    q = max(float(np.abs(difference(a, run.at(float(t))[0])).max()) for t, (a, _) in zip(times, exact, strict=True))
+    left, length = times[:-1], np.diff(times)
+    index = np.searchsorted(run.t, left, side="right") - 1
+    v = 0.0
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
+        v += weight * float(length @ np.linalg.norm(smooth - run.v[index], axis=1))
+    # just before a jump the velocity is another
+    before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in jumps}
+    curve = []
+    for t, (_, velocity) in zip(times.tolist(), exact, strict=True):
+        curve += [(t, *before[t])] if t in before else []
+        curve.append((t, *velocity))
+    stairs = np.repeat(np.column_stack([run.t, run.v]), 2, axis=0)[:-1]
+    stairs[1::2, 0] = run.t[1:]
+    return Errors(q, v, graph_distance(stairs, np.array(curve)))
+
+
+def graph_distance(a: Array, b: Array) -> float:
+    """Return the Hausdorff distance of two polylines.
+
+    Parameters
+    ----------
+    a, b : ndarray, shapes (n, 1 + nv) and (m, 1 + nv)
+        Vertices; the first column is time and does not decrease. Both begin and end at the same time.
+    """
+    return max(_farthest(_filled(a), b), _farthest(_filled(b), a))
+
+
+def _filled(line: Array) -> Array:
+    """Return points of a polyline: its vertices, and more of them along jumps."""
+    jump = np.flatnonzero((line[1:, 0] == line[:-1, 0]) & (line[1:] != line[:-1]).any(axis=1))
+    part = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
+    between = (1 - part) * line[jump] + part * line[jump + 1]
+    return np.concatenate([line, between.reshape(-1, line.shape[1])])
+
+
+def _farthest(points: Array, line: Array) -> float:
+    """Return the largest distance from any of some points to a polyline."""
+    start, along = line[:-1], np.diff(line, axis=0)
+    squared = np.einsum("ij,ij->i", along, along)
+    squared[squared == 0.0] = 1.0
+    farthest, left = 0.0, points
+    # what is nearer than the window needs no segment outside it
+    window = 4.0 * (line[-1, 0] - line[0, 0]) / len(line)
+    while len(left):
+        low = np.maximum(np.searchsorted(line[:, 0], left[:, 0] - window) - 1, 0)
+        high = np.minimum(np.searchsorted(line[:, 0], left[:, 0] + window, side="right"), len(start))
+        nearest = np.empty(len(left))
+        several = max(1, _CHUNK // int((high - low).max()))
+        for first in range(0, len(left), several):
+            part = slice(first, first + several)
+            index = low[part, None] + np.arange(int((high - low)[part].max()))
+            index = np.minimum(index, high[part, None] - 1)
+            offset = left[part, None] - start[index]
+            share = np.clip(np.einsum("ijk,ijk->ij", offset, along[index]) / squared[index], 0.0, 1.0)
+            offset -= share[:, :, None] * along[index]
+            nearest[part] = np.sqrt(np.einsum("ijk,ijk->ij", offset, offset).min(axis=1))
+        whole = (low == 0) & (high == len(start))
+        done = (nearest <= window) | whole
+        farthest = max(farthest, float(nearest[done].max(initial=0.0)))
+        left, window = left[~done], 4.0 * window
+    return farthest
+
+
+def fitted_order(steps: Sequence[float] | Array, values: Sequence[float] | Array) -> float:
+    """Return the slope of log(values) over log(steps), by least squares."""
+    return float(np.polyfit(np.log(steps), np.log(values), 1)[0])
