@@ -24,6 +24,8 @@ Array = np.ndarray
 _MOST_IMPACTS = 2_000
 # sines of the angle between a gradient and the span of others below this: dependent
 _DEPENDENT = 1e-6
+# gradients shorter than this are none
+_VANISHING = 1e-12
 # names and rows that a report spells out
 _MOST_NAMES, _MOST_ROWS = 3, 12
 
@@ -92,6 +94,8 @@ class Diagnosis:
     energy_excess : float
         Largest excess of the kinetic energy over its value at the start, the work of the forces and the part of a
         changing M: at most rounding where the energy estimate holds (before Proposition 3.1) [J].
+    vanishing : tuple of str
+        Constraints whose gradient vanished while they were active, against assumption (H3): nothing holds those.
     unseen : bool
         Whether states between the recorded ones could not be brought back: the run was thinned and comes from a file.
     """
@@ -102,6 +106,7 @@ class Diagnosis:
     variation: float
     largest_percussion: float
     energy_excess: float
+    vanishing: tuple[str, ...]
     unseen: bool
 
     def __str__(self) -> str:
@@ -112,6 +117,11 @@ class Diagnosis:
         lines = [self._verdict()]
         if self.unseen:
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
+        if self.vanishing:
+            names = ", ".join(self.vanishing[:_MOST_NAMES])
+            lines.append(
+                f"(H3) fails: the gradient of {names} vanishes where it is active, and nothing holds it there."
+            )
         if not self.instants:
             lines.append("Never were several constraints active at once.")
         else:
@@ -179,6 +189,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
     struck = np.array([impact.time for impact in run.impacts])
     found = _Instants(problem, tolerance)
     variation = energy = excess = 0.0
+    vanishing: dict[str, None] = {}
     for state in _states(run):
         t, q, before, v, h = state
         metric = system.metric(q)
@@ -189,6 +200,8 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         energy += gained
         excess = max(excess, energy)
         active = problem.constraints.active(t, q, problem.tolerance)
+        lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
+        vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
             k = int(np.searchsorted(struck, t - 0.5 * run.step))
             found.add(state, active, metric, gained, k < len(struck) and struck[k] < t + 0.5 * run.step)
@@ -202,6 +215,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         variation,
         max((float(i.percussion.max()) for i in run.impacts), default=0.0),
         excess,
+        tuple(vanishing),
         run._scheme is None and bool((np.diff(run.t) > 1.5 * run.step).any()),
     )
 

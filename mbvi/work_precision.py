@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 # Gauss and Legendre on [0, 1]
-_NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(3)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(3)[1])
+_NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(2)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(2)[1])
 # points at which a jump of the velocity is compared
 _POINTS = 33
 # segments compared at once
@@ -57,8 +57,9 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     difference = reference.problem.system.difference
     jumps = reference.impacts[reference.impacts <= run.t[-1]]
     times = np.union1d(run.t, jumps)
-    exact = [reference.at(float(t)) for t in times]
-    q = max(float(np.abs(difference(a, run.at(float(t))[0])).max()) for t, (a, _) in zip(times, exact, strict=True))
+    exact = [reference.at(t) for t in times.tolist()]
+    own = dict(zip(run.t.tolist(), run.q, strict=True)) | {t: run.at(t)[0] for t in jumps.tolist()}
+    q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
     left, length = times[:-1], np.diff(times)
     index = np.searchsorted(run.t, left, side="right") - 1
     v = 0.0

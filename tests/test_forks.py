@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.projection import against_condition_12, as_metric, cosines_between, independent, unit_gradients
+from mbvi.reference.polyhedron import _fly
 
 seeds = st.integers(0, 2**32 - 1)
 restitutions = st.sampled_from([0.0, 0.3, 0.8, 1.0])
@@ -261,3 +262,21 @@ def test_assumption_h4():
     ):
         cosines, columns = angles(rows, M)
         assert independent(columns, cosines, 1e-6) == expected
+
+
+@given(seeds, st.integers(2, 3))
+def test_perturbed_motions_end_in_one_of_the_outcomes(seed, m):
+    """Walls moved by 1e-6 of their distance, so that they are struck one by one: exact straight flights."""
+    rng = np.random.default_rng(seed)
+    n = m + rng.integers(0, 2)
+    M, v = random_metric(rng, n), rng.normal(size=n)
+    J = rng.normal(size=(m, n))
+    # all walls meet at the origin, and v closes on each of them
+    J *= -np.sign(J @ v)[:, None]
+    found = mbvi.forks(M, J, v, 1.0)
+    assert found.complete
+    for _ in range(5):
+        moved = 1e-6 * rng.uniform(-1, 1, m)
+        at, impacts = _fly(M, J, moved, -v, v, 1.0, 50.0)
+        if impacts[-1] < 2.0:
+            assert nearest(at(50.0)[1], found.outcomes, M) < 1e-8 * norm(v, M)

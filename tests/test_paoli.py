@@ -1,16 +1,11 @@
-"""The scheme (10)-(11) against itself written out by hand, exact solutions, and its order."""
+"""The scheme (10)-(11) against itself written out by hand; its order is in test_work_precision.py."""
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import mbvi
 
 G = 9.81
-# nowhere dyadic multiples of one another; the phase of an impact within its step scatters the error, so that of six
-# neighbouring steps the worst is taken
-STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.5, 9)
-NEIGHBOURS = np.linspace(1.0, 0.8, 6)
 
 
 def falling_point(restitution=0.5, q0=(1.0,), v0=(0.0,), constraints=None, gravity=G, **more):
@@ -19,98 +14,6 @@ def falling_point(restitution=0.5, q0=(1.0,), v0=(0.0,), constraints=None, gravi
     if constraints is None:
         constraints = [mbvi.GapFunction(lambda q: q[-1], lambda q: np.eye(d)[-1], name="floor")]
     return mbvi.Problem(system, constraints, q0, v0, restitution=restitution, **more)
-
-
-def bouncing_ball(t, e, q0=1.0):
-    """The exact height of a ball dropped from rest, through its accumulation of impacts to rest."""
-    fall = np.sqrt(2 * q0 / G)
-    start, speed = fall, e * G * fall
-    if t < fall:
-        return q0 - 0.5 * G * t**2
-    while speed > 1e-13 * G:
-        flight = 2 * speed / G
-        if t < start + flight:
-            s = t - start
-            return speed * s - 0.5 * G * s**2
-        start, speed = start + flight, e * speed
-    return 0.0
-
-
-def convergence(problem, exact, duration):
-    """Return the fitted order and the error at the least step."""
-    errors = []
-    for h in STEPS:
-        runs = [mbvi.simulate(problem, mbvi.Paoli(), step=h * near, duration=duration) for near in NEIGHBOURS]
-        errors.append(max(sup_error(run, exact) for run in runs))
-    return np.polyfit(np.log(STEPS), np.log(errors), 1)[0], errors[-1]
-
-
-def sup_error(run, exact):
-    return max(np.abs(q - exact(t)).max() for t, q in zip(run.t, run.q, strict=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("e", [0.0, 0.5, 0.8, 1.0])
-def test_bouncing_ball_converges_at_order_one(e):
-    order, error = convergence(falling_point(e), lambda t: bouncing_ball(t, e), 2.0)
-    assert order >= 0.9
-    assert error < 1e-2
-
-
-def pendulum_mass(q):
-    c = np.cos(q[0] - q[1])
-    return np.array([[2.0, c], [c, 1.0]])
-
-
-def pendulum_force(t, q, v):
-    s = np.sin(q[0] - q[1])
-    return np.array([-s * v[1] ** 2 - 2 * G * np.sin(q[0]), s * v[0] ** 2 - G * np.sin(q[1])])
-
-
-def tip(q):
-    return np.sin(q[0]) + np.sin(q[1]) + 0.1
-
-
-def tip_gradient(q):
-    return np.cos(q)
-
-
-def pendulum_reference(q0, v0, e, duration):
-    """The double pendulum (unit masses and lengths) at a wall, impacts located on the dense output of DOP853."""
-
-    def flow(t, y):
-        return np.concatenate([y[2:], np.linalg.solve(pendulum_mass(y[:2]), pendulum_force(t, y[:2], y[2:]))])
-
-    def wall(t, y):
-        return tip(y[:2])
-
-    wall.terminal, wall.direction = True, -1
-    t, y, pieces = 0.0, np.concatenate([q0, v0]), []
-    while t < duration:
-        part = solve_ivp(flow, (t, duration), y, "DOP853", rtol=1e-12, atol=1e-13, events=wall, dense_output=True)
-        pieces.append((t, part.t[-1], part.sol))
-        t, y = part.t[-1], part.y[:, -1].copy()
-        if part.status == 1:
-            M, n = pendulum_mass(y[:2]), tip_gradient(y[:2])
-            y[2:] -= (1 + e) * np.linalg.solve(M, n) * (n @ y[2:]) / (n @ np.linalg.solve(M, n))
-
-    def at(time):
-        return next(sol(time)[:2] for a, b, sol in reversed(pieces) if a <= time)
-
-    return at, len(pieces) - 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("e", [0.5, 1.0])
-def test_double_pendulum_at_a_wall_converges_at_order_one(e):
-    q0, v0, duration = np.array([0.6, 0.4]), np.zeros(2), 2.5
-    exact, impacts = pendulum_reference(q0, v0, e, duration)
-    assert impacts >= 2
-    system = mbvi.LagrangianSystem(pendulum_mass, pendulum_force, 2)
-    problem = mbvi.Problem(system, [mbvi.GapFunction(tip, tip_gradient)], q0, v0, restitution=e)
-    order, error = convergence(problem, exact, duration)
-    assert order >= 0.9
-    assert error < 1e-2
 
 
 @pytest.mark.parametrize("e", [0.0, 0.4, 1.0])

@@ -37,13 +37,14 @@ def references(e: float) -> tuple[Reference, ...]:
     InputError
         On e outside [0, 1].
     """
-    found = [
+    return (
         bouncing_ball(e),
         impact_oscillator(e),
         chaotic_oscillator(e),
         corner(e),
         corner(e, aim=True),
         corner(e, angle=1.0),
+        corner(e, angle=2.0),
         chain(e),
         chain(e, gaps=(0.5, 0.3)),
         chain(e, masses=(1.0, 2.0, 0.5, 1.5), gaps=(0.4, 0.2, 0.3)),
@@ -52,5 +53,4 @@ def references(e: float) -> tuple[Reference, ...]:
         rod(e),
         rocking_block(e),
         tumbling_body(e),
-    ]
-    return tuple(found)
+    )

@@ -77,7 +77,7 @@ def _thrown(start: float, height: float, speed: float, gravity: float, t: float)
     return np.array([height + s * (speed - 0.5 * gravity * s)]), np.array([speed - gravity * s])
 
 
-def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 5.0) -> Reference:
+def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Reference:
     """Return a force-free point sliding along the inside of the unit circle for ever.
 
     Parameters

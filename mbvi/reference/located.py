@@ -127,8 +127,9 @@ def locate(
         if len(starts) == _MOST_EVENTS or (len(struck) > 1 and struck[-1] - struck[-2] < _NEAREST):
             if not shorten:
                 raise InputError(f"impacts accumulate near {t:g} s: choose a duration that ends before")
+            # well after an impact and well before the next
             first = int(np.argmax(np.diff(struck) < _NEAR))
-            duration = 0.5 * (struck[first] + struck[first + 1])
+            duration = 0.5 * (sum(struck[first - 1 : first + 1]) if first else struck[0])
             break
         start = t
         solution, t, y, event = _stretch(mechanism, t, y, closed, duration, largest_step, nq)

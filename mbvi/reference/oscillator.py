@@ -15,7 +15,7 @@ from .solution import Array, Pieces, Reference, checked, times
 
 
 def impact_oscillator(
-    e: float, frequency: float = 2.5, stop: float = 0.2, n: int = 1, duration: float = 8.0
+    e: float, frequency: float = 2.5, stop: float = 0.2, n: int = 1, duration: float = 5.0
 ) -> Reference:
     """Return the orbit with one impact every n periods of the forcing; for e = 0 one that rests on the stop.
 

@@ -26,7 +26,7 @@ def corner(
     angle: float = np.pi / 2,
     mass: Sequence[Sequence[float]] | Array = ((2.0, 0.5), (0.5, 1.0)),
     aim: bool = False,
-    duration: float = 3.0,
+    duration: float = 2.5,
 ) -> Reference:
     """Return a force-free point in the corner between two walls of any kinetic angle.
 

@@ -1,0 +1,75 @@
+"""Errors of a run against an exact solution, and the order at which Paoli's scheme makes them vanish (Theorem 3.2)."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import mbvi
+from mbvi import reference
+from mbvi.work_precision import errors, fitted_order, graph_distance
+
+# nowhere dyadic multiples of one another; the phase of an impact within its step scatters the error, so that of four
+# neighbouring steps the worst is taken
+STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.4, 8)
+NEIGHBOURS = np.linspace(1.0, 0.83, 4)
+CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES.values(), ids=[f"{name}, e = {e:g}" for e, name in CASES])
+def test_paolis_scheme_is_of_order_one(case):
+    """Configurations uniformly, velocities in L1 and by the distance of their graphs."""
+    worst = []
+    for h in STEPS:
+        runs = [mbvi.simulate(case.problem, step=h * near, duration=case.duration) for near in NEIGHBOURS]
+        worst.append(np.max([errors(run, case) for run in runs], axis=0))
+    orders = [fitted_order(STEPS, of_one) for of_one in np.transpose(worst)]
+    assert min(orders) >= 0.9, orders
+    assert max(worst[-1]) < 0.1
+
+
+def test_the_exact_solution_has_no_error():
+    """A piecewise linear motion whose impact falls on a step is followed exactly, up to the rounding of that step."""
+    case = reference.corner(1.0, aim=True, duration=2.0)
+    run = mbvi.simulate(case.problem, step=2.0**-8, duration=2.0)
+    # the impact is a step late at most
+    assert errors(run, case).q <= 2 * 2.0**-8
+    free = reference.corner(1.0, duration=0.9)
+    assert max(errors(mbvi.simulate(free.problem, step=1e-3, duration=0.9), free)) < 1e-12
+
+
+def test_a_late_impact_costs_what_it_should():
+    """A jump of size 2 that is d late: 2 d in q and in L1, d between the graphs."""
+    case = reference.chain(1.0, masses=(1.0, 1.0), gaps=(0.5,), duration=1.0)
+    run = mbvi.simulate(case.problem, step=0.3, duration=1.0)
+    late = run.impacts[0].time - 0.5
+    assert late == pytest.approx(0.1)
+    found = errors(run, case)
+    assert found.q == pytest.approx(late, rel=1e-9)
+    assert found.v == pytest.approx(np.sqrt(2) * late, rel=1e-9)
+    assert found.graph == pytest.approx(late, rel=1e-9)
+
+
+def test_the_distance_of_graphs_is_that_of_hausdorff(rng):
+    """Against all pairs of finely sampled points."""
+
+    def line(n):
+        return np.column_stack([np.sort(np.r_[0.0, rng.uniform(0, 1, n), 1.0]), rng.normal(size=(n + 2, 2))])
+
+    def sampled(a):
+        share = np.linspace(0, 1, 400)[:, None, None]
+        return ((1 - share) * a[:-1] + share * a[1:]).reshape(-1, a.shape[1])
+
+    for _ in range(5):
+        # jumps have all their points compared, slopes their ends
+        a, b = (np.repeat(line(n), 2, axis=0)[1:] for n in (7, 12))
+        a[1::2, 1:], b[1::2, 1:] = a[0:-1:2, 1:], b[0:-1:2, 1:]
+        p, q = sampled(a), sampled(b)
+        expected = max(cKDTree(q).query(p)[0].max(), cKDTree(p).query(q)[0].max())
+        assert graph_distance(a, b) == pytest.approx(expected, rel=0.03)
+        assert graph_distance(a, a) < 1e-14
+
+
+def test_the_order_of_a_power_is_its_exponent():
+    steps = np.array([0.1, 0.03, 0.007])
+    assert fitted_order(steps, 3 * steps**1.7) == pytest.approx(1.7)
