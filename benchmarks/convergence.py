@@ -12,7 +12,7 @@ from mbvi.work_precision import errors, fitted_order
 
 # nowhere dyadic multiples of one another; of neighbouring steps the worst counts, for an impact's phase scatters errors
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.4, 8)
-NEIGHBOURS = np.linspace(1.0, 0.83, 4)
+NEIGHBOURS = np.linspace(1.0, 0.8, 6)
 
 
 def row(case: reference.Reference, scheme: mbvi.Paoli) -> str:

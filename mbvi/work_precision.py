@@ -17,8 +17,8 @@ Array = np.ndarray
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(2)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(2)[1])
 # points at which a jump of the velocity is compared
 _POINTS = 33
-# segments compared at once
-_CHUNK = 2_000_000
+# points compared at once
+_CHUNK = 64
 
 
 class Errors(NamedTuple):
@@ -98,29 +98,28 @@ def _filled(line: Array) -> Array:
 
 def _farthest(points: Array, line: Array) -> float:
     """Return the largest distance from any of some points to a polyline."""
+    from scipy.spatial import cKDTree
+
     start, along = line[:-1], np.diff(line, axis=0)
     squared = np.einsum("ij,ij->i", along, along)
     squared[squared == 0.0] = 1.0
-    farthest, left = 0.0, points
-    # what is nearer than the window needs no segment outside it
-    window = 4.0 * (line[-1, 0] - line[0, 0]) / len(line)
-    while len(left):
-        low = np.maximum(np.searchsorted(line[:, 0], left[:, 0] - window) - 1, 0)
-        high = np.minimum(np.searchsorted(line[:, 0], left[:, 0] + window, side="right"), len(start))
-        nearest = np.empty(len(left))
-        several = max(1, _CHUNK // int((high - low).max()))
-        for first in range(0, len(left), several):
-            part = slice(first, first + several)
-            index = low[part, None] + np.arange(int((high - low)[part].max()))
-            index = np.minimum(index, high[part, None] - 1)
-            offset = left[part, None] - start[index]
-            share = np.clip(np.einsum("ijk,ijk->ij", offset, along[index]) / squared[index], 0.0, 1.0)
-            offset -= share[:, :, None] * along[index]
-            nearest[part] = np.sqrt(np.einsum("ijk,ijk->ij", offset, offset).min(axis=1))
-        whole = (low == 0) & (high == len(start))
-        done = (nearest <= window) | whole
-        farthest = max(farthest, float(nearest[done].max(initial=0.0)))
-        left, window = left[~done], 4.0 * window
+    # no point is farther than the nearest one on the line that is looked at
+    bound = cKDTree(_filled(line)).query(points)[0]
+    order = np.argsort(-bound)
+    farthest = 0.0
+    for first in range(0, len(order), _CHUNK):
+        some = order[first : first + _CHUNK]
+        if bound[some[0]] <= farthest:
+            break
+        t, window = points[some, 0], bound[some]
+        low = np.maximum(np.searchsorted(line[:, 0], t - window) - 1, 0)
+        high = np.minimum(np.searchsorted(line[:, 0], t + window, side="right"), len(start))
+        index = np.minimum(low[:, None] + np.arange(int((high - low).max())), high[:, None] - 1)
+        offset = points[some, None] - start[index]
+        share = np.clip(np.einsum("ijk,ijk->ij", offset, along[index]) / squared[index], 0.0, 1.0)
+        offset -= share[:, :, None] * along[index]
+        nearest = np.sqrt(np.einsum("ijk,ijk->ij", offset, offset).min(axis=1))
+        farthest = max(farthest, float(nearest.max()))
     return farthest
 
 

@@ -8,10 +8,10 @@ import mbvi
 from mbvi import reference
 from mbvi.work_precision import errors, fitted_order, graph_distance
 
-# nowhere dyadic multiples of one another; the phase of an impact within its step scatters the error, so that of four
+# nowhere dyadic multiples of one another; the phase of an impact within its step scatters the error, so that of six
 # neighbouring steps the worst is taken
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.4, 8)
-NEIGHBOURS = np.linspace(1.0, 0.83, 4)
+NEIGHBOURS = np.linspace(1.0, 0.8, 6)
 CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
 
 

@@ -68,10 +68,10 @@ def impact_oscillator(
 def chaotic_oscillator(
     e: float,
     frequency: float = 4.2,
-    stop: float = -0.1,
+    stop: float = 0.3,
     q0: float = 0.5,
     v0: float = 0.0,
-    duration: float = 10.0,
+    duration: float = 6.0,
 ) -> Reference:
     """Return a motion of the impact oscillator from any start, by default one that is sensitive to it.
 
