@@ -174,7 +174,7 @@ class Trajectory:
         InputError
             If the run carries no problem, or the tolerance is not between 0 and 1.
         """
-        from .diagnosis import diagnose
+        from .diagnose import diagnose
 
         return diagnose(self, tolerance)
 

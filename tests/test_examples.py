@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mbvi
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 G = 9.81
 # dropped from 1 m: fall, then two flights at 0.8 and 0.64 of the first speed
@@ -39,12 +41,20 @@ def test_example(name, tmp_path, monkeypatch):
     assert load(name).main() == pytest.approx(number, abs=tolerance)
 
 
-def test_the_readme_prints_what_it_shows(tmp_path, monkeypatch, capsys):
+def shown_in_readme(number):
+    """The code of a block of Python in the README, and what is said to be its output."""
     text = (EXAMPLES.parent / "README.md").read_text()
-    code = text.split("```python\n")[1].split("```")[0]
-    shown = text.split("prints\n\n```\n")[1].split("```")[0]
+    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
+    printed = [part.split("```")[0] for part in text.split("prints\n\n```\n")[1:]]
+    return [block for block in blocks if "print(" in block][number], printed[number]
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_readme_prints_what_it_shows(number, tmp_path, monkeypatch, capsys):
+    code, shown = shown_in_readme(number)
     (tmp_path / "robots").symlink_to(EXAMPLES.parent / "robots")
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {})
+    exec(compile(code, "README.md", "exec"), {"mbvi": mbvi})
     assert capsys.readouterr().out == shown
-    assert (tmp_path / "hopper.html").stat().st_size > 500_000
+    if number == 0:
+        assert (tmp_path / "hopper.html").stat().st_size > 500_000

@@ -1,0 +1,150 @@
+"""What of a run may be trusted: goes through its states again and looks at where several constraints are active."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .diagnosis import Array, Diagnosis, Instant
+from .errors import InputError
+from .projection import Projector, against_condition_12, cosines_between, follow, independent, unit_gradients
+
+if TYPE_CHECKING:
+    from .constraints import Rows
+    from .problem import Problem
+    from .projection import Metric
+    from .trajectory import Trajectory
+
+# single impacts followed at one instant
+_MOST_IMPACTS = 2_000
+# sines of the angle between a gradient and the span of others below this: dependent
+_DEPENDENT = 1e-6
+# gradients shorter than this are none
+_VANISHING = 1e-12
+
+
+class _State(NamedTuple):
+    """A state of a run, the velocity before it, and the step that led there."""
+
+    t: float
+    q: Array
+    before: Array
+    v: Array
+    h: float
+
+
+def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
+    """Return what of a run may be trusted; see `Trajectory.diagnosis`."""
+    if run.problem is None:
+        raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
+    if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
+    problem, system = run.problem, run.problem.system
+    struck = np.array([impact.time for impact in run.impacts])
+    found = _Instants(problem, tolerance)
+    variation = energy = excess = 0.0
+    vanishing: dict[str, None] = {}
+    for state in _states(run):
+        t, q, before, v, h = state
+        metric = system.metric(q)
+        variation += float(np.linalg.norm(v - before))
+        change = 0.5 * float((v - before) @ metric.apply(v + before))
+        # the work of the forces within the step is no impact's doing
+        gained = change - 0.5 * h * float(system.force(t, q, before) @ (v + before))
+        energy += gained
+        excess = max(excess, energy)
+        active = problem.constraints.active(t, q, problem.tolerance)
+        lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
+        vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
+        if len(active.gap) > 1:
+            k = int(np.searchsorted(struck, t - 0.5 * run.step))
+            found.add(state, active, metric, gained, k < len(struck) and struck[k] < t + 0.5 * run.step)
+        else:
+            found.end()
+    found.end()
+    return Diagnosis(
+        tuple(found.instants),
+        found.horizon,
+        tolerance,
+        variation,
+        max((float(i.percussion.max()) for i in run.impacts), default=0.0),
+        excess,
+        tuple(vanishing),
+        run._scheme is None and bool((np.diff(run.t) > 1.5 * run.step).any()),
+    )
+
+
+def _states(run: Trajectory) -> Iterator[_State]:
+    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded."""
+    assert run.problem is not None
+    problem, projector = run.problem, Projector()
+    if hasattr(problem.system, "start"):
+        problem.system.start()
+    yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
+    for i in range(1, len(run.t)):
+        t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
+        while run._scheme is not None and end - t > 1.5 * run.step:
+            step = run._scheme.step(problem, t, q, v, run.step, projector)
+            yield _State(step.t, step.q, v, step.v, run.step)
+            t, q, v = step.t, step.q, step.v
+        yield _State(end, run.q[i], v, run.v[i], end - t)
+
+
+class _Instants:
+    """Collects instants; those in a row with the same rows and no impact become one."""
+
+    def __init__(self, problem: Problem, tolerance: float) -> None:
+        self._problem, self._tolerance = problem, tolerance
+        self.instants: list[Instant] = []
+        self.horizon = np.inf
+        # the stretch that goes on: the rows, the instant so far, how far from (12) it was at its worst
+        self._stretch: tuple[bytes, Instant, float] | None = None
+
+    def end(self) -> None:
+        """Let the stretch end."""
+        if self._stretch is not None:
+            self.instants.append(self._stretch[1])
+            self._stretch = None
+
+    def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
+        """Take an instant with several active rows."""
+        columns, _ = unit_gradients(metric, active.jacobian)
+        cosines, e = cosines_between(columns), active.restitution
+        worst = float(against_condition_12(cosines, e, self._tolerance).max())
+        found = None
+        if impact and worst and not np.isfinite(self.horizon):
+            found = follow(metric, active.jacobian, state.before, e, _MOST_IMPACTS)
+            jump = state.v - state.before
+            if found.spread > self._tolerance * np.sqrt(jump @ metric.apply(jump)):
+                self.horizon = state.t
+        names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
+        free = independent(columns, cosines, _DEPENDENT)
+        new = Instant(state.t, state.t, names, e, impact, not worst, free, gained, found, csr_array(cosines))
+        if impact:
+            self.end()
+            self.instants.append(new)
+            return
+        rows, so_far = active.constraint.tobytes(), self._stretch
+        if so_far is None or so_far[0] != rows:
+            self.end()
+            self._stretch = rows, new, worst
+        else:
+            self._stretch = rows, _joined(so_far[1], new, worst > so_far[2]), max(worst, so_far[2])
+
+
+def _joined(first: Instant, second: Instant, worse: bool) -> Instant:
+    return Instant(
+        first.time,
+        second.until,
+        first.constraints,
+        first.restitution,
+        False,
+        first.condition_12 and second.condition_12,
+        first.independent and second.independent,
+        first.energy_change + second.energy_change,
+        None,
+        (second if worse else first)._cosines,
+    )
