@@ -111,7 +111,8 @@ def _farthest(points: Array, line: Array) -> float:
         some = order[first : first + _CHUNK]
         if bound[some[0]] <= farthest:
             break
-        t, window = points[some, 0], bound[some]
+        # a little more, or rounding would leave out the jump that is nearest
+        t, window = points[some, 0], 1.001 * bound[some] + 1e-9 * (line[-1, 0] - line[0, 0])
         low = np.maximum(np.searchsorted(line[:, 0], t - window) - 1, 0)
         high = np.minimum(np.searchsorted(line[:, 0], t + window, side="right"), len(start))
         index = np.minimum(low[:, None] + np.arange(int((high - low).max())), high[:, None] - 1)

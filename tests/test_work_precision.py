@@ -70,6 +70,14 @@ def test_the_distance_of_graphs_is_that_of_hausdorff(rng):
         assert graph_distance(a, a) < 1e-14
 
 
+def test_the_distance_to_a_jump_that_is_late(rng):
+    for late in rng.uniform(1e-4, 1e-2, 200):
+        t = rng.uniform(0.2, 0.8)
+        line = np.array([[0.0, 0, 0], [t, 0, 0], [t, 1, -1], [1.0, 1, -1]])
+        moved = line + np.array([[0.0, 0, 0], [late, 0, 0], [late, 0, 0], [0, 0, 0]])
+        assert graph_distance(line, moved) == pytest.approx(late, rel=1e-9)
+
+
 def test_the_order_of_a_power_is_its_exponent():
     steps = np.array([0.1, 0.03, 0.007])
     assert fitted_order(steps, 3 * steps**1.7) == pytest.approx(1.7)
