@@ -1,5 +1,6 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
+from . import reference
 from .constraints import GapFunction
 from .diagnosis import Diagnosis
 from .errors import (
@@ -48,6 +49,7 @@ __all__ = [
     "impact",
     "load",
     "project",
+    "reference",
     "simulate",
     "steps",
 ]
