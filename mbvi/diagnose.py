@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _MOST_IMPACTS = 2_000
 # sines of the angle between a gradient and the span of others below this: dependent
 _DEPENDENT = 1e-6
+# times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
+_INSTANT, _ROUNDING = 1e-6, 1e-10
 # gradients shorter than this are none
 _VANISHING = 1e-12
 
@@ -53,28 +55,33 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         variation += float(np.linalg.norm(v - before))
         change = 0.5 * float((v - before) @ metric.apply(v + before))
         # the work of the forces within the step is no impact's doing
-        gained = change - 0.5 * h * float(system.force(t, q, before) @ (v + before))
+        gained = np.nan if run._missing else change - 0.5 * h * float(system.force(t, q, before) @ (v + before))
         energy += gained
-        excess = max(excess, energy)
+        excess = np.nan if run._missing else max(excess, energy)
         active = problem.constraints.active(t, q, problem.tolerance)
         lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
         vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
-            k = int(np.searchsorted(struck, t - 0.5 * run.step))
-            found.add(state, active, metric, gained, k < len(struck) and struck[k] < t + 0.5 * run.step)
+            k = int(np.searchsorted(struck, t - _INSTANT * run.step))
+            found.add(state, active, metric, gained, k < len(struck) and bool(struck[k] < t + _INSTANT * run.step))
         else:
             found.end()
     found.end()
+    unseen = not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),
-        found.horizon,
+        np.nan if unseen and np.isinf(found.horizon) else found.horizon,
         tolerance,
         variation,
         max((float(i.percussion.max()) for i in run.impacts), default=0.0),
         excess,
         tuple(vanishing),
-        run._scheme is None and bool((np.diff(run.t) > 1.5 * run.step).any()),
+        unseen,
     )
+
+
+def _can_step(run: Trajectory) -> bool:
+    return run._scheme is not None and not run._missing
 
 
 def _states(run: Trajectory) -> Iterator[_State]:
@@ -86,7 +93,7 @@ def _states(run: Trajectory) -> Iterator[_State]:
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
     for i in range(1, len(run.t)):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
-        while run._scheme is not None and end - t > 1.5 * run.step:
+        while run._scheme is not None and _can_step(run) and end - t > (1.0 + _INSTANT) * run.step:
             step = run._scheme.step(problem, t, q, v, run.step, projector)
             yield _State(step.t, step.q, v, step.v, run.step)
             t, q, v = step.t, step.q, step.v
@@ -118,7 +125,9 @@ class _Instants:
         if impact and worst and not np.isfinite(self.horizon):
             found = follow(metric, active.jacobian, state.before, e, _MOST_IMPACTS)
             jump = state.v - state.before
-            if found.spread > self._tolerance * np.sqrt(jump @ metric.apply(jump)):
+            moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
+            # rounding is no fork
+            if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
                 self.horizon = state.t
         names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
         free = independent(columns, cosines, _DEPENDENT)

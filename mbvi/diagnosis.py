@@ -68,7 +68,8 @@ class Diagnosis:
     instants : tuple of Instant
         Every instant with several active constraints, in order.
     horizon : float
-        First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none does.
+        First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none does, nan where
+        that cannot be told because states are unseen.
     tolerance : float
         Largest cosine that counts as a right angle, and largest spread of outcomes relative to the jump that counts
         as none.
@@ -78,11 +79,13 @@ class Diagnosis:
         Largest percussion of an impact (Lemma 3.3) [N s, N m s].
     energy_excess : float
         Largest excess of the kinetic energy over its value at the start, the work of the forces and the part of a
-        changing M: at most rounding where the energy estimate holds (before Proposition 3.1) [J].
+        changing M: at most rounding where the energy estimate holds (before Proposition 3.1) [J]; nan where a file
+        lacks the control that did work.
     vanishing : tuple of str
         Constraints whose gradient vanished while they were active, against assumption (H3): nothing holds those.
     unseen : bool
-        Whether states between the recorded ones could not be brought back: the run was thinned and comes from a file.
+        Whether states between the recorded ones could not be brought back: the run was thinned and comes from a file
+        that lacks its control, or of another version. The horizon is then the latest there can be.
     """
 
     instants: tuple[Instant, ...]
@@ -100,7 +103,7 @@ class Diagnosis:
     def report(self) -> str:
         """Return in words what may be trusted, then the instants as a table, impacts first."""
         lines = [self._verdict()]
-        if self.unseen:
+        if self.unseen and np.isfinite(self.horizon):
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
         if self.vanishing:
             names = ", ".join(self.vanishing[:_MOST_NAMES])
@@ -108,7 +111,7 @@ class Diagnosis:
                 f"(H3) fails: the gradient of {names} vanishes where it is active, and nothing holds it there."
             )
         if not self.instants:
-            lines.append("Never were several constraints active at once.")
+            lines.append("Several constraints were never seen active at once.")
         else:
             several = _count(len(self.instants), "time", "times")
             dependence = _failing("condition (12) on their angles fails", self.instants, "condition_12")
@@ -122,14 +125,14 @@ class Diagnosis:
 
     def _rounded(self, energy: float) -> float:
         """Return an energy, zero where it is rounding."""
-        return energy if abs(energy) > 1e-12 * self.variation * self.largest_percussion else 0.0
+        return energy if not abs(energy) <= 1e-12 * self.variation * self.largest_percussion else 0.0
 
     def _verdict(self) -> str:
         asked = [(i.time, i.forks) for i in self.instants if i.forks is not None]
         if np.isfinite(self.horizon):
             return (
-                f"Beyond t = {self.horizon:.6g} s this run is one of several answers: there arbitrarily small changes "
-                f"of the data lead to velocities {asked[-1][1].spread:.3g} J^(1/2) apart in the kinetic norm."
+                f"Beyond t = {self.horizon:.6g} s this run is one of several answers: there changes of the data within "
+                f"one step's travel lead to velocities {asked[-1][1].spread:.3g} J^(1/2) apart in the kinetic norm."
             )
         cut = [(time, forks.reason) for time, forks in asked if not forks.complete]
         if cut:
@@ -137,7 +140,9 @@ class Diagnosis:
                 f"No impact was found to have several outcomes, but at {_count(len(cut), 'impact', 'impacts')}, first "
                 f"at t = {cut[0][0]:.6g} s, {cut[0][1]}."
             )
-        return "No impact has several outcomes: nothing in this run depends on the order of simultaneous impacts."
+        if self.unseen:
+            return "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."
+        return "No impact that this run took at once has several outcomes."
 
     def _table(self) -> list[str]:
         if not self.instants:

@@ -113,7 +113,7 @@ def simulate(
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
     recorder = Recorder(problem, 1 + -(-total // int(every)))
-    with Writer(out, problem, type(scheme).__name__, h, recorder) as writer, Progress(total, progress) as bar:
+    with Writer(out, problem, scheme, h, recorder) as writer, Progress(total, progress) as bar:
         state = _start(problem, projector)
         recorder.step(state, True)
         look = 0.0

@@ -89,8 +89,10 @@ class Trajectory:
     complete: bool = True
     _penetration: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     _energies: Array | None = field(default=None, repr=False)
-    # None where it comes from a file
+    # None where a file names one that is not known
     _scheme: Scheme | None = field(default=None, repr=False)
+    # whether the problem lacks a control that a file could not keep
+    _missing: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.v, self.residual, self._penetration):

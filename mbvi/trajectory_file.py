@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,7 +14,8 @@ import h5py
 import numpy as np
 
 from .errors import MbviError, TrajectoryFileError
-from .scene.description import describe, restore
+from .scene.description import describe, lost, restore
+from .schemes import Paoli, Scheme
 from .trajectory import Impact, Trajectory, energies
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ _FORMAT = "mbvi trajectory 1"
 # seconds between two pieces: what a killed run can lose
 _INTERVAL = 0.5
 _CHUNK = 256
+_SCHEMES: dict[str, type[Scheme]] = {scheme.__name__: scheme for scheme in (Paoli,)}
 _STATES = {
     "t": ("s", "time"),
     "q": ("m, rad, unit quaternions (x, y, z, w)", "configuration"),
@@ -64,14 +67,14 @@ class Writer:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str] | None, problem: Problem, scheme: str, h: float, recorder: Recorder
+        self, path: str | os.PathLike[str] | None, problem: Problem, scheme: Scheme, h: float, recorder: Recorder
     ) -> None:
         self._recorder, self._problem, self._h = recorder, problem, h
         self._file: h5py.File | None = None
         self._states = self._rows = 0
         self._next = float("inf")
         if path is not None:
-            self._file = _create(path, problem, scheme, h)
+            self._file = _create(path, problem, type(scheme).__name__, vars(scheme), h)
             self._next = 0.0
 
     def __enter__(self) -> Writer:
@@ -114,7 +117,7 @@ class Writer:
 
 def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
     """Write a trajectory to a file; see `Trajectory.save`."""
-    file = _create(path, run.problem, run.scheme, run.step)
+    file = _create(path, run.problem, run.scheme, {} if run._scheme is None else vars(run._scheme), run.step)
     with file:
         for name, values in zip(_STATES, (run.t, run.q, run.v, run.penetration(), run.residual), strict=False):
             _append(file[name], values)
@@ -156,12 +159,15 @@ def load(path: str | os.PathLike[str]) -> Trajectory:
         ) from error
 
 
-def _create(path: str | os.PathLike[str], problem: Problem | None, scheme: str, h: float) -> h5py.File:
+def _create(
+    path: str | os.PathLike[str], problem: Problem | None, scheme: str, options: dict[str, Any], h: float
+) -> h5py.File:
     try:
         file = h5py.File(path, "w")
     except OSError as error:
         raise TrajectoryFileError(f"{path} cannot be written: {str(error).splitlines()[0]}") from error
     file.attrs.update({"format": _FORMAT, "scheme": scheme, "step": h, "complete": False, "notes": []})
+    file.attrs["scheme_options"] = json.dumps(options)
     group = file.create_group("problem")
     group.attrs["description"] = "the scene as JSON (SI units), initial state, restitution and order of q and v"
     if problem is not None:
@@ -217,25 +223,31 @@ def _read(file: h5py.File) -> Trajectory:
     energy = columns["energy"][:n] if len(columns["energy"]) >= n else None
     if not n:
         raise TrajectoryFileError(f"{file.filename} holds no states")
-    problem = None
+    problem, missing = None, False
     if "scene" in file["problem"]:
+        text = file["problem/scene"][()].decode()
         try:
-            problem = restore(file["problem/scene"][()].decode())
+            problem, missing = restore(text), lost(text)
         except MbviError as error:
             raise TrajectoryFileError(f"{file.filename} holds a problem that cannot be built: {error}") from error
+    scheme = str(file.attrs["scheme"])
+    # files of other versions may name others
+    known = _SCHEMES.get(scheme)
     return Trajectory(
         columns["t"][:n],
         columns["q"][:n],
         columns["v"][:n],
         _read_impacts(file["impacts"]),
         columns["residual"][:n],
-        str(file.attrs["scheme"]),
+        scheme,
         float(file.attrs["step"]),
         tuple(str(note) for note in file.attrs["notes"]),
         problem,
         bool(file.attrs["complete"]),
         columns["penetration"][:n],
         energy,
+        None if known is None else known(**json.loads(file.attrs.get("scheme_options", "{}"))),
+        missing,
     )
 
 

@@ -60,7 +60,7 @@ def test_walls_hit_one_after_the_other_leave_no_doubt():
     found = diagnosis(corner(120, 1.0, [-1.0, -0.1], time=0.5), duration=0.45)
     assert found.instants == ()
     assert found.horizon == np.inf
-    assert "Never were several" in str(found)
+    assert "never seen active at once" in str(found)
 
 
 def test_touching_balls_are_one_of_several_answers():
@@ -91,8 +91,46 @@ def test_thinned_runs_say_the_same(tmp_path):
     assert not second.unseen
     again, thinned = mbvi.load(tmp_path / "1.h5").diagnosis(), mbvi.load(tmp_path / "7.h5").diagnosis()
     assert str(again) == str(first)
-    assert thinned.unseen
-    assert "not looked at" in str(thinned)
+    assert str(thinned) == str(second)
+
+
+def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
+    for k, x in enumerate([-0.5, 0.2, 0.4]):
+        scene.add_sphere(0.1, position=(x, 0, 0), velocity=(1.0 * (k == 0), 0, 0))
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 5, 0), control=lambda t, q, v: np.r_[np.zeros(6), 1, 0])
+    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.6, every=7, out=tmp_path / "run.h5")
+    assert run.diagnosis().horizon == pytest.approx(0.5, abs=2e-3)
+    found = mbvi.load(tmp_path / "run.h5").diagnosis()
+    assert found.unseen
+    assert np.isnan(found.energy_excess)
+    assert np.isnan(found.horizon)
+    assert "cannot be told" in str(found)
+
+
+@pytest.mark.parametrize("duration", [0.502, 0.505, 0.5000001])
+def test_a_short_last_step_is_looked_at_too(duration):
+    problem = corner(120, 1.0, [-1.0, -0.1], time=0.497)
+    for every in (1, 3, 7):
+        run = mbvi.simulate(problem, step=1e-2, duration=duration, every=every)
+        assert run.diagnosis().horizon == pytest.approx(0.5)
+
+
+def test_rounding_is_no_fork():
+    """Two states of which the second jumps by rounding: only the first is an impact."""
+    problem = corner(120, 0.0, [-1.0, -0.1], time=0.497)
+    found = mbvi.simulate(problem, step=1e-2, duration=0.502).diagnosis()
+    assert [i.impact for i in found.instants] == [True, False][: len(found.instants)]
+    for i in found.instants:
+        assert isinstance(i.impact, bool)
+
+
+def test_the_measured_energy_is_that_of_the_law():
+    run = mbvi.simulate(corner(90, 0.5, [-1.0, -1.0]), step=1e-3, duration=1.0)
+    (impact,) = run.diagnosis().instants
+    assert impact.energy_change == pytest.approx(-0.5 * 2.0 * (1 - 0.25), rel=1e-12)
+    assert run.diagnosis().largest_percussion == pytest.approx(1.5, rel=1e-12)
+    assert run.diagnosis().variation == pytest.approx(1.5 * np.sqrt(2), rel=1e-12)
 
 
 def test_a_stretch_of_contact_is_one_entry():

@@ -190,6 +190,15 @@ def test_a_search_that_is_cut_says_so():
     assert "cut after" in found.reason
 
 
+def test_a_cascade_that_goes_round_is_not_complete():
+    """Between two walls that touch it on both sides a point at e = 1 is sent back and forth."""
+    found = mbvi.forks(np.eye(1), [[1.0], [-1.0]], [-1.0], 1.0)
+    assert not found.complete
+    assert "round for ever" in found.reason
+    assert len(found.outcomes) == 0
+    assert np.isnan(found.spread)
+
+
 def test_nothing_closing_leaves_the_velocity():
     v = np.array([1.0, 2.0])
     for J in (np.zeros((0, 2)), np.eye(2), np.zeros((1, 2))):

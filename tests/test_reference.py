@@ -231,8 +231,13 @@ def test_the_law_by_enumeration_is_the_law_of_the_projection(rng):
         (lambda: reference.chain(0.5, gaps=(0.1, -1.0)), "gaps"),
         (lambda: reference.chain(0.5, masses=(1.0,)), "masses"),
         (lambda: reference.rod(0.3, duration=1.0), "accumulate"),
+        (lambda: reference.corner(0.05, 0.3, duration=20.0), "accumulate"),
+        (lambda: reference.corner(0.5, 0.3, np.eye(2), duration=20.0), "accumulate"),
+        (lambda: reference.chain(0.05, (5, 1, 5), (0.1, 0.2)), "accumulate"),
         (lambda: reference.sliding_in_disc(0.5, speed=np.inf), "speed"),
+        (lambda: reference.chain(0.5, gaps=(0.0, 0.0)), "first positive"),
         (lambda: reference.bouncing_ball(0.5).at(7.0), "known from"),
+        (lambda: reference.impact_oscillator(0.5).at(-1.0), "known from"),
     ],
 )
 def test_bad_arguments_of_references(make, message):

@@ -280,8 +280,10 @@ def test_a_start_beyond_a_joint_limit_is_refused(tmp_path):
         scene.build()
 
 
-def ball(q0=(1.0,), v0=(0.0,), f=lambda q: q[0], gradient=lambda q: np.ones(1), mass=lambda q: np.eye(1), **more):
-    system = mbvi.LagrangianSystem(mass, lambda t, q, v: np.array([-9.81]), 1)
+def ball(
+    q0=(1.0,), v0=(0.0,), f=lambda q: q[0], gradient=lambda q: np.ones(1), mass=lambda q: np.eye(1), force=-9.81, **more
+):
+    system = mbvi.LagrangianSystem(mass, lambda t, q, v: np.array([force]), 1)
     return mbvi.Problem(system, [mbvi.GapFunction(f, gradient)], q0, v0, **more)
 
 
@@ -295,6 +297,7 @@ BAD_PROBLEMS = {
     "gradient's shape": ({"gradient": lambda q: np.ones(3)}, r"gradient has shape \(3,\)"),
     "gap of nowhere": ({"f": lambda q: np.nan}, "not finite"),
     "shape of M": ({"mass": lambda q: np.eye(2)}, "M has shape"),
+    "infinite force": ({"force": np.inf}, "force at the initial state is not finite"),
     "indefinite M": ({"mass": lambda q: -np.eye(1)}, "not positive definite"),
 }
 

@@ -33,7 +33,8 @@ class Forks:
     law : ndarray, shape (nv,)
         Velocity after the simultaneous law (8).
     spread : float
-        Largest distance between any two of all these, in the kinetic norm [J^(1/2)].
+        Largest distance between any two of all these, in the kinetic norm [J^(1/2)]; nan where no outcome was found,
+        and a lower bound where the search is not complete.
     complete : bool
         Whether every cascade was followed to its end and all outcomes are listed.
     reason : str
@@ -77,6 +78,7 @@ def forks(M: Array | Metric, J: Array, v: Array, e: Array | float) -> Forks:
 
     Notes
     -----
+    What the perturbation must be larger than is rounding alone; a time-stepping scheme perturbs by what a step travels.
     Endless cascades (e < 1) end where nothing closes faster than 1e-12 |v|_M. Where three constraints or more strike
     repeatedly, an order may be listed that no perturbation brings about.
     """
@@ -113,6 +115,8 @@ def follow(metric: Metric, J: Array, v: Array, e: Array, most: int) -> Forks:
         ends = [part[:most_each] for part in ends]
     moves = [sum(parts, np.zeros(len(v))) for parts in product(*ends)]
     outcomes = np.array([v + metric.unwhiten(move) for move in moves]).reshape(-1, len(v))
+    if not len(outcomes):
+        spread = np.nan
     return Forks(outcomes, law, float(np.sqrt(spread)), not reasons, "; ".join(dict.fromkeys(reasons)))
 
 
@@ -134,33 +138,53 @@ def _cascades(R: Array, e: Array, start: Array, scale: float, most: int) -> tupl
     """
     still, seen = _STILL * scale, _Seen(_MET * scale, len(start))
     most = min(most, max(100, _MOST_WORK // R.size))
-    pending, ends, count, closing_still = deque([start]), [], 0, 0.0
-    seen.add(start)
-    while pending:
-        z = pending.popleft()
-        rates = z @ R
-        closing = np.flatnonzero(rates < -still)
-        if not closing.size:
-            ends.append(z)
-            continue
-        if count >= most:
-            closing_still = max(closing_still, -float(rates.min()))
-            continue
-        # straight on by the fastest, so that some cascade ends early; the others wait, shortest cascades first
-        closing = closing[np.argsort(rates[closing], kind="stable")]
-        for turn, a in enumerate(closing):
-            count += 1
-            after = z - (1.0 + e[a]) * rates[a] * R[:, a]
-            if seen.add(after):
-                (pending.append if turn else pending.appendleft)(after)
+    pending, ends, count = deque[tuple[int, int]](), list[Array](), 0
+    then: dict[int, list[int]] = {}
+
+    def look(z: Array) -> int:
+        number, new = seen.add(z)
+        if new:
+            then[number] = []
+            rates = z @ R
+            closing = np.flatnonzero(rates < -still)
+            if not closing.size:
+                ends.append(z)
+            # straight on by the fastest, so that some cascade ends early; the others wait, shortest cascades first
+            order = closing[np.argsort(rates[closing], kind="stable")].tolist()
+            pending.extendleft((number, a) for a in order[:1])
+            pending.extend((number, a) for a in order[1:])
+        return number
+
+    look(start)
+    while pending and count < most:
+        number, a = pending.popleft()
+        z = seen.points[number]
+        then[number].append(look(z - (1.0 + e[a]) * (z @ R[:, a]) * R[:, a]))
+        count += 1
+    closing_still = max((-float(seen.points[number] @ R[:, a]) for number, a in pending), default=0.0)
     outcomes = _Seen(_SAME * scale, len(start))
-    ends = [z for z in ends if outcomes.add(z)]
-    if not closing_still:
-        return ends, ""
-    return ends, (
-        f"the search was cut after {count} single impacts, with rows still closing at up to {closing_still:.3g} "
-        "in the kinetic norm"
-    )
+    ends = [z for z in ends if outcomes.add(z)[1]]
+    if pending:
+        return ends, (
+            f"the search was cut after {count} single impacts, with rows still closing at up to {closing_still:.3g} "
+            "in the kinetic norm"
+        )
+    return ends, "a cascade comes back to where it was and goes round for ever" if _goes_round(then) else ""
+
+
+def _goes_round(then: dict[int, list[int]]) -> bool:
+    """Tell whether a directed graph has a cycle: taken in turn, those with nothing before them leave some."""
+    before = dict.fromkeys(then, 0)
+    for numbers in then.values():
+        for number in numbers:
+            before[number] += 1
+    free = [number for number, count in before.items() if not count]
+    for number in free:
+        for following in then[number]:
+            before[following] -= 1
+            if not before[following]:
+                free.append(following)
+    return len(free) < len(then)
 
 
 def _diameter(points: Array) -> float:
@@ -174,14 +198,16 @@ class _Seen:
         self._tolerance = max(tolerance, 1e-300)
         direction = np.random.default_rng(0).normal(size=size)
         self._direction = direction / max(float(np.linalg.norm(direction)), 1e-300)
-        self._cells: defaultdict[int, list[Array]] = defaultdict(list)
+        self._cells: defaultdict[int, list[int]] = defaultdict(list)
+        self.points: list[Array] = []
 
-    def add(self, z: Array) -> bool:
-        """Keep a point and return True, unless it was met before."""
+    def add(self, z: Array) -> tuple[int, bool]:
+        """Return the number of a point, and whether it is met for the first time."""
         cell = int(np.floor(z @ self._direction / self._tolerance))
         for other in (cell, cell - 1, cell + 1):
-            for known in self._cells.get(other, ()):
-                if np.linalg.norm(known - z) <= self._tolerance:
-                    return False
-        self._cells[cell].append(z)
-        return True
+            for number in self._cells.get(other, ()):
+                if np.linalg.norm(self.points[number] - z) <= self._tolerance:
+                    return number, False
+        self._cells[cell].append(len(self.points))
+        self.points.append(z)
+        return len(self.points) - 1, True

@@ -48,7 +48,7 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     rest = fall * (1 + e) / (1 - e) if e < 1 else np.inf
     starts, states = [0.0], [partial(_thrown, 0.0, height, 0.0, gravity)]
     landing, speed = fall, e * gravity * fall
-    while landing <= duration and speed > _SLOWEST * gravity * fall:
+    while landing <= duration and (len(starts) == 1 or speed > _SLOWEST * gravity * fall):
         if len(starts) > _MOST_BOUNCES:
             raise InputError(f"more than {_MOST_BOUNCES} impacts: choose a shorter duration or another e")
         starts.append(landing)
@@ -56,8 +56,6 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
         # times are sums of ever shorter flights: no cancellation
         landing, speed = landing + 2 * speed / gravity, e * speed
     impacts = times(starts[1:], duration)
-    if e == 0.0:
-        impacts = times([fall], duration)
     starts.append(landing)
     states.append(partial(_thrown, landing, 0.0, 0.0, 0.0))
     problem = Problem(

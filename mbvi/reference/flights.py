@@ -168,4 +168,4 @@ def _rotation(s: float) -> Array:
 
 
 def _at_rest(stop: float, t: float) -> State:
-    return np.array([stop]), np.zeros(1)
+    return np.array([float(stop)]), np.zeros(1)

@@ -17,7 +17,7 @@ G = 9.81
 
 _SOURCE = (
     "DOP853 at relative tolerance 1e-13 in small steps, impacts located to rounding by re-taken steps, the law (8) by "
-    "enumeration; q within 1e-11 (with half the step)"
+    "enumeration; q within 1e-11 over the default durations (with half the step)"
 )
 
 
@@ -152,7 +152,7 @@ def tumbling_body(e: float, duration: float | None = None) -> Reference:
     e : float
         Restitution in [0, 1].
     duration : float, optional
-        [s]; by default 0.47, or less where impacts accumulate before.
+        [s]; by default 0.45, or less where impacts accumulate before.
 
     Raises
     ------
@@ -164,8 +164,8 @@ def tumbling_body(e: float, duration: float | None = None) -> Reference:
     q holds the centre and the quaternion (x, y, z, w), v the velocity of the centre in the world and the angular
     velocity in the body's axes. Its eight vertices are the constraints.
     """
-    e, end = checked(e, 0.47 if duration is None else duration)
-    size, centre, speed, spin = np.array([0.2, 0.3, 0.4]), (0.0, 0.0, 0.6), (0.3, 0.1, 0.0), (0.8, -4.1, 5.4)
+    e, end = checked(e, 0.45 if duration is None else duration)
+    size, centre, speed, spin = np.array([0.3, 0.5, 0.7]), (0.0, 0.0, 0.54), (0.3, 0.1, 0.0), (1.2, 3.0, 2.4)
     scene = Scene(gravity=(0, 0, -G), restitution=e)
     scene.add_halfspace((0, 0, 1), name="floor")
     # at the identity the world's axes are the body's

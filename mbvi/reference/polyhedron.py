@@ -17,6 +17,8 @@ from .solution import Array, Pieces, Reference, State, checked
 _MOST_IMPACTS = 1000
 # gaps below this, and speeds relative to the largest below that, are zero but for rounding
 _TOUCHING, _STILL = 1e-13, 1e-14
+# impacts nearer to one another than this are an accumulation, whose limit straight lines do not give [m]
+_NEAREST = 1e-10
 
 _STRAIGHT = "straight lines between impacts at the roots of linear functions, the law (8) by enumeration; "
 
@@ -46,7 +48,7 @@ def corner(
     Raises
     ------
     InputError
-        If an argument is out of its range.
+        If an argument is out of its range, or impacts accumulate before the end.
 
     Notes
     -----
@@ -96,7 +98,7 @@ def chain(
     Raises
     ------
     InputError
-        If an argument is out of its range.
+        If an argument is out of its range, or impacts accumulate before the end.
 
     Notes
     -----
@@ -107,8 +109,10 @@ def chain(
     m, d = np.array(masses, dtype=float), np.array(gaps, dtype=float)
     if m.ndim != 1 or len(m) < 2 or not (np.isfinite(m) & (m > 0)).all():
         raise InputError(f"masses must be two positive numbers or more; got {masses!r}")
-    if d.shape != (len(m) - 1,) or not (np.isfinite(d) & (d >= 0)).all():
-        raise InputError(f"gaps must be {len(m) - 1} numbers >= 0, one between each two balls; got {gaps!r}")
+    if d.shape != (len(m) - 1,) or not (np.isfinite(d) & (d >= 0)).all() or d[0] == 0:
+        raise InputError(
+            f"gaps must be {len(m) - 1} numbers >= 0, one between each two balls, the first positive; got {gaps!r}"
+        )
     n = len(m)
     N = np.eye(n)[1:] - np.eye(n)[:-1]
     # so placed that touching balls are at equal coordinates to the last bit
@@ -150,6 +154,8 @@ def _fly(M: Array, N: Array, c: Array, q: Array, v: Array, e: float, duration: f
         if len(impacts) == _MOST_IMPACTS:
             raise InputError(f"more than {_MOST_IMPACTS} impacts before {t:g} s: choose a shorter duration")
         dt = float(wait.min())
+        if impacts and 0.0 < dt * np.abs(v).max() < _NEAREST:
+            raise InputError(f"impacts accumulate near {t:g} s: choose a shorter duration, or another angle or e")
         t, q, gap = t + dt, q + dt * v, gap + dt * rate
         touching = gap < _TOUCHING
         # taken together: whatever is struck, and whatever touched already

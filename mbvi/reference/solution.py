@@ -54,6 +54,12 @@ class Reference:
         ends = (self.problem.t0, self.problem.t0 + self.duration)
         return np.unique(np.concatenate([ends, self.impacts, self.switches]))
 
+    def started(self, t: float) -> Problem:
+        """Return the same problem started at time t [s] on its exact solution: impacts fall elsewhere in the steps."""
+        problem = self.problem
+        e, length = problem.restitution, problem.length
+        return Problem(problem.system, problem.constraints.constraints, *self.at(t), restitution=e, t0=t, length=length)
+
 
 class Pieces:
     """A motion put together of smooth pieces.
@@ -61,7 +67,7 @@ class Pieces:
     Parameters
     ----------
     starts : sequence of float
-        When each piece starts, sorted; of pieces that start at once the last one counts [s].
+        When each piece starts, sorted, the first at or before 0; of pieces that start at once the last counts [s].
     states : sequence of callable
         One a piece: t -> (q, v).
     end : float
@@ -77,11 +83,11 @@ class Pieces:
         Raises
         ------
         InputError
-            If t is outside of the motion.
+            If t is before 0 or after the end.
         """
-        first, slack = self._starts[0], _PAST * (self._end - self._starts[0])
-        if not first - slack <= t <= self._end + slack:
-            raise InputError(f"the solution is known from {first:g} s to {self._end:g} s; got t = {t}")
+        slack = _PAST * self._end
+        if not -slack <= t <= self._end + slack:
+            raise InputError(f"the solution is known from 0 s to {self._end:g} s; got t = {t}")
         return self._states[max(0, bisect_right(self._starts, t) - 1)](float(t))
 
 

@@ -60,6 +60,11 @@ def restore(text: str) -> Problem | None:
     return assemble(items)
 
 
+def lost(text: str) -> bool:
+    """Tell whether a problem that `describe` wrote had a control, which comes back as none."""
+    return any(robot["control"] is not None for robot in json.loads(text).get("robots", ()))
+
+
 def _source(function: Any) -> str:
     try:
         return inspect.getsource(function).strip()
