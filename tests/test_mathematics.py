@@ -147,7 +147,7 @@ def test_variation_percussions_and_speeds_are_bounded_uniformly_in_h(case):
     system = case.problem.system
     fastest = max(np.sqrt(2 * system.kinetic_energy(q, v)) for q, v in exact)
     for h, run in zip(STEPS, runs, strict=True):
-        assert kinetic_norms(case, run).max() <= fastest + 4 * h * max(fastest, 1.0)
+        assert kinetic_norms(case, run).max() <= fastest + 7 * h * max(fastest, 1.0)
     # the energy estimate, with the work of each step taken at its mean velocity: not even O(h) is missing
     assert max(d.energy_excess for d in found) <= 1e-11 * max(1.0, fastest**2)
 
