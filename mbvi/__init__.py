@@ -17,7 +17,7 @@ from .errors import (
 from .problem import Problem
 from .projection import Forks, Projection, forks, impact, project
 from .scene import Scene
-from .schemes import Paoli
+from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
 from .simulate import simulate, steps
 from .system import LagrangianSystem
 from .trajectory import Impact, Trajectory
@@ -26,8 +26,10 @@ from .trajectory_file import load
 __version__ = "0.1.0"
 
 __all__ = [
+    "Centered",
     "Diagnosis",
     "DivergedError",
+    "EventDriven",
     "Forks",
     "GapFunction",
     "Impact",
@@ -37,11 +39,13 @@ __all__ = [
     "LagrangianSystem",
     "MbviError",
     "MbviWarning",
+    "MoreauJean",
     "Paoli",
     "Problem",
     "Projection",
     "ProjectionError",
     "Scene",
+    "SchatzmanPaoli",
     "Trajectory",
     "TrajectoryFileError",
     "UrdfError",

@@ -258,7 +258,7 @@ def _run(problem: Problem, step: float, duration: float, every: int, out: Path |
         run = run_problem(problem, step=step, duration=duration, every=every, out=out)
     wall = time.perf_counter() - begin
     ends = [0, -1]
-    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step).sum(axis=1)
+    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
     steps = max(math.ceil(duration / step - 1e-9), 1)
     print(run.impact_table() if run.impacts else "no impact")
     print()

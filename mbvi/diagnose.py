@@ -11,11 +11,13 @@ from scipy.sparse import csr_array
 from .diagnosis import Array, Diagnosis, Instant
 from .errors import InputError
 from .projection import Projector, against_condition_12, cosines_between, follow, independent, unit_gradients
+from .schemes import EventDriven
 
 if TYPE_CHECKING:
     from .constraints import Rows
     from .problem import Problem
     from .projection import Metric
+    from .schemes import Step
     from .trajectory import Trajectory
 
 # single impacts followed at one instant
@@ -29,13 +31,17 @@ _VANISHING = 1e-12
 
 
 class _State(NamedTuple):
-    """A state of a run, the velocity before it, and the step that led there."""
+    """A state of a run, the velocity before it, and the step that led there.
+
+    `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted.
+    """
 
     t: float
     q: Array
     before: Array
     v: Array
     h: float
+    step: Step | None = None
 
 
 def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
@@ -50,24 +56,34 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
     variation = energy = excess = 0.0
     vanishing: dict[str, None] = {}
     for state in _states(run):
-        t, q, before, v, h = state
+        t, q, before, v, h, step = state
         metric = system.metric(q)
         variation += float(np.linalg.norm(v - before))
-        change = 0.5 * float((v - before) @ metric.apply(v + before))
-        # the work of the forces within the step is no impact's doing
-        gained = np.nan if run._missing else change - 0.5 * h * float(system.force(t, q, before) @ (v + before))
+        if step is not None:
+            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), step.active
+        else:
+            # the same by the balance of percussions: the work of the forces within the step is no impact's doing
+            gained = 0.5 * float((v - before) @ metric.apply(v + before))
+            if run.step > 0.0:
+                gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
+            elif h > 0.0:
+                # located impacts are jumps, and between them there are none
+                gained = 0.0
+            active = problem.constraints.active(t, q, problem.tolerance)
+        if run._missing:
+            gained = np.nan
         energy += gained
         excess = np.nan if run._missing else max(excess, energy)
-        active = problem.constraints.active(t, q, problem.tolerance)
         lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
         vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
             k = int(np.searchsorted(struck, t - _INSTANT * run.step))
-            found.add(state, active, metric, gained, k < len(struck) and bool(struck[k] < t + _INSTANT * run.step))
+            impact = k < len(struck) and bool(struck[k] <= t + _INSTANT * run.step)
+            found.add(state, active, metric, gained, impact and (run.step > 0.0 or h == 0.0))
         else:
             found.end()
     found.end()
-    unseen = not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
+    unseen = run.step > 0.0 and not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),
         np.nan if unseen and np.isinf(found.horizon) else found.horizon,
@@ -81,23 +97,33 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
 
 
 def _can_step(run: Trajectory) -> bool:
-    return run._scheme is not None and not run._missing
+    return run.step > 0.0 and run._scheme is not None and not run._missing
 
 
 def _states(run: Trajectory) -> Iterator[_State]:
-    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded."""
+    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded.
+
+    So is every state of a scheme whose law acts within its steps or on positions too. Where a file brings no scheme
+    back, the law is taken to act where the velocity jumps, on what is active there.
+    """
     assert run.problem is not None
-    problem, projector = run.problem, Projector()
+    problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
+    scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
+    again = steps and scheme is not None and (jump < 1.0 or getattr(scheme, "project_positions", False))
     if hasattr(problem.system, "start"):
         problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
     for i in range(1, len(run.t)):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
-        while run._scheme is not None and _can_step(run) and end - t > (1.0 + _INSTANT) * run.step:
-            step = run._scheme.step(problem, t, q, v, run.step, projector)
-            yield _State(step.t, step.q, v, step.v, run.step)
+        while steps and scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
+            step = scheme.step(problem, t, q, v, run.step, projector)
+            acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None)
             t, q, v = step.t, step.q, step.v
-        yield _State(end, run.q[i], v, run.v[i], end - t)
+        h = end - t
+        acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
+        last = scheme.step(problem, t, q, v, h, projector) if again and scheme is not None else None
+        yield _State(end, acted, v, run.v[i], h, last)
 
 
 class _Instants:

@@ -142,10 +142,13 @@ class Recorder:
         What runs.
     count : int
         How many states there will be.
+    jump : float
+        That of the scheme.
     """
 
-    def __init__(self, problem: Problem, count: int) -> None:
+    def __init__(self, problem: Problem, count: int, jump: float = 1.0) -> None:
         self.problem = problem
+        self.jump = jump
         self.t = np.empty(count)
         self.q = np.empty((count, problem.system.nq))
         self.v = np.empty((count, problem.system.nv))
@@ -186,6 +189,7 @@ class Recorder:
             True,
             self.penetration,
             _scheme=scheme,
+            _jump=self.jump,
         )
 
     def _impact(self, step: Step) -> None:

@@ -9,11 +9,12 @@ from time import perf_counter
 import numpy as np
 
 from .errors import DivergedError, InputError
+from .located_run import run_located
 from .problem import Problem
 from .progress import Progress
 from .projection import Projector, Push
 from .recorder import Recorder
-from .schemes import Paoli, Scheme, Step
+from .schemes import EventDriven, Paoli, Scheme, Step
 from .trajectory import Trajectory
 from .trajectory_file import Writer
 
@@ -51,13 +52,15 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     DivergedError
         If a step leaves numbers that are not finite.
     """
-    h, scheme, projector = _positive(step, "step"), _scheme(scheme), Projector(_positive(residual, "residual"))
-    return _walk(problem, scheme, h, projector)
+    h, chosen, projector = _positive(step, "step"), _scheme(scheme), Projector(_positive(residual, "residual"))
+    if isinstance(chosen, EventDriven):
+        raise InputError("EventDriven chooses its own steps: run it by simulate")
+    return _walk(problem, chosen, h, projector)
 
 
 def simulate(
     problem: Problem,
-    scheme: Scheme | None = None,
+    scheme: Scheme | EventDriven | None = None,
     *,
     duration: float,
     step: float | None = None,
@@ -77,7 +80,7 @@ def simulate(
     duration : float
         How long [s]; the last step is cut so that the run ends there.
     step : float, optional
-        Time step h [s]; 1e-3 by default.
+        Time step h [s]; 1e-3 by default. Not for `EventDriven`.
     every : int
         Only every so many steps are recorded, and the last; impacts always are.
     residual : float
@@ -105,14 +108,19 @@ def simulate(
     h = _DEFAULT_STEP if step is None else _positive(step, "step")
     if int(every) != every or every < 1:
         raise InputError(f"every must be a positive integer; got {every!r}")
-    scheme, projector = _scheme(scheme), Projector(residual)
+    scheme = _scheme(scheme)
+    if isinstance(scheme, EventDriven):
+        if step is not None or every != 1:
+            raise InputError("EventDriven chooses its own steps and keeps all of them: leave out step and every")
+        return run_located(problem, scheme, duration, residual, out, progress)
+    projector = Projector(residual)
     # whole steps, and what is left of the duration after them
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
-    recorder = Recorder(problem, 1 + -(-total // int(every)))
+    recorder = Recorder(problem, 1 + -(-total // int(every)), getattr(scheme, "jump", 1.0))
     with Writer(out, problem, scheme, h, recorder) as writer, Progress(total, progress) as bar:
         state = _start(problem, projector)
         recorder.step(state, True)
@@ -166,10 +174,10 @@ def _start(problem: Problem, projector: Projector) -> Step:
     return Step(t, q, v, active, rates, residual)
 
 
-def _scheme(scheme: Scheme | None) -> Scheme:
+def _scheme(scheme: Scheme | EventDriven | None) -> Scheme | EventDriven:
     if scheme is None:
         return Paoli()
-    if isinstance(scheme, type) or not hasattr(scheme, "step"):
+    if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
         raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {scheme!r}")
     return scheme
 

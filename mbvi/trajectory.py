@@ -13,7 +13,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis
     from .problem import Problem
-    from .schemes import Scheme
+    from .schemes import EventDriven, Scheme
 
 Array = np.ndarray
 
@@ -68,7 +68,7 @@ class Trajectory:
     scheme : str
         Which scheme made it.
     step : float
-        Its time step [s].
+        Its time step [s]; 0 of one that chooses its own.
     notes : tuple of str
         What a reader of the result should know.
     problem : Problem or None
@@ -90,7 +90,11 @@ class Trajectory:
     _penetration: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     _energies: Array | None = field(default=None, repr=False)
     # None where a file names one that is not known
-    _scheme: Scheme | None = field(default=None, repr=False)
+    _scheme: Scheme | EventDriven | None = field(default=None, repr=False)
+    # that of the scheme
+    _jump: float = field(default=1.0, repr=False)
+    # polynomials of order four between the states, of schemes that give them
+    _dense: Array | None = field(default=None, repr=False)
     # whether the problem lacks a control that a file could not keep
     _missing: bool = field(default=False, repr=False)
 
@@ -99,7 +103,7 @@ class Trajectory:
             array.setflags(write=False)
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Return q_h(t) and v_h(t), the approximants of Theorem 3.2.
+        """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
 
         Parameters
         ----------
@@ -109,9 +113,9 @@ class Trajectory:
         Returns
         -------
         q : ndarray, shape (nq,)
-            q_i + (t - t_i) v_i along the retraction; where the run was thinned, between the recorded states.
+            Between the recorded states, along the retraction: for `Paoli` q_i + (t - t_i) v_i.
         v : ndarray, shape (nv,)
-            v_i.
+            v_i until the part of the step after which the scheme lets it jump, then v_{i+1}: for `Paoli` v_i.
 
         Raises
         ------
@@ -124,16 +128,21 @@ class Trajectory:
         if i == len(self.t) - 1:
             return self.q[i].copy(), self.v[i].copy()
         part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        if self._dense is not None and self.problem is not None:
+            dq, dv = (self.t[i + 1] - self.t[i]) * (self._dense[i] @ part ** np.arange(1, 5))
+            return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
+        v = self.v[i + (part >= self._jump)].copy()
         if self.problem is None:
-            return self.q[i] + part * (self.q[i + 1] - self.q[i]), self.v[i].copy()
+            return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
         system = self.problem.system
-        return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), self.v[i].copy()
+        return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), v
 
     def energies(self) -> tuple[Array, Array]:
         """Return kinetic and potential energy, shapes (n + 1,) [J].
 
-        Both are taken half a step after t_i, at q_i + h v_i / 2 with v_i: there the two belong together, while at t_i
-        itself v_i is already half a step ahead of q_i.
+        Both are taken in the middle of the stretch that v_i moves the configuration along, there the two belong
+        together: with `Paoli` at q_i + h v_i / 2, half a step after t_i, for at t_i itself v_i is already half a step
+        ahead; with `Centered` and Moreau's midpoint at t_i; with `SchatzmanPaoli` half a step before.
 
         Raises
         ------
@@ -144,7 +153,7 @@ class Trajectory:
             return self._energies[:, 0].copy(), self._energies[:, 1].copy()
         if self.problem is None:
             raise InputError("this file holds neither energies nor a problem to compute them from")
-        both = energies(self.problem, self.t, self.q, self.v, self.step)
+        both = energies(self.problem, self.t, self.q, self.v, self.step, self._jump)
         return both[:, 0], both[:, 1]
 
     def energy(self) -> Array:
@@ -232,10 +241,12 @@ class Trajectory:
         return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))
 
 
-def energies(problem: Problem, t: Array, q: Array, v: Array, h: float) -> Array:
-    """Return kinetic and potential energy of each state half a step on, shape (n, 2) [J]."""
+def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: float = 1.0) -> Array:
+    """Return kinetic and potential energy of each state, shape (n, 2) [J]; see `Trajectory.energies`."""
     system, values = problem.system, np.empty((len(t), 2))
     for i, (ti, qi, vi) in enumerate(zip(t, q, v, strict=True)):
-        middle = system.integrate(qi, 0.5 * h * vi)
-        values[i] = system.kinetic_energy(middle, vi), system.potential_energy(float(ti) + 0.5 * h, middle)
+        # nothing moved before the start
+        shift = (jump - 0.5) * h if ti > problem.t0 else max(jump - 0.5, 0.0) * h
+        middle = system.integrate(qi, shift * vi)
+        values[i] = system.kinetic_energy(middle, vi), system.potential_energy(float(ti) + shift, middle)
     return values

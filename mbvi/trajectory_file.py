@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ import numpy as np
 
 from .errors import MbviError, TrajectoryFileError
 from .scene.description import describe, lost, restore
-from .schemes import Paoli, Scheme
+from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, Scheme
 from .trajectory import Impact, Trajectory, energies
 
 if TYPE_CHECKING:
@@ -26,14 +27,16 @@ _FORMAT = "mbvi trajectory 1"
 # seconds between two pieces: what a killed run can lose
 _INTERVAL = 0.5
 _CHUNK = 256
-_SCHEMES: dict[str, type[Scheme]] = {scheme.__name__: scheme for scheme in (Paoli,)}
+_SCHEMES: dict[str, type] = {
+    scheme.__name__: scheme for scheme in (Paoli, MoreauJean, Centered, SchatzmanPaoli, EventDriven)
+}
 _STATES = {
     "t": ("s", "time"),
     "q": ("m, rad, unit quaternions (x, y, z, w)", "configuration"),
     "v": ("m/s, rad/s", "velocity on [t_i, t_{i+1})"),
     "penetration": ("m or rad", "deepest penetration, >= 0"),
     "residual": ("1", "largest relative KKT residual of the projections since the state before"),
-    "energy": ("J", "kinetic and potential energy half a step after t_i, at q_i + h v_i / 2 with v_i"),
+    "energy": ("J", "kinetic and potential energy where v_i and the configuration belong together"),
 }
 _IMPACTS = {
     "instant": ("1", "rows of one impact share this number"),
@@ -74,7 +77,7 @@ class Writer:
         self._states = self._rows = 0
         self._next = float("inf")
         if path is not None:
-            self._file = _create(path, problem, type(scheme).__name__, vars(scheme), h)
+            self._file = _create(path, problem, type(scheme).__name__, _options(scheme), h, recorder.jump)
             self._next = 0.0
 
     def __enter__(self) -> Writer:
@@ -92,7 +95,7 @@ class Writer:
         assert file is not None
         part = slice(self._states, r.count)
         if part.start < part.stop:
-            both = energies(self._problem, r.t[part], r.q[part], r.v[part], self._h)
+            both = energies(self._problem, r.t[part], r.q[part], r.v[part], self._h, r.jump)
             for name, values in zip(_STATES, (r.t, r.q, r.v, r.penetration, r.residual), strict=False):
                 _append(file[name], values[part])
             _append(file["energy"], both)
@@ -115,14 +118,22 @@ class Writer:
         self._file.close()
 
 
+def writable(path: str | os.PathLike[str], problem: Problem) -> None:
+    """Raise `TrajectoryFileError` where a file cannot be written."""
+    _create(path, problem, "", {}, 0.0, 1.0).close()
+
+
 def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
     """Write a trajectory to a file; see `Trajectory.save`."""
-    file = _create(path, run.problem, run.scheme, {} if run._scheme is None else vars(run._scheme), run.step)
+    file = _create(path, run.problem, run.scheme, _options(run._scheme), run.step, run._jump)
     with file:
         for name, values in zip(_STATES, (run.t, run.q, run.v, run.penetration(), run.residual), strict=False):
             _append(file[name], values)
         if run.problem is not None or run._energies is not None:
             _append(file["energy"], np.stack(run.energies(), axis=1))
+        if run._dense is not None:
+            dense = file.create_dataset("dense", data=run._dense, track_times=False)
+            dense.attrs["description"] = "polynomials of the chart's coordinates and of v between the states"
         _write_impacts(file, run.impacts, 0)
         file.attrs["complete"] = run.complete
         file.attrs["notes"] = list(run.notes)
@@ -159,14 +170,20 @@ def load(path: str | os.PathLike[str]) -> Trajectory:
         ) from error
 
 
+def _options(scheme: Any) -> dict[str, Any]:
+    """Return what a scheme of the library was made with; of others nothing is brought back."""
+    known = _SCHEMES.get(type(scheme).__name__)
+    return {} if known is None else {name: getattr(scheme, name) for name in inspect.signature(known).parameters}
+
+
 def _create(
-    path: str | os.PathLike[str], problem: Problem | None, scheme: str, options: dict[str, Any], h: float
+    path: str | os.PathLike[str], problem: Problem | None, scheme: str, options: dict[str, Any], h: float, jump: float
 ) -> h5py.File:
     try:
         file = h5py.File(path, "w")
     except OSError as error:
         raise TrajectoryFileError(f"{path} cannot be written: {str(error).splitlines()[0]}") from error
-    file.attrs.update({"format": _FORMAT, "scheme": scheme, "step": h, "complete": False, "notes": []})
+    file.attrs.update({"format": _FORMAT, "scheme": scheme, "step": h, "jump": jump, "complete": False, "notes": []})
     file.attrs["scheme_options"] = json.dumps(options)
     group = file.create_group("problem")
     group.attrs["description"] = "the scene as JSON (SI units), initial state, restitution and order of q and v"
@@ -247,6 +264,9 @@ def _read(file: h5py.File) -> Trajectory:
         columns["penetration"][:n],
         energy,
         None if known is None else known(**json.loads(file.attrs.get("scheme_options", "{}"))),
+        # files of before there were several schemes have none
+        float(file.attrs.get("jump", 1.0)),
+        file["dense"][:] if "dense" in file else None,
         missing,
     )
 

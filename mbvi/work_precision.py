@@ -61,12 +61,15 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     """
     difference = reference.problem.system.difference
     jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
-    times = np.union1d(run.t, jumps)
+    # where the run's own velocity jumps
+    turns = run.t[1:] - (1.0 - run._jump) * np.diff(run.t)
+    times = np.union1d(np.union1d(run.t, turns), jumps)
     exact = [reference.at(t) for t in times.tolist()]
-    own = dict(zip(run.t.tolist(), run.q, strict=True)) | {t: run.at(t)[0] for t in jumps.tolist()}
+    own = {t: run.at(t)[0] for t in np.union1d(turns, jumps).tolist()} | dict(zip(run.t.tolist(), run.q, strict=True))
     q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
     left, length = times[:-1], np.diff(times)
-    index = np.searchsorted(run.t, left, side="right") - 1
+    # in the order of time, for intervals are between one jump of the run and the next
+    index = np.searchsorted(turns, left, side="right")
     v = 0.0
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
@@ -78,7 +81,8 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
         curve += [(t, *before[t])] if t in before else []
         curve.append((t, *velocity))
     stairs = np.repeat(np.column_stack([run.t, run.v]), 2, axis=0)[:-1]
-    stairs[1::2, 0] = run.t[1:]
+    stairs[1::2, 0] = stairs[2::2, 0] = turns
+    stairs = np.concatenate([stairs, [[run.t[-1], *run.v[-1]]]])
     return Errors(q, v, graph_distance(stairs, np.array(curve)))
 
 

@@ -19,6 +19,8 @@ NUMBERS = {
     "boxes_hit_by_ball": (4.8, 1e-2),
     # the foot's clearance at the start, fallen through
     "drop_robot": (np.sqrt(2 * G * 0.52937537), 1e-2),
+    # the same at tolerances 1e-9 to 1e-11
+    "error_control": (0.189962172, 1e-8),
     # straight lines reflected by hand: one wall, and one wall after the other
     "figure_1": (0.7071421356417671, 5e-4),
     # DOP853 at 1e-12 with its event

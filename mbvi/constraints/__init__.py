@@ -6,6 +6,7 @@ from .gap_function import GapFunction
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .signed_distance import SignedDistances
+from .smooth import SmoothRows
 from .spheres import SphereContacts
 
 __all__ = [
@@ -16,5 +17,6 @@ __all__ = [
     "JointLimits",
     "Rows",
     "SignedDistances",
+    "SmoothRows",
     "SphereContacts",
 ]

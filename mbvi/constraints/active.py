@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,6 +38,37 @@ class Rows(NamedTuple):
     restitution: Array
     point: Array
     normal: Array
+
+
+def chosen(rows: Rows, index: Array) -> Rows:
+    """Return some of the rows, by a mask or by their places."""
+    return Rows(*(part[index] for part in rows))
+
+
+def stacked(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of all parts, one part after the other."""
+    return parts[0] if len(parts) == 1 else Rows(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def owners(rows: Rows, others: Rows) -> Array:
+    """Return which of the others is the same contact as each row, shape (k,), -1 where none is.
+
+    Two rows are the same contact if they are of one constraint and each is the nearest to the other.
+    """
+    order = np.argsort(others.constraint, kind="stable")
+    first, end = (np.searchsorted(others.constraint[order], rows.constraint, side) for side in ("left", "right"))
+    count = end - first
+    row = np.repeat(np.arange(len(count)), count)
+    other = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
+    shift = rows.point[row] - others.point[other]
+    # limits have no points
+    apart = np.nan_to_num(np.vecdot(shift, shift))
+    # what is written last is the nearest
+    falling = np.argsort(-apart, kind="stable")
+    row, other = row[falling], other[falling]
+    owner, back = np.full(len(count), -1), np.full(len(others.gap), -1)
+    owner[row], back[other] = other, row
+    return np.where((owner >= 0) & (back[owner] == np.arange(len(count))), owner, -1)
 
 
 class Constraint(Protocol):

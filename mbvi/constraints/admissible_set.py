@@ -108,6 +108,10 @@ class AdmissibleSet:
         names: Any = getattr(constraint, "names", ())
         return str(names[inner]) if inner < len(names) else f"f {number}"
 
+    def numbered(self) -> list[tuple[Constraint, int, float]]:
+        """Return every constraint, the number of its first row, and e where it carries none of its own."""
+        return [(constraint, start, e) for constraint, _, _, start, e in self._all]
+
     def active(
         self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
     ) -> Rows:
@@ -149,6 +153,14 @@ class AdmissibleSet:
         if len(found) == 1:
             return found[0]
         return Rows(*(np.ascontiguousarray(np.concatenate(parts)) for parts in zip(*found, strict=True)))
+
+    def near(self, t: float, q: Array, reach: float) -> Rows:
+        """Return the rows with f_a(q) <= reach, which may be more than the tolerance asked with before.
+
+        All constraints are asked: those that remember know nothing of a larger tolerance.
+        """
+        self._take_over(True)
+        return self.active(t, q, reach)
 
     def _ask_anew(self, turn: int, t: float, q: Array, tolerance: float) -> Rows | None:
         constraint = self._remembering[turn]

@@ -249,7 +249,7 @@ class HalfSpaceContacts(Pairs):
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
             numbers.append(np.concatenate([points, swell, rest], axis=1))
             owner.extend([pair] * len(points))
-        self._numbers, self._owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
+        self._numbers, self.owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
         self._selection: _Selection
 
     def forget(self) -> None:
@@ -278,8 +278,8 @@ class HalfSpaceContacts(Pairs):
     def _gather(self, pairs: Array) -> _Selection:
         due = np.zeros(len(self.names), bool)
         due[pairs] = True
-        chosen = due[self._owner].nonzero()[0]
-        pair = self._owner[chosen]
+        chosen = due[self.owner].nonzero()[0]
+        pair = self.owner[chosen]
         body = self._second_body[pair]
         bodies, frame = (None, body) if self._one_mechanism else np.unique(body, return_inverse=True)
         return _Selection(

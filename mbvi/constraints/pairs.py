@@ -265,8 +265,17 @@ class Pairs:
             self.spare = float(np.where(spent, np.inf, self._budget).min()) - tolerance
         self.busy = bool(self._due.size)
 
-    def _nearest(self, q: Array) -> Contacts:
-        pairs = np.arange(len(self.names))
+    @property
+    def reach(self) -> Array:
+        """How fast each velocity can bring each pair nearer, shape (n, nv)."""
+        return self._reach.T if isinstance(self._reach, np.ndarray) else self._reach.toarray()
+
+    def sides(self, pair: Array) -> tuple[Array, Array]:
+        """Return the two bodies of some pairs."""
+        return self._first_body[pair], self._second_body[pair]
+
+    def nearest(self, q: Array, pairs: Array) -> Contacts:
+        """Return the nearest contact of each of some pairs in ascending order."""
         contacts = self.contacts(q, pairs, 0.0)
         order = np.lexsort((contacts.gap, contacts.pair))
         first = order[np.searchsorted(contacts.pair[order], pairs)]
@@ -274,11 +283,11 @@ class Pairs:
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair, shape (m,) [m]."""
-        return self._nearest(q).gap
+        return self.nearest(q, np.arange(len(self.names))).gap
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair's distance, shape (m, nv)."""
-        pair, _, point, normal = self._nearest(q)
+        pair, _, point, normal = self.nearest(q, np.arange(len(self.names)))
         return self.system.separation_rows(q, self._first_body[pair], self._second_body[pair], point, normal)
 
 

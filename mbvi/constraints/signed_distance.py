@@ -76,6 +76,11 @@ class SignedDistances(Pairs):
             if placed_shape.body == 0:
                 pose.setTransform(placed_shape.rotation, placed_shape.position)
 
+    @property
+    def round(self) -> Array:
+        """Which pairs have a smooth gradient: balls and capsules, shape (n,)."""
+        return self._balls.are
+
     def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
         places = self.system.placements(q, self._axes.bodies)
         asked = self._axes.clear(places, due, tolerance, self._budget)

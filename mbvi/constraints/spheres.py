@@ -58,6 +58,15 @@ class SphereContacts:
         """How many numbers the pairs take up."""
         return len(self._radii) ** 2
 
+    @property
+    def count(self) -> int:
+        """How many spheres there are."""
+        return len(self._radii)
+
+    def restitution_of(self, i: Array, j: Array) -> Array:
+        """Return e of pairs of spheres."""
+        return np.asarray(self._e[self._group[i], self._group[j]])
+
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         # imported here for its weight: only scenes of spheres need it
         from scipy.spatial import cKDTree

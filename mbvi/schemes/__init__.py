@@ -1,6 +1,10 @@
 """Schemes: one file each, no physics inside."""
 
+from .centered import Centered
+from .event_driven import EventDriven
+from .moreau_jean import MoreauJean
 from .paoli import Paoli
+from .schatzman_paoli import SchatzmanPaoli
 from .step import Scheme, Step
 
-__all__ = ["Paoli", "Scheme", "Step"]
+__all__ = ["Centered", "EventDriven", "MoreauJean", "Paoli", "SchatzmanPaoli", "Scheme", "Step"]

@@ -7,6 +7,7 @@ import numpy as np
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
+from .closed_contacts import Applied, settled
 from .step import Step
 
 _NONE = np.zeros((4, 0))
@@ -19,12 +20,22 @@ class Paoli:
     argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, which is the same since T_K is a cone and carries one e
     per constraint as well.
 
+    Parameters
+    ----------
+    project_positions : bool
+        Lift closed contacts out of each other after the step. Off, for this is the paper's scheme.
+
     Notes
     -----
     Order 1; velocity level; any e in [0, 1]; several constraints at once. One evaluation of M, g and the active
     gradients a step, none of the gradients in free flight. A step may end up to h |v-| inside a constraint, and
-    stays there where the velocity then is along it.
+    stays there where the velocity then is along it, unless positions are projected.
     """
+
+    jump = 1.0
+
+    def __init__(self, *, project_positions: bool = False) -> None:
+        self.project_positions = bool(project_positions)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
@@ -35,4 +46,5 @@ class Paoli:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
         push = system.push(t, q, v, h)
         velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution)
-        return Step(t, q, velocity, active, rates, residual)
+        step = Step(t, q, velocity, active, rates, residual)
+        return settled(problem, Applied(t, q, v, h), step, projector) if self.project_positions else step

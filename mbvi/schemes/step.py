@@ -22,7 +22,8 @@ class Step(NamedTuple):
     v : ndarray, shape (nv,)
         Velocity.
     active : Rows
-        The active constraints at q.
+        The active constraints where the law was applied, which for some schemes is within the step; their gaps are
+        those at q, to first order.
     rates : ndarray, shape (4, k)
         `percussion`, `free`, `after` and `before` of each active row.
     residual : float
@@ -57,8 +58,22 @@ class Step(NamedTuple):
         return self.rates[3]
 
 
+def carried(step: Step, time: float) -> Step:
+    """Return the step with the gaps of its rows where its velocity carries them within a time, to first order."""
+    return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
+
+
 class Scheme(Protocol):
-    """A way to advance a problem by one step."""
+    """A way to advance a problem by one step.
+
+    Attributes
+    ----------
+    jump : float
+        The part of a step after which its law is applied: until there the configuration moves with v_i, from there on
+        with v_{i+1}. 1, the end of the step, where a scheme says nothing.
+    """
+
+    jump: float
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h.

@@ -129,6 +129,8 @@ class ArticulatedSystem:
         self.damping = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
         self._zero = np.zeros(self.nv)
+        # whether q + dv is the retraction but for the names of angles
+        self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
         self._data = model.createData()
         self._energy_data = model.createData()
         # the configuration the data belong to, by its bytes and, if it cannot have changed, as the very array
@@ -220,6 +222,19 @@ class ArticulatedSystem:
         if not v.flags.carray:
             v = plain_array(v)
         return TreePush(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        torque = self._zero if self.control is None else self._torque(t, q, v)
+        if self._damped:
+            torque = torque - self.damping * v
+        # that leaves the data of another q, or of this one in other coordinates
+        self._key = self._seen = None
+        return pin.aba(self.model, self._data, q, v, torque)
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        if self._flat:
+            return v
+        return np.linalg.solve(pin.dIntegrate(self.model, q, dv, pin.ARG1), v)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))

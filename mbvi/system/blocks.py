@@ -64,6 +64,12 @@ class BlockSystem:
         parts = [b.system.push(t, q[b.q], v[b.v], h) for b in self.blocks]
         return Push(np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices))
 
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return np.concatenate([b.system.acceleration(t, q[b.q], v[b.v]) for b in self.blocks])
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        return np.concatenate([b.system.chart_rate(q[b.q], dv[b.v], v[b.v]) for b in self.blocks])
+
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return sum(b.system.kinetic_energy(q[b.q], v[b.v]) for b in self.blocks)
 

@@ -50,6 +50,12 @@ class Spheres:
     def push(self, t: float, q: Array, v: Array, h: float) -> Push:
         return Push(self.free_velocity(t, q, v, h), self._metric)
 
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._gravity
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        return v
+
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ (self._metric.diagonal * v))
 
@@ -141,6 +147,14 @@ class FreeBodies:
 
     def push(self, t: float, q: Array, v: Array, h: float) -> Push:
         return Push(self.free_velocity(t, q, v, h), self._metric)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        rate = v.reshape(-1, 6).copy()
+        rate[:, 3:] = rotations.chart_rate(dv.reshape(-1, 6)[:, 3:], rate[:, 3:])
+        return rate.reshape(-1)
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ self._metric.apply(v))

@@ -78,6 +78,13 @@ class LagrangianSystem:
         metric = self.metric(q)
         return Push(v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric)
 
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        metric = self.metric(q)
+        return metric.unwhiten(metric.whiten(self.force(t, q, v)))
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        return v
+
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ np.asarray(self._mass(q), dtype=float) @ v)
 

@@ -50,3 +50,15 @@ def log(a: Array) -> Array:
     small = sine < 1e-8
     factor = np.where(small, 2.0, 2.0 * half / np.where(small, 1.0, sine))
     return factor[:, None] * a[:, :3]
+
+
+def chart_rate(w: Array, spin: Array) -> Array:
+    """Return the rates of rotation vectors w, shape (n, 3), of what turns by exp(w) with that spin in the body."""
+    angle = np.sqrt(np.einsum("ij,ij->i", w, w))
+    half = 0.5 * angle
+    # (1 - x cot x) / x^2 at half the angle, by its series where that cancels
+    small = half < 0.05
+    x = np.where(small, 1.0, half)
+    c = np.where(small, (1 + half**2 / 15 * (1 + half**2 * 2 / 21)) / 3, (1 - x / np.tan(x)) / x**2)
+    once = np.cross(w, spin)
+    return spin + 0.5 * once + 0.25 * c[:, None] * np.cross(w, once)

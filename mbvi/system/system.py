@@ -56,6 +56,14 @@ class System(Protocol):
         """Return v + h M^-1 g, shape (nv,), together with M(q); good until the system is asked about another q."""
         ...
 
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return M^-1 g, shape (nv,) [m/s^2, rad/s^2]."""
+        ...
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        """Return the rate of dv, shape (nv,), where `integrate(q, dv)` moves with the velocity v."""
+        ...
+
     def kinetic_energy(self, q: Array, v: Array) -> float:
         """Return v' M v / 2 [J]."""
         ...

@@ -1,0 +1,231 @@
+"""Error control: true errors against tolerances, located impacts, rest, releases, and scenes that could stall it."""
+
+import numpy as np
+import pytest
+from conftest import ROBOTS
+
+import mbvi
+from mbvi import reference
+from mbvi.constraints import SmoothRows
+from mbvi.schemes.flow import Flow
+from mbvi.work_precision import fitted_order
+
+G = 9.81
+CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
+every = pytest.mark.parametrize("case", CASES.values(), ids=[f"{name}, e = {e:g}" for e, name in CASES])
+
+
+def solve(case, tolerance):
+    return mbvi.simulate(case.problem, mbvi.EventDriven(tolerance), duration=case.duration)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+@every
+def test_the_true_error_keeps_to_the_tolerance(case, tolerance):
+    """Configurations at any time, from the dense output, and the times of impacts."""
+    run, difference = solve(case, tolerance), case.problem.system.difference
+    times = np.linspace(0, case.duration, 301)
+    assert max(np.abs(difference(case.at(t)[0], run.at(t)[0])).max() for t in times) <= 10 * tolerance
+    found = np.array([impact.time for impact in run.impacts])
+    # of an accumulation the first, which are still apart
+    close = np.flatnonzero(np.diff(case.impacts) < 1e-3)
+    exact = case.impacts[: close[0] if close.size else None]
+    assert len(found) >= len(exact)
+    np.testing.assert_allclose(found[: len(exact)], exact, atol=10 * tolerance)
+
+
+def test_the_ball_comes_to_rest():
+    run = mbvi.simulate(reference.bouncing_ball(0.5).problem, mbvi.EventDriven(1e-6), duration=2.0)
+    at_rest = run.t[np.abs(run.v[:, 0]) > 0].max()
+    assert at_rest == pytest.approx(3 * np.sqrt(2 / G), abs=1e-5)
+    assert np.abs(run.q[-1]).max() < 1e-12
+    assert run.notes == ()
+
+
+def robot():
+    scene = mbvi.Scene()
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 5), joints={"FL_hip_joint": 0.2})
+    return scene.build()
+
+
+@pytest.mark.parametrize(
+    ("make", "v"),
+    [
+        (lambda: reference.double_pendulum(1.0).problem, [1.0, -2.0]),
+        (lambda: reference.tumbling_body(1.0).problem, [0.1, 0.2, 0.3, 2.0, 3.0, -1.0]),
+        (robot, np.linspace(-2, 2, 18)),
+    ],
+    ids=["double pendulum", "free body", "quadruped"],
+)
+def test_the_smooth_flow_is_of_order_four_at_least(make, v):
+    problem = make()
+    flow, nothing = Flow(problem, SmoothRows(problem.constraints, 0.0, problem.q0)), np.zeros(0, np.int64)
+
+    def end(steps):
+        q, v_, h = problem.q0, np.array(v), 0.12 / steps
+        for k in range(steps):
+            a = flow.acceleration(k * h, q, v_, nothing)
+            stride = flow.step(k * h, q, v_, a, h, nothing)
+            q, v_ = stride.q, stride.v
+        return q, v_
+
+    q, v_ = end(120)
+    counts = np.array([3, 4, 6, 9, 13])
+    errors = [
+        max(np.abs(problem.system.difference(q, a)).max(), np.abs(v_ - b).max()) for a, b in map(end, counts.tolist())
+    ]
+    assert fitted_order(0.12 / counts, errors) >= 3.8
+
+
+def test_elastic_energy_over_twenty_seconds():
+    ball = reference.bouncing_ball(1.0).problem
+    pendulum = reference.double_pendulum(1.0).problem
+    for problem in (ball, pendulum):
+        run = mbvi.simulate(problem, mbvi.EventDriven(1e-11), duration=20.0)
+        assert len(run.impacts) > 5
+        assert np.ptp(run.energy()) < 1e-9 * max(1.0, np.abs(run.energy()).max())
+
+
+@pytest.mark.slow
+def test_elastic_energy_of_a_tumbling_box():
+    scene = mbvi.Scene(restitution=1.0)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.3, 0.5, 0.7), mass=2.0, position=(0, 0, 1), angular_velocity=(1.2, 3.0, 2.4))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-11), duration=20.0)
+    assert len(run.impacts) > 20
+    assert np.ptp(run.energy()) < 1e-9 * run.energy()[0]
+
+
+def test_a_chaotic_oscillator_is_followed_for_forty_seconds():
+    case = reference.chaotic_oscillator(0.5, stop=-0.1, duration=40.0)
+    run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-9), duration=40.0)
+    assert len(run.impacts) == len(case.impacts)
+    np.testing.assert_allclose([i.time for i in run.impacts], case.impacts, atol=1e-6)
+    assert max(np.abs(case.at(t)[0] - run.at(t)[0]).max() for t in np.linspace(0, 40, 400)) < 1e-6
+
+
+def test_a_slot_keeps_the_speed():
+    """A hundred impacts within what would be one step."""
+    system = mbvi.LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.zeros(1), 1, lambda q: 0.0)
+    walls = [
+        mbvi.GapFunction(lambda q: q[0], lambda q: np.ones(1)),
+        mbvi.GapFunction(lambda q: 0.01 - q[0], lambda q: -np.ones(1)),
+    ]
+    problem = mbvi.Problem(system, walls, [0.005], [10.0], restitution=1.0)
+    run = mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.1)
+    assert len(run.impacts) == 100
+    np.testing.assert_allclose(np.abs(run.v), 10.0, rtol=1e-12)
+
+
+def test_sliding_inside_a_disc_keeps_the_radius():
+    case = reference.sliding_in_disc(0.5, duration=50.0)
+    run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-9), duration=50.0)
+    assert np.abs(np.linalg.norm(run.q, axis=1) - 1).max() < 1e-12
+    assert max(np.abs(case.at(t)[0] - run.at(t)[0]).max() for t in np.linspace(0, 50, 101)) < 1e-7
+
+
+def test_touching_balls_take_the_simultaneous_law():
+    case = reference.chain(1.0, (1.0,) * 5, (0.5, 0, 0, 0))
+    run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-8), duration=1.0)
+    np.testing.assert_allclose(run.v[-1], [-0.6, 0.4, 0.4, 0.4, 0.4], atol=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_a_box_lands_flat_and_rests(e):
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.4, 0.3, 0.2), mass=2.0, position=(0, 0, 0.6))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-8), duration=2.0)
+    assert len(run.impacts[0].constraints) == 4
+    assert run.impacts[0].time == pytest.approx(np.sqrt(2 * 0.5 / G), abs=1e-9)
+    assert run.q[-1, 2] == pytest.approx(0.1, abs=1e-9)
+    assert np.abs(run.v[-1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.8])
+def test_a_rod_clatters_to_rest(e):
+    run = mbvi.simulate(reference.rod(e).problem, mbvi.EventDriven(1e-8), duration=3.0)
+    np.testing.assert_allclose(run.q[-1], 0, atol=1e-8)
+    np.testing.assert_allclose(run.v[-1], 0, atol=1e-8)
+    assert run.notes == ()
+
+
+def test_accumulating_impacts_on_two_walls_end_as_they_should():
+    """Single impacts in a sharp corner at e = 1/2 are followed to their limit, which is no simultaneous impact."""
+    angle = 0.3
+    walls = [np.array([0.0, 1.0]), np.array([np.sin(angle), -np.cos(angle)])]
+    gaps = [mbvi.GapFunction(lambda q, n=n: n @ q, lambda q, n=n: n) for n in walls]
+    system = mbvi.LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.zeros(2), 2, lambda q: 0.0)
+    problem = mbvi.Problem(system, gaps, [1.0, 0.1], [-1.0, -0.2], restitution=0.5)
+    ends = [mbvi.simulate(problem, mbvi.EventDriven(tol), duration=20.0).v[-1] for tol in (1e-6, 1e-9)]
+    for v in ends:
+        np.testing.assert_allclose(v, 0, atol=1e-8)
+
+
+def test_a_contact_releases_where_its_force_vanishes():
+    """A bead slides off the top of a unit circle and leaves it where cos = 2/3 + v^2 / (3 g)."""
+    circle = mbvi.GapFunction(lambda q: float(np.hypot(*q)) - 1.0, lambda q: q / np.hypot(*q), name="circle")
+    system = mbvi.LagrangianSystem(
+        lambda q: np.eye(2), lambda t, q, v: np.array([0.0, -G]), 2, potential=lambda q: G * q[1]
+    )
+    problem = mbvi.Problem(system, [circle], [0.0, 1.0], [1.0, 0.0], restitution=0.5)
+    run = mbvi.simulate(problem, mbvi.EventDriven(1e-9), duration=0.6)
+    gaps = np.linalg.norm(run.q, axis=1) - 1
+    release = np.flatnonzero(gaps < 1e-12)[-1]
+    assert run.q[release, 1] == pytest.approx(2 / 3 + 1 / (3 * G), abs=1e-8)
+    assert gaps[-1] > 1e-3
+    assert gaps.min() > -1e-12
+    assert run.impacts == ()
+
+
+def test_polyhedra_fall_back_and_the_run_says_so():
+    scene = mbvi.Scene(restitution=0.2)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.4, 0.4, 0.2), position=(0, 0, 0.1))
+    scene.add_box((0.2, 0.2, 0.2), position=(0.02, 0, 0.32))
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.08)
+    assert "taken by the paper's scheme" in run.notes[0]
+    assert run.q[-1, 9] == pytest.approx(0.3, abs=1e-3)
+    assert run.penetration().max() < 1e-3
+
+
+def test_a_robot_falls_on_its_feet():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.6))
+    problem = scene.build()
+    coarse, fine = (mbvi.simulate(problem, mbvi.EventDriven(tol), duration=0.35) for tol in (1e-7, 1e-10))
+    assert len(coarse.impacts) == len(fine.impacts) >= 3
+    assert np.abs(problem.system.difference(coarse.q[-1], fine.q[-1])).max() < 1e-6
+    paoli = mbvi.simulate(problem, mbvi.Paoli(), step=2e-5, duration=0.35)
+    assert np.abs(problem.system.difference(paoli.q[-1], fine.q[-1])).max() < 2e-3
+
+
+def test_a_run_is_saved_replayed_and_diagnosed(tmp_path):
+    case = reference.tumbling_body(0.5)
+    run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-8), duration=0.45, out=tmp_path / "run.h5")
+    again = mbvi.load(tmp_path / "run.h5")
+    for t in (0.0, 0.1, 0.2, 0.45):
+        np.testing.assert_array_equal(run.at(t)[0], again.at(t)[0])
+    assert str(again.diagnosis()) == str(run.diagnosis())
+    assert run.diagnosis().horizon == np.inf
+    assert run.impacts[0].energy_change < 0
+    run.replay_html(tmp_path / "run.html")
+    assert (tmp_path / "run.html").stat().st_size > 500_000
+
+
+def test_a_corner_struck_at_once_has_its_horizon():
+    case = reference.corner(1.0, angle=2.0, aim=True)
+    run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-8), duration=2.0)
+    assert run.diagnosis().horizon == pytest.approx(case.impacts[0], abs=1e-8)
+
+
+def test_bad_arguments_of_event_driven():
+    problem = reference.bouncing_ball(0.5).problem
+    for tolerance in (0.0, 1.0, np.nan, "fine"):
+        with pytest.raises(mbvi.InputError, match="tolerance"):
+            mbvi.EventDriven(tolerance)
+    with pytest.raises(mbvi.InputError, match="chooses its own steps"):
+        mbvi.simulate(problem, mbvi.EventDriven(1e-6), duration=1.0, step=1e-3)
+    with pytest.raises(mbvi.InputError, match="chooses its own steps"):
+        mbvi.steps(problem, mbvi.EventDriven(1e-6), step=1e-3)
