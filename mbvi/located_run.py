@@ -9,7 +9,9 @@ import numpy as np
 from .problem import Problem
 from .progress import Progress
 from .projection import Projector
-from .schemes.event_driven import EventDriven, Stride, Struck
+from .schemes import EventDriven
+from .schemes.flow import Stride
+from .schemes.motion import Struck
 from .trajectory import Array, Impact, Trajectory
 
 _TICKS = 1000

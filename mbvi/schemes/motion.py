@@ -1,0 +1,320 @@
+"""A motion on its way: smooth steps, located events, and which contacts are closed."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..constraints import SmoothRows
+from ..errors import DivergedError
+from ..problem import Problem
+from ..projection import Metric, Projector, Push
+from ..system.system import Array
+from .crossings import Crossings
+from .flow import DEPENDENT as _DEPENDENT
+from .flow import Flow, Stride
+from .paoli import Paoli
+
+# the part of the tolerance that one step may err by, and that a gap may be off
+_LOCAL, _TOUCHING = 0.1, 0.01
+# the height, in lengths of the scene, of a bounce that is put to rest
+_BOUNCE = 1e-14
+_SAFETY, _LEAST_FACTOR, _MOST_FACTOR = 0.9, 0.2, 5.0
+_FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
+_NEWTON = 4
+# relative acceleration at which a closed contact opens, and below which one stays without pressing: less, or what was
+# just let go would be kept
+_OPENS, _STAYS = 1e-9, 1e-10
+# the step after an event, in times that since the last and at least [s]
+_AFTER, _LEAST_AFTER = 10.0, 1e-6
+# impacts on constraints that touch each other's ways within so many times what counts as touching accumulate
+_COLLAPSE = 1e3
+# single impacts after which an accumulation is taken to have ended
+_MOST_SINGLE = 10_000
+# events without progress in time after which the paper's step goes on, its length [s], and how many are taken before
+# the smooth motion is tried again
+_MOST_AT_ONCE, _FALLBACK_STEP, _FALLBACK_RUN = 50, 1e-4, 50
+_NONE = np.zeros(0, np.int64)
+
+
+class Struck(NamedTuple):
+    """What an impact did.
+
+    Attributes
+    ----------
+    t : float
+        When [s].
+    q, before, after : ndarray
+        Configuration and velocities.
+    number : ndarray of int, shape (k,)
+        The constraints that took part.
+    rates : ndarray, shape (3, k)
+        Percussion, J v before and J v after of each.
+    point, normal : ndarray, shape (k, 3)
+        Where, in the world [m]; NaN where a constraint is no contact.
+    """
+
+    t: float
+    q: Array
+    before: Array
+    after: Array
+    number: Array
+    rates: Array
+    point: Array
+    normal: Array
+
+
+class Motion:
+    """A motion on its way.
+
+    Attributes
+    ----------
+    t, q, v
+        Time [s] and state.
+    closed : ndarray of int, shape (k,)
+        The rows that are kept closed.
+    depth : float
+        Deepest penetration before the drift of closed contacts was taken out [m or rad].
+    residual : float
+        Largest relative KKT residual of the impacts.
+    fallbacks : int
+        Steps that the paper's scheme took.
+    """
+
+    def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
+        self.problem, self.tolerance, self.projector = problem, tolerance, projector
+        self.system = problem.system
+        if hasattr(self.system, "start"):
+            self.system.start()
+        self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
+        self.rows = SmoothRows(problem.constraints, self.t, self.q)
+        self.flow, self.crossings = Flow(problem, self.rows), Crossings(self.system, self.rows)
+        self.closed, self.touching = _NONE, min(problem.tolerance, _TOUCHING * tolerance)
+        self._struck_at, self.depth, self.residual, self.fallbacks = -np.inf, 0.0, 0.0, 0
+
+    def run(self, duration: float) -> Iterator[Stride | Struck]:
+        """Yield the steps of the smooth motion, and the impacts between them."""
+        end, h, at_once = self.problem.t0 + duration, min(_FIRST_STEP, duration), 0
+        yield from self._settle(self._touch(self.rows.all))
+        a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
+        while self.t < end:
+            stride = self.flow.step(self.t, self.q, self.v, a, min(h, end - self.t), self.closed)
+            error = self._error(stride)
+            factor = float(np.clip(_SAFETY * max(error, 1e-10) ** -0.2, _LEAST_FACTOR, _MOST_FACTOR))
+            # written so that a NaN is refused too
+            if not error <= 1.0:
+                h = self._shorter(stride.h, factor if np.isfinite(error) else _LEAST_FACTOR)
+                continue
+            share, first = self.crossings.first(stride, self.closed)
+            let_go = self._let_go(stride, share)
+            if let_go < share:
+                share, first = let_go, _NONE
+            event = share < 1.0
+            if event:
+                # the next event may be as near
+                h = min(h, max(_AFTER * share * stride.h, _LEAST_AFTER))
+                stride = self._stop(a, share * stride.h, first)
+            at_once = at_once + 1 if event and stride.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
+            self._arrive(stride, end)
+            yield stride
+            if event and (at_once > _MOST_AT_ONCE or not self.rows.smooth[first].all()):
+                yield from self._fall_back(end)
+                at_once = 0
+            elif event:
+                yield from self._settle(self._touch(np.union1d(first, self.closed)))
+            else:
+                h = stride.h * factor
+            a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if event or self.closed.size else stride.a
+
+    def _shorter(self, h: float, factor: float) -> float:
+        if h * factor < _LEAST_STEP * max(1.0, abs(self.t)):
+            raise DivergedError(f"the step shrinks to nothing at t = {self.t:.6g} s: the forces are not smooth there")
+        return h * factor
+
+    def _arrive(self, stride: Stride, end: float) -> None:
+        """Go to the end of a step, without the drift of closed contacts."""
+        self.t, self.q, self.v = stride.t + stride.h, stride.q, stride.v
+        if end - self.t < 1e-12 * max(1.0, abs(end)):
+            self.t = end
+        self.depth = self.crossings.depth
+        if self.closed.size:
+            self._hold()
+
+    def _fall_back(self, end: float) -> Iterator[Stride | Struck]:
+        """Go on by the paper's scheme while gradients jump, then out of what that leaves inside constraints."""
+        jumping = np.unique(self.rows.number[~self.rows.smooth])
+        for _ in range(_FALLBACK_RUN):
+            h = min(_FALLBACK_STEP, end - self.t)
+            if h <= 0.0:
+                return
+            self.fallbacks += 1
+            active = yield from self._paolis_step(h, end)
+            if not np.isin(active, jumping).any():
+                break
+        inside = np.flatnonzero(self.rows.gaps(self.t, self.q, self.rows.all) < 0.0)
+        if inside.size:
+            self.depth = self._move_out(inside)
+            yield _straight(self.t, 0.0, self.q, self.v, self.q)
+        self.crossings.forget()
+        yield from self._settle(self._touch(_NONE))
+
+    def _paolis_step(self, h: float, end: float) -> Generator[Stride | Struck, None, Array]:
+        """Take one step of the paper's scheme; return which constraints were active."""
+        q, v = self.q, self.v
+        step = Paoli().step(self.problem, self.t, q, v, h, self.projector)
+        stride = _straight(self.t, h, q, v, step.q)
+        self.t = end if end - step.t < 1e-12 * max(1.0, abs(end)) else step.t
+        self.q, self.depth = step.q, max(0.0, -float(step.active.gap.min(initial=0.0)))
+        percussion, free, _, before = step.rates
+        # what closes faster than the forces of one step explain is an impact, what goes on pressing is none
+        closing = (percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -1e-12)
+        self.v = v if closing.any() else step.v
+        yield stride
+        self.v = step.v
+        if closing.any():
+            number, _, _, _, point, normal = (part[percussion > 0.0] for part in step.active)
+            rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
+            yield Struck(self.t, step.q, v, step.v, number, rates, point, normal)
+        return step.active.constraint
+
+    def _error(self, stride: Stride) -> float:
+        """Return the local error relative to what is allowed."""
+        allowed = _LOCAL * self.tolerance
+        speed = max(1.0, float(np.abs(stride.v).max(initial=0.0)))
+        return max(
+            float(np.abs(stride.error[0]).max(initial=0.0)) / allowed,
+            float(np.abs(stride.error[1]).max(initial=0.0)) / (allowed * speed),
+        )
+
+    def _stop(self, a: Array, h: float, first: Array) -> Stride:
+        """Return the step taken anew up to where the first row closes, by Newton's method."""
+        stride = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
+        for _ in range(_NEWTON if first.size else 0):
+            gap = float(self.rows.gaps(stride.t + h, stride.q, first)[0])
+            rate = float((self.rows.gradients(stride.t + h, stride.q, first) @ stride.v)[0])
+            # where it grazes the dense output is as good
+            if abs(gap) < 1e-15 or rate >= 0.0 or not 0.0 < h - gap / rate:
+                break
+            h -= gap / rate
+            stride = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
+        return stride
+
+    def _touch(self, known: Array) -> Array:
+        """Return the rows that touch; `known` are looked at, and whatever else is near."""
+        near = np.union1d(self.crossings.near(10 * self.touching), known)
+        gaps = self.rows.gaps(self.t, self.q, near)
+        return near[(gaps <= self.touching) | (np.isin(near, known) & (gaps <= 10 * self.touching))]
+
+    def _settle(self, touching: Array) -> Iterator[Struck]:
+        """Apply the law (8) where something closes, and find out which contacts stay closed."""
+        self.closed = _NONE
+        if not touching.size:
+            return
+        J, metric = self.rows.gradients(self.t, self.q, touching), self.system.metric(self.q)
+        e, before = self.rows.restitution[touching], J @ self.v
+        still = 1e-12 * (np.abs(J) @ np.abs(self.v)) + 1e-14
+        if (before < -still).any():
+            v = self.v
+            # how far it went since the last impact: rows that near are struck in turn, not at once
+            way = (self.t - self._struck_at) * float(np.linalg.norm(v))
+            if len(touching) > 1 and 0.0 < way < _COLLAPSE * self.touching:
+                self.v, percussion = _one_by_one(v, J, metric.solve_rows(J), e, still)
+            else:
+                self.v, rates, residual = self.projector.law(v, Push(v, metric), J, e)
+                percussion, self.residual = rates[0], max(self.residual, residual)
+            self._struck_at = self.t
+            point, normal = self.rows.points(self.t, self.q, touching)
+            rates = np.array([percussion, before, J @ self.v])
+            yield Struck(self.t, self.q, v, self.v, self.rows.number[touching], rates, point, normal)
+        rates = J @ self.v
+        bend = self.flow.bend(self.t, self.q, self.v, touching)
+        smooth = self.rows.smooth[touching]
+        sure = (rates <= still) & smooth
+        pull = self.system.acceleration(self.t, self.q, self.v)
+        if sure.any():
+            # those that rest in any case push on the others
+            pull = self.projector.project(pull, metric, J[sure], -bend[sure]).velocity
+        pull = J @ pull + bend
+        # a contact that the forces close rests where all its bounces take less time than the tolerance, or rise less
+        # than can be told
+        time = 2.0 * rates <= self.tolerance * np.abs(pull) * (1.0 - e)
+        height = rates**2 <= 2.0 * _BOUNCE * self.problem.length * np.abs(pull)
+        low = (pull < 0.0) & (time | height)
+        rest = touching[(low | sure) & smooth]
+        if not rest.size:
+            return
+        kept = np.isin(touching, rest)
+        self.v = self._along(metric, J[kept], self.v)
+        self.closed = self._pressing(rest)
+
+    def _pressing(self, rest: Array) -> Array:
+        """Return which of the resting contacts press, by the complementarity problem of accelerations."""
+        free, metric, J, wanted = self.flow.reactions(self.t, self.q, self.v, rest)
+        solved = self.projector.project(free, metric, J, wanted)
+        # one that the others keep closed without its help stays as well: it cannot open on its own
+        opening = J @ solved.velocity - wanted
+        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
+        return rest[(solved.percussion > 0.0) | (opening <= _STAYS * scale)]
+
+    def _let_go(self, stride: Stride, share: float) -> float:
+        """Return the share of a step at which a closed contact releases, 1 if none does before `share`."""
+        if not self.closed.size or self._all_hold(stride, share):
+            return 1.0
+        low, high = 0.0, share
+        while high - low > 1e-13:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._all_hold(stride, middle) else (low, middle)
+        return high
+
+    def _all_hold(self, stride: Stride, share: float) -> bool:
+        """Tell whether every closed contact would stay so."""
+        t, (q, v) = stride.t + share * stride.h, stride.at(self.system, share)
+        free, metric, J, wanted = self.flow.reactions(t, q, v, self.closed)
+        solved = self.projector.project(free, metric, J, wanted)
+        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
+        return bool((J @ solved.velocity - wanted <= _OPENS * scale).all())
+
+    def _hold(self) -> None:
+        """Take the drift out of closed contacts: of the configuration, then of the velocity."""
+        for _ in range(2):
+            self.depth = max(self.depth, self._move_out(self.closed))
+        J, metric = self.rows.gradients(self.t, self.q, self.closed), self.system.metric(self.q)
+        self.v = self._along(metric, J, self.v)
+
+    def _move_out(self, index: Array) -> float:
+        """Project the configuration onto where some gaps vanish; return how deep the deepest was."""
+        J, metric = self.rows.gradients(self.t, self.q, index), self.system.metric(self.q)
+        gap, turned = self.rows.gaps(self.t, self.q, index), metric.solve_rows(J)
+        self.q = self.system.integrate(self.q, -np.linalg.lstsq(J @ turned.T, gap, rcond=_DEPENDENT)[0] @ turned)
+        return max(0.0, -float(gap.min()))
+
+    @staticmethod
+    def _along(metric: Metric, J: Array, v: Array) -> Array:
+        """Return the nearest velocity with J v = 0."""
+        turned = metric.solve_rows(J)
+        return v - np.linalg.lstsq(J @ turned.T, J @ v, rcond=_DEPENDENT)[0] @ turned
+
+
+def _straight(t: float, h: float, q0: Array, v: Array, q: Array) -> Stride:
+    """Return a step from q0 to q at constant velocity."""
+    dense, nothing = np.zeros((2, len(v), 4)), np.zeros((2, len(v)))
+    dense[0, :, 0] = v
+    return Stride(t, h, q0, v, q, v, nothing[0], h * np.abs(v), nothing, dense)
+
+
+def _one_by_one(v: Array, J: Array, turned: Array, e: Array, still: Array) -> tuple[Array, Array]:
+    """Return the limit of single impacts, the fastest first, and the percussions they add up to."""
+    diagonal, percussion = np.einsum("ij,ij->i", J, turned), np.zeros(len(e))
+    scaled = still / np.sqrt(diagonal)
+    for _ in range(_MOST_SINGLE):
+        rates = J @ v
+        normal = rates / np.sqrt(diagonal) + scaled
+        a = int(normal.argmin())
+        if normal[a] >= 0.0:
+            break
+        p = -(1.0 + e[a]) * rates[a] / diagonal[a]
+        percussion[a] += p
+        v = v + p * turned[a]
+    return v, percussion
