@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ROBOTS
+from conftest import ROBOTS, real_robot
 
 import mbvi
 from mbvi import reference
@@ -229,3 +229,18 @@ def test_bad_arguments_of_event_driven():
         mbvi.simulate(problem, mbvi.EventDriven(1e-6), duration=1.0, step=1e-3)
     with pytest.raises(mbvi.InputError, match="chooses its own steps"):
         mbvi.steps(problem, mbvi.EventDriven(1e-6), step=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+def test_a_panda_falls_into_its_limits_and_onto_a_plane(tolerance):
+    """With accumulations of impacts of a finger between its limit and the plane."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), offset=-0.3, name="floor")
+    scene.add_urdf(real_robot("panda_description/urdf/panda.urdf"), base="fixed")
+    problem = scene.build()
+    run, exact = (mbvi.simulate(problem, mbvi.EventDriven(tol), duration=0.5) for tol in (tolerance, 1e-10))
+    assert len(run.impacts) > 50
+    assert run.notes == ()
+    apart = [problem.system.difference(exact.at(t)[0], run.at(t)[0]) for t in np.linspace(0, 0.5, 101)]
+    assert np.abs(apart).max() <= 10 * tolerance

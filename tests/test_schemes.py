@@ -170,8 +170,7 @@ def test_a_robot_falls_and_comes_to_rest_on_the_floor(scheme):
     assert run.impacts
     assert run.energy()[-1] < run.energy()[0]
     assert run.residual.max() < 1e-9
-    diagnosis = run.diagnosis()
-    assert diagnosis.energy_excess < 1e-6 * run.energy()[0] or isinstance(scheme, mbvi.SchatzmanPaoli)
+    assert run.diagnosis().energy_excess < 1e-9 * run.energy()[0]
 
 
 @each
@@ -223,7 +222,7 @@ def test_bounces_are_never_lifted(make, h):
 
 @lifting
 @pytest.mark.parametrize("e", [0.0, 0.5])
-@pytest.mark.parametrize("h", [1e-3, 1e-2])
+@pytest.mark.parametrize("h", [3e-3, 1e-2])
 def test_a_box_comes_to_rest_and_sinks_no_further(scheme, e, h):
     """Lifting only what penetrates rocks it from edge to edge with period 2 for ever."""
     scene = mbvi.Scene(restitution=e)
@@ -236,6 +235,21 @@ def test_a_box_comes_to_rest_and_sinks_no_further(scheme, e, h):
     assert np.abs(run.v[late][:, [2, 3, 4]]).max() < 1e-8
     assert np.abs(run.q[late, 2] - 0.1).max() < 2e-8
     assert all(i.time < 2.3 for i in run.impacts)
+
+
+@lifting
+def test_a_box_that_spins_about_the_vertical_comes_to_rest_too(scheme):
+    """Lifting turns contacts against the velocity, and leaves edges a little above the floor: it hopped for ever."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    c, s = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    scene.add_box((0.4, 0.3, 0.2), position=(0, 0, 0.35), rotation=turn, angular_velocity=(1.0, -1.5, 2.0))
+    run = mbvi.simulate(scene.build(), scheme, step=3e-3, duration=3.0)
+    late = run.t > 2.8
+    assert np.abs(run.v[late, 2]).max() < 1e-8
+    assert run.penetration()[late].max() < 2e-8
+    assert np.abs(run.v[-1, 3:]).max() > 0.1
 
 
 @lifting

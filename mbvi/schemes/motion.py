@@ -217,8 +217,8 @@ class Motion:
         still = 1e-12 * (np.abs(J) @ np.abs(self.v)) + 1e-14
         if (before < -still).any():
             v = self.v
-            # how far it went since the last impact: rows that near are struck in turn, not at once
-            way = (self.t - self._struck_at) * float(np.linalg.norm(v))
+            # how far gaps went since the last impact: rows that near are struck in turn, not at once
+            way = (self.t - self._struck_at) * float(np.abs(before).max())
             if len(touching) > 1 and 0.0 < way < _COLLAPSE * self.touching:
                 self.v, percussion = _one_by_one(v, J, metric.solve_rows(J), e, still)
             else:
