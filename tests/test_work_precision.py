@@ -10,6 +10,7 @@ from mbvi.work_precision import errors, fitted_order, graph_distance, worst_erro
 
 # nowhere dyadic multiples of one another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)
+COARSE = 1e-2 * 10.0 ** -np.linspace(0.03, 0.93, 6)
 SCHEMES = [
     mbvi.MoreauJean(),
     mbvi.Centered(),
@@ -49,8 +50,8 @@ def test_the_other_schemes_are_of_order_one(scheme, key):
 
     The graph is Paoli's theorem: the others let a velocity jump in two parts or ahead of its impact.
     """
-    found = np.array([worst_errors(CASES[key], scheme, h) for h in STEPS])
-    orders = [fitted_order(STEPS, of_one) for of_one in found.T[:2]]
+    found = np.array([worst_errors(CASES[key], scheme, h) for h in COARSE])
+    orders = [fitted_order(COARSE, of_one) for of_one in found.T[:2]]
     # one, but for the scatter of such fits by the phases of impacts
     assert min(orders) >= 0.85, orders
     assert max(found[-1, :2]) < 0.1
