@@ -59,7 +59,7 @@ def main() -> None:
             cells = [controlled(case, target) for target in TARGETS]
             slow = stepped(case, mbvi.Paoli())
             ratio = slow / float(cells[0].split()[0])
-            print(f"| {case.name} | {e:g} | {' | '.join(cells)} | ~{slow:.0f} | {ratio:.0f} |", flush=True)
+            print(f"| {case.name} | {e:g} | {' | '.join(cells)} | ~{slow:.3g} | {ratio:.2g} |", flush=True)
 
 
 if __name__ == "__main__":
