@@ -26,6 +26,10 @@ def test_the_true_error_keeps_to_the_tolerance(case, tolerance):
     run, difference = solve(case, tolerance), case.problem.system.difference
     times = np.linspace(0, case.duration, 301)
     assert max(np.abs(difference(case.at(t)[0], run.at(t)[0])).max() for t in times) <= 10 * tolerance
+    # velocities away from their jumps
+    times = [t for t in times if np.abs(case.impacts - t).min(initial=1.0) > 1e-2]
+    speed = max(1.0, np.abs(run.v).max())
+    assert max(np.abs(case.at(t)[1] - run.at(t)[1]).max() for t in times) <= 20 * tolerance * speed + 1e-6
     found = np.array([impact.time for impact in run.impacts])
     # of an accumulation the first, which are still apart
     close = np.flatnonzero(np.diff(case.impacts) < 1e-3)
@@ -199,6 +203,19 @@ def test_a_robot_falls_on_its_feet():
     assert np.abs(problem.system.difference(coarse.q[-1], fine.q[-1])).max() < 1e-6
     paoli = mbvi.simulate(problem, mbvi.Paoli(), step=2e-5, duration=0.35)
     assert np.abs(problem.system.difference(paoli.q[-1], fine.q[-1])).max() < 2e-3
+
+
+def test_a_hopper_comes_to_lie_on_the_floor():
+    """Its foot touches while its shin rests: it rests too by the acceleration that the shin's reaction leaves it."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 1), joints={"knee": 0.4})
+    problem = scene.build()
+    coarse, fine = (mbvi.simulate(problem, mbvi.EventDriven(tol), duration=1.0) for tol in (1e-5, 1e-6))
+    for run in (coarse, fine):
+        assert 20 < len(run.impacts) < 500
+        assert np.diff(run.energy()).max() < 1e-6 * run.energy()[0]
+    assert coarse.energy()[-1] == pytest.approx(fine.energy()[-1], rel=1e-5)
 
 
 def test_a_run_is_saved_replayed_and_diagnosed(tmp_path):

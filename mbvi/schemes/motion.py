@@ -29,8 +29,8 @@ _NEWTON = 4
 _OPENS, _STAYS = 1e-9, 1e-10
 # the step after an event, in times that since the last and at least [s]
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
-# impacts on constraints that touch each other's ways within so many times what counts as touching accumulate
-_COLLAPSE = 1e3
+# impacts so near in time [s], between which no gap opens by more than so many times what counts as touching, accumulate
+_BRIEF, _COLLAPSE = 1e-5, 1e3
 # single impacts after which an accumulation is taken to have ended
 _MOST_SINGLE = 10_000
 # events without progress in time after which the paper's step goes on, its length [s], and how many are taken before
@@ -209,7 +209,7 @@ class Motion:
 
     def _settle(self, touching: Array) -> Iterator[Struck]:
         """Apply the law (8) where something closes, and find out which contacts stay closed."""
-        self.closed = _NONE
+        rested, self.closed = np.isin(touching, self.closed), _NONE
         if not touching.size:
             return
         J, metric = self.rows.gradients(self.t, self.q, touching), self.system.metric(self.q)
@@ -218,8 +218,10 @@ class Motion:
         if (before < -still).any():
             v = self.v
             # how far gaps went since the last impact: rows that near are struck in turn, not at once
-            way = (self.t - self._struck_at) * float(np.abs(before).max())
-            if len(touching) > 1 and 0.0 < way < _COLLAPSE * self.touching:
+            since = self.t - self._struck_at
+            way = since * float(np.abs(before).max())
+            in_turn = len(touching) > 1 and not rested.any() and 0.0 < since < _BRIEF
+            if in_turn and way < _COLLAPSE * self.touching:
                 self.v, percussion = _one_by_one(v, J, metric.solve_rows(J), e, still)
             else:
                 self.v, rates, residual = self.projector.law(v, Push(v, metric), J, e)
