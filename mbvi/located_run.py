@@ -20,8 +20,8 @@ _TICKS = 1000
 class _Record:
     """States, dense output and impacts of a run; an instant at which v jumps has two states."""
 
-    def __init__(self, problem: Problem, projector: Projector) -> None:
-        self._problem, self._projector = problem, projector
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
         self.t, self.q, self.v = [problem.t0], [problem.q0], [problem.v0]
         self.dense: list[Array] = []
         self.penetration = [0.0]
@@ -75,7 +75,7 @@ def run_located(
     if out is not None:
         writable(out, problem)
     projector = Projector(residual)
-    record, walk = _Record(problem, projector), scheme.walk(problem, projector)
+    record, walk = _Record(problem), scheme.walk(problem, projector)
     with Progress(_TICKS, progress) as bar:
         for part in walk.run(duration):
             if isinstance(part, Struck):
