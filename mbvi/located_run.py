@@ -11,7 +11,7 @@ from .progress import Progress
 from .projection import Projector
 from .schemes import EventDriven
 from .schemes.flow import Stride
-from .schemes.motion import Struck
+from .schemes.motion import Motion, Struck
 from .trajectory import Array, Impact, Trajectory
 
 _TICKS = 1000
@@ -24,17 +24,17 @@ class _Record:
         self._problem = problem
         self.t, self.q, self.v = [problem.t0], [problem.q0], [problem.v0]
         self.dense: list[Array] = []
-        self.penetration = [0.0]
+        self.penetration, self.residual = [0.0], [0.0]
         self.impacts: list[Impact] = []
         self._no_motion = np.zeros((2, problem.system.nv, 4))
 
-    def stride(self, stride: Stride, t: float, q: Array, v: Array, depth: float) -> None:
+    def stride(self, stride: Stride, walk: Motion) -> None:
         """Keep a step and the state it led to, of which the drift of closed contacts was taken."""
-        self._state(t, q, v, depth, stride.dense)
+        self._state(walk.t, walk.q, walk.v, walk, stride.dense)
 
-    def struck(self, struck: Struck) -> None:
+    def struck(self, struck: Struck, walk: Motion) -> None:
         """Keep an impact and the state after it."""
-        self._state(struck.t, struck.q, struck.after, self.penetration[-1], self._no_motion)
+        self._state(struck.t, struck.q, struck.after, walk, self._no_motion)
         percussion, before, after = struck.rates
         taking_part = percussion > 0.0
         metric = self._problem.system.metric(struck.q)
@@ -53,11 +53,12 @@ class _Record:
             )
         )
 
-    def _state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+    def _state(self, t: float, q: Array, v: Array, walk: Motion, dense: Array) -> None:
         self.t.append(t)
         self.q.append(q)
         self.v.append(v)
-        self.penetration.append(depth)
+        self.penetration.append(walk.depth)
+        self.residual.append(walk.residual)
         self.dense.append(dense)
 
 
@@ -79,16 +80,16 @@ def run_located(
     with Progress(_TICKS, progress) as bar:
         for part in walk.run(duration):
             if isinstance(part, Struck):
-                record.struck(part)
+                record.struck(part, walk)
             else:
-                record.stride(part, walk.t, walk.q, walk.v, walk.depth)
+                record.stride(part, walk)
                 bar.poll(int(_TICKS * (walk.t - problem.t0) / duration))
     run = Trajectory(
         np.array(record.t),
         np.array(record.q),
         np.array(record.v),
         tuple(record.impacts),
-        np.full(len(record.t), walk.residual),
+        np.array(record.residual),
         type(scheme).__name__,
         0.0,
         _notes(walk.fallbacks),

@@ -10,6 +10,7 @@ from .compiled import kernel
 from .errors import MbviWarning
 from .problem import Problem
 from .schemes import Scheme, Step
+from .schemes.step import STILL, closes
 from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
@@ -18,8 +19,6 @@ _SAME_POINT = 0.1
 _MANY = 100_000
 # the rows before the first step: numbers, points, rates
 _NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
-# [m/s, rad/s]; what approaches more slowly does not close
-_STILL = 1e-12
 # a run may repeat itself at every step
 _MOST_NOTES = 20
 
@@ -40,9 +39,7 @@ def _note_plain(k: int, gap: Array, rates: Array, residual: float, penetration: 
     """
     residuals[k] = max(residuals[k], residual)
     penetration[k] = max((-gap).max(initial=0.0), 0.0)
-    percussion, free, _, before = rates
-    closing = before + 2.0 * np.abs(free - before) < -_STILL
-    return bool((closing & (percussion > 0.0)).any())
+    return bool(closes(rates).any())
 
 
 @kernel("b1(i8, f8[::1], f8[:,::1], f8, f8[::1], f8[::1])", plain=_note_plain)
@@ -52,7 +49,7 @@ def _note(k: int, gap: Array, rates: Array, residual: float, penetration: Array,
     for a in range(len(gap)):
         deepest = max(deepest, -gap[a])
         percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
-        impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -_STILL)
+        impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -STILL)
     penetration[k] = deepest
     return impact
 
@@ -95,7 +92,7 @@ def _struck_plain(
     # limits have no points: NaN is near
     near = ~(np.vecdot(shift, shift) > far**2)
     pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
-    closing = (percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -_STILL) & (pressed == 0.0)
+    closing = closes(rates) & (pressed == 0.0)
     chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()
     pushed = (free - before) * (1.0 - e) / (1.0 + e)
     return int(chosen.sum()), 0.5 * float(percussion @ (before + after + pushed))
@@ -123,7 +120,7 @@ def _struck(
                     # limits have no points: NaN is near
                     if not apart > far * far:
                         pressed += last_rates[0, b]
-        closes = closes or (percussion > 0.0 and pressed == 0.0 and before + 2.0 * abs(free - before) < -_STILL)
+        closes = closes or (percussion > 0.0 and pressed == 0.0 and before + 2.0 * abs(free - before) < -STILL)
         chosen[a] = percussion > 0.0 and percussion > 2.0 * pressed
         count += chosen[a]
     if not closes:

@@ -59,18 +59,18 @@ class SmoothRows:
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""
-        return self._each(t, q, index, self._gaps)
+        return self._each(t, q, index, self._gaps, np.zeros(0))
 
     def gradients(self, t: float, q: Array, index: Array) -> Array:
         """Return grad f of some rows in ascending order, shape (k, nv)."""
-        return self._each(t, q, index, self._gradients)
+        return self._each(t, q, index, self._gradients, np.zeros((0, self._system.nv)))
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
-        both = self._each(t, q, index, self._places)
+        both = self._each(t, q, index, self._places, np.zeros((0, 6)))
         return both[:, :3], both[:, 3:]
 
-    def _each(self, t: float, q: Array, index: Array, ask: Any) -> Array:
+    def _each(self, t: float, q: Array, index: Array, ask: Any, nothing: Array) -> Array:
         if len(self._parts) == 1:
             return np.asarray(ask(self._parts[0][0], t, q, index))
         ends = np.searchsorted(index, [rows.start for _, rows in self._parts] + [len(self.all)])
@@ -79,18 +79,14 @@ class SmoothRows:
             for (constraint, rows), low, high in zip(self._parts, ends[:-1], ends[1:], strict=True)
             if high > low
         ]
-        return np.concatenate(found) if found else ask(None, t, q, index)
+        return np.concatenate([nothing, *found])
 
     def _gaps(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if constraint is None:
-            return np.zeros(0)
         if isinstance(constraint, Pairs):
             return _contacts(constraint, q, own)[0]
         return np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))[own]
 
     def _gradients(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if constraint is None:
-            return np.zeros((0, self._system.nv))
         if isinstance(constraint, Pairs):
             _, point, normal, pair = _contacts(constraint, q, own)
             first, second = constraint.sides(pair)

@@ -11,7 +11,7 @@ import numpy as np
 
 from .delassus import against_condition_12, cosines_between, islands, unit_gradients
 from .metric import Array, Metric, as_metric
-from .project import checked_impact, impact
+from .project import Projector, checked_impact
 
 # relative to the kinetic norm of v: normal speeds below this close nothing; states nearer than that were met before,
 # less than any impact moves; outcomes nearer than that are one
@@ -78,7 +78,7 @@ def forks(M: Array | Metric, J: Array, v: Array, e: Array | float) -> Forks:
 
     Notes
     -----
-    What the perturbation must be larger than is rounding alone; a time-stepping scheme perturbs by what a step travels.
+    In exact arithmetic any perturbation will do; a time-stepping scheme perturbs by what it travels in a step.
     Endless cascades (e < 1) end where nothing closes faster than 1e-12 |v|_M. Where three constraints or more strike
     repeatedly, an order may be listed that no perturbation brings about.
     """
@@ -89,7 +89,7 @@ def forks(M: Array | Metric, J: Array, v: Array, e: Array | float) -> Forks:
 
 def follow(metric: Metric, J: Array, v: Array, e: Array, most: int) -> Forks:
     """Return the forks of checked data, following at most so many single impacts an island."""
-    law = impact(v, metric, J, e)
+    law = Projector().project(v, metric, J, -e * (J @ v)).velocity
     columns, lengths = unit_gradients(metric, J)
     kept = np.flatnonzero(lengths > 0.0)
     columns, e = columns[:, kept], e[kept]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..constraints import SmoothRows
@@ -33,7 +35,7 @@ class Crossings:
 
     def first(self, stride: Stride, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
-        far = self._least - self._used_up(self._rows.all, stride.travel)
+        far = self._least - _used_up(self._rows.reach, stride.travel)
         due = np.flatnonzero(~(far > 0.0))
         due = due[~np.isin(due, closed)]
         self.depth = 0.0
@@ -51,16 +53,9 @@ class Crossings:
             share, first = self._earliest(stride, suspects)
         if share < 1.0:
             # the step will be cut: its end is not where they will be
-            far[due], self.depth = gaps[0] - self._used_up(due, share * stride.travel), 0.0
+            far[due], self.depth = gaps[0] - _used_up(self._rows.reach[due], share * stride.travel), 0.0
         self._least = far
         return share, first
-
-    def _used_up(self, index: Array, travel: Array) -> Array:
-        """Return by how much some gaps may have closed; infinite where nothing is known of a row."""
-        with np.errstate(invalid="ignore"):
-            used = self._rows.reach[index] @ travel
-        used[np.isnan(used)] = np.inf
-        return used
 
     def near(self, gap: float) -> Array:
         """Return the rows that may be as near as that."""
@@ -94,7 +89,15 @@ class Crossings:
         return best, first
 
 
-def _bracket(gap, values: Array) -> tuple[float, float] | None:  # type: ignore[no-untyped-def]
+def _used_up(reach: Array, travel: Array) -> Array:
+    """Return by how much gaps may have closed; infinite where nothing is known of a row."""
+    with np.errstate(invalid="ignore"):
+        used: Array = reach @ travel
+    used[np.isnan(used)] = np.inf
+    return used
+
+
+def _bracket(gap: Callable[[float], float], values: Array) -> tuple[float, float] | None:
     """Return two shares between which a gap first falls below zero; where it starts there it must rise first."""
     from scipy.optimize import minimize_scalar
 

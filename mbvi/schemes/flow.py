@@ -15,7 +15,7 @@ from ..system.system import Array
 # length of the differences that give (dJ/dt) v: both errors of order four are at rounding there [m, rad]
 _DIFFERENCE = 1e-3
 # singular values of the Delassus matrix below this are none
-DEPENDENT = 1e-10
+_DEPENDENT = 1e-10
 _POWERS = np.arange(1, 5)
 
 
@@ -55,6 +55,12 @@ class Stride(NamedTuple):
         return system.integrate(self.q0, dq), self.v0 + dv
 
 
+def pushed(metric: Metric, J: Array, missing: Array) -> Array:
+    """Return M^-1 J' p of the least p that gives every row what it is missing, of dependent rows too."""
+    turned = metric.solve_rows(J)
+    return np.asarray(np.linalg.lstsq(J @ turned.T, missing, rcond=_DEPENDENT)[0] @ turned)
+
+
 class Flow:
     """Accelerations with closed contacts, and steps of order five.
 
@@ -92,8 +98,7 @@ class Flow:
         if not closed.size:
             return self.system.acceleration(t, q, v)
         free, metric, J, wanted = self.reactions(t, q, v, closed)
-        turned = metric.solve_rows(J)
-        return free + np.linalg.lstsq(J @ turned.T, wanted - J @ free, rcond=DEPENDENT)[0] @ turned
+        return free + pushed(metric, J, wanted - J @ free)
 
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> Stride:
         """Take one step of length h from (t, q, v) with acceleration a."""

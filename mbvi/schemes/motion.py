@@ -10,12 +10,12 @@ import numpy as np
 from ..constraints import SmoothRows
 from ..errors import DivergedError
 from ..problem import Problem
-from ..projection import Metric, Projector, Push
+from ..projection import Projector, Push
 from ..system.system import Array
 from .crossings import Crossings
-from .flow import DEPENDENT as _DEPENDENT
-from .flow import Flow, Stride
+from .flow import Flow, Stride, pushed
 from .paoli import Paoli
+from .step import closes
 
 # the part of the tolerance that one step may err by, and that a gap may be off
 _LOCAL, _TOUCHING = 0.1, 0.01
@@ -78,7 +78,7 @@ class Motion:
     depth : float
         Deepest penetration before the drift of closed contacts was taken out [m or rad].
     residual : float
-        Largest relative KKT residual of the impacts.
+        Relative KKT residual of the law that led to the state; 0 where none did.
     fallbacks : int
         Steps that the paper's scheme took.
     """
@@ -138,7 +138,7 @@ class Motion:
         self.t, self.q, self.v = stride.t + stride.h, stride.q, stride.v
         if end - self.t < 1e-12 * max(1.0, abs(end)):
             self.t = end
-        self.depth = self.crossings.depth
+        self.depth, self.residual = self.crossings.depth, 0.0
         if self.closed.size:
             self._hold()
 
@@ -166,10 +166,10 @@ class Motion:
         step = Paoli().step(self.problem, self.t, q, v, h, self.projector)
         stride = _straight(self.t, h, q, v, step.q)
         self.t = end if end - step.t < 1e-12 * max(1.0, abs(end)) else step.t
-        self.q, self.depth = step.q, max(0.0, -float(step.active.gap.min(initial=0.0)))
-        percussion, free, _, before = step.rates
-        # what closes faster than the forces of one step explain is an impact, what goes on pressing is none
-        closing = (percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -1e-12)
+        self.q, self.residual = step.q, step.residual
+        self.depth = max(0.0, -float(step.active.gap.min(initial=0.0)))
+        # what goes on pressing is no impact
+        closing, percussion = closes(step.rates), step.percussion
         self.v = v if closing.any() else step.v
         yield stride
         self.v = step.v
@@ -225,7 +225,7 @@ class Motion:
                 self.v, percussion = _one_by_one(v, J, metric.solve_rows(J), e, still)
             else:
                 self.v, rates, residual = self.projector.law(v, Push(v, metric), J, e)
-                percussion, self.residual = rates[0], max(self.residual, residual)
+                percussion, self.residual = rates[0], residual
             self._struck_at = self.t
             point, normal = self.rows.points(self.t, self.q, touching)
             rates = np.array([percussion, before, J @ self.v])
@@ -247,18 +247,19 @@ class Motion:
         rest = touching[(low | sure) & smooth]
         if not rest.size:
             return
-        kept = np.isin(touching, rest)
-        self.v = self._along(metric, J[kept], self.v)
-        self.closed = self._pressing(rest)
-
-    def _pressing(self, rest: Array) -> Array:
-        """Return which of the resting contacts press, by the complementarity problem of accelerations."""
-        free, metric, J, wanted = self.flow.reactions(self.t, self.q, self.v, rest)
-        solved = self.projector.project(free, metric, J, wanted)
+        kept = J[np.isin(touching, rest)]
+        self.v = self.v + pushed(metric, kept, -(kept @ self.v))
+        press, opening = self._complementarity(self.t, self.q, self.v, rest)
         # one that the others keep closed without its help stays as well: it cannot open on its own
-        opening = J @ solved.velocity - wanted
+        self.closed = rest[(press > 0.0) | (opening <= _STAYS)]
+
+    def _complementarity(self, t: float, q: Array, v: Array, rest: Array) -> tuple[Array, Array]:
+        """Return how resting contacts press, and their accelerations apart relative to the terms these consist of."""
+        free, metric, J, wanted = self.flow.reactions(t, q, v, rest)
+        solved = self.projector.project(free, metric, J, wanted)
         scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
-        return rest[(solved.percussion > 0.0) | (opening <= _STAYS * scale)]
+        opening = J @ solved.velocity - wanted
+        return solved.percussion, opening / np.where(scale > 0.0, scale, 1.0)
 
     def _let_go(self, stride: Stride, share: float) -> float:
         """Return the share of a step at which a closed contact releases, 1 if none does before `share`."""
@@ -272,31 +273,22 @@ class Motion:
 
     def _all_hold(self, stride: Stride, share: float) -> bool:
         """Tell whether every closed contact would stay so."""
-        t, (q, v) = stride.t + share * stride.h, stride.at(self.system, share)
-        free, metric, J, wanted = self.flow.reactions(t, q, v, self.closed)
-        solved = self.projector.project(free, metric, J, wanted)
-        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
-        return bool((J @ solved.velocity - wanted <= _OPENS * scale).all())
+        q, v = stride.at(self.system, share)
+        _, opening = self._complementarity(stride.t + share * stride.h, q, v, self.closed)
+        return bool((opening <= _OPENS).all())
 
     def _hold(self) -> None:
         """Take the drift out of closed contacts: of the configuration, then of the velocity."""
         for _ in range(2):
             self.depth = max(self.depth, self._move_out(self.closed))
-        J, metric = self.rows.gradients(self.t, self.q, self.closed), self.system.metric(self.q)
-        self.v = self._along(metric, J, self.v)
+        J = self.rows.gradients(self.t, self.q, self.closed)
+        self.v = self.v + pushed(self.system.metric(self.q), J, -(J @ self.v))
 
     def _move_out(self, index: Array) -> float:
         """Project the configuration onto where some gaps vanish; return how deep the deepest was."""
-        J, metric = self.rows.gradients(self.t, self.q, index), self.system.metric(self.q)
-        gap, turned = self.rows.gaps(self.t, self.q, index), metric.solve_rows(J)
-        self.q = self.system.integrate(self.q, -np.linalg.lstsq(J @ turned.T, gap, rcond=_DEPENDENT)[0] @ turned)
+        gap, J = self.rows.gaps(self.t, self.q, index), self.rows.gradients(self.t, self.q, index)
+        self.q = self.system.integrate(self.q, pushed(self.system.metric(self.q), J, -gap))
         return max(0.0, -float(gap.min()))
-
-    @staticmethod
-    def _along(metric: Metric, J: Array, v: Array) -> Array:
-        """Return the nearest velocity with J v = 0."""
-        turned = metric.solve_rows(J)
-        return v - np.linalg.lstsq(J @ turned.T, J @ v, rcond=_DEPENDENT)[0] @ turned
 
 
 def _straight(t: float, h: float, q0: Array, v: Array, q: Array) -> Stride:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from ..constraints import Rows
 from ..problem import Problem
 from ..projection import Projector
@@ -56,6 +58,16 @@ class Step(NamedTuple):
     def before(self) -> Array:
         """J v before the step, shape (k,) [m/s, rad/s]."""
         return self.rates[3]
+
+
+# [m/s, rad/s]; what approaches more slowly does not close
+STILL = 1e-12
+
+
+def closes(rates: Array) -> Array:
+    """Tell of each row whether it presses and approaches faster than the forces of one step explain."""
+    percussion, free, _, before = rates
+    return np.asarray((percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -STILL))
 
 
 def carried(step: Step, time: float) -> Step:
