@@ -10,21 +10,12 @@ from mbvi.work_precision import errors, fitted_order, graph_distance, worst_erro
 
 # nowhere dyadic multiples of one another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)
-COARSE = 1e-2 * 10.0 ** -np.linspace(0.03, 0.93, 6)
-SCHEMES = [
-    mbvi.MoreauJean(),
-    mbvi.Centered(),
-    mbvi.SchatzmanPaoli(),
-    mbvi.Centered(project_positions=True),
-]
-SCHEME_NAMES = ["MoreauJean", "Centered", "SchatzmanPaoli", "Centered, lifting"]
+# what lifts closed contacts differs from what does not where a contact stays closed
 OTHERS = [
-    (0.5, "corner of 57.3 degrees"),
-    (0.0, "double pendulum"),
-    (0.5, "rod"),
-    (0.5, "rocking block"),
-    (0.0, "tumbling body"),
-]
+    *((scheme, key) for scheme in (mbvi.MoreauJean(), mbvi.Centered(), mbvi.SchatzmanPaoli())
+      for key in ((0.5, "corner of 57.3 degrees"), (0.0, "double pendulum"), (0.5, "rod"), (0.0, "tumbling body"))),
+    *((mbvi.Centered(project_positions=True), key) for key in ((0.0, "double pendulum"), (0.0, "tumbling body"))),
+]  # fmt: skip
 CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
 
 
@@ -43,17 +34,19 @@ def test_paolis_scheme_is_of_order_one(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", OTHERS, ids=[f"{name}, e = {e:g}" for e, name in OTHERS])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=SCHEME_NAMES)
+@pytest.mark.parametrize(
+    ("scheme", "key"),
+    OTHERS,
+    ids=[f"{type(s).__name__} {k}, {name}, e = {e:g}" for k, (s, (e, name)) in enumerate(OTHERS)],
+)
 def test_the_other_schemes_are_of_order_one(scheme, key):
     """Configurations uniformly and velocities in L1, one problem of each kind.
 
     The graph is Paoli's theorem: the others let a velocity jump in two parts or ahead of its impact.
     """
-    found = np.array([worst_errors(CASES[key], scheme, h) for h in COARSE])
-    orders = [fitted_order(COARSE, of_one) for of_one in found.T[:2]]
-    # one, but for the scatter of such fits by the phases of impacts
-    assert min(orders) >= 0.85, orders
+    found = np.array([worst_errors(CASES[key], scheme, h) for h in STEPS])
+    orders = [fitted_order(STEPS, of_one) for of_one in found.T[:2]]
+    assert min(orders) >= 0.9, orders
     assert max(found[-1, :2]) < 0.1
 
 
