@@ -238,6 +238,16 @@ def separation(rng):
     )
 
 
+def bias(rng):
+    system, q, _ = moving_robot(rng)
+    m = int(rng.integers(0, 6))
+    bodies = rng.integers(1, len(system.bodies), m)
+    return (
+        np.array(system.kinematics(q).poses), bodies, rng.normal(size=(m, 3)), rng.normal(size=(m, 6)),
+        rng.normal(size=(m, 6)), np.full((m, 3), np.nan),
+    )  # fmt: skip
+
+
 def use_up(rng):
     n, nv = rng.integers(0, 5), rng.integers(1, 9)
     spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
@@ -404,6 +414,7 @@ ARGUMENTS = {
     "tree_law": tree_law,
     "row": row,
     "separation": separation,
+    "_bias": bias,
     "_use_up": use_up,
     "_spend": spend,
     "sift": sift,

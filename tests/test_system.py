@@ -206,3 +206,25 @@ def test_a_copy_of_a_mechanism_stands_on_its_own(rng):
         # asked about another q, the twin leaves the first as it was
         twin.placements(state(system, rng)[0], np.arange(5))
         np.testing.assert_array_equal(system.placements(q, np.arange(5)), expected)
+
+
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_a_point_of_a_body_accelerates_by_its_bias_where_v_does_not_change(make, rng):
+    """The second derivative of where the point is, along the motion that v would go on with."""
+    system = make()
+    q, v = state(system, rng)
+    bodies = rng.integers(1, len(system.bodies), 5)
+    local = rng.normal(size=(5, 3))
+
+    def speed(q):
+        # n . velocity of a point, for n along each axis
+        places = system.placements(q, bodies)
+        at = np.vecmat(local, places[:, :3]) + places[:, 3]
+        nothing = np.zeros(5, np.int64)
+        return np.array([system.separation_rows(q, nothing, bodies, at, np.tile(n, (5, 1))) @ v for n in np.eye(3)]).T
+
+    h = 1e-3
+    ahead, behind = ([speed(system.integrate(q, k * s * h * v)) for k in (1, 2)] for s in (1, -1))
+    expected = (8 * (ahead[0] - behind[0]) - (ahead[1] - behind[1])) / (12 * h)
+    found = system.point_bias(q, v, bodies, local)
+    np.testing.assert_allclose(found, expected, atol=1e-7 * max(1.0, np.abs(expected).max()))

@@ -251,6 +251,7 @@ class HalfSpaceContacts(Pairs):
             owner.extend([pair] * len(points))
         self._numbers, self.owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
         self._selection: _Selection
+        self._points: dict[bytes, _Selection] = {}
 
     def forget(self) -> None:
         """Ask every pair next time."""
@@ -278,7 +279,9 @@ class HalfSpaceContacts(Pairs):
     def _gather(self, pairs: Array) -> _Selection:
         due = np.zeros(len(self.names), bool)
         due[pairs] = True
-        chosen = due[self.owner].nonzero()[0]
+        return self._gather_points(due[self.owner].nonzero()[0])
+
+    def _gather_points(self, chosen: Array) -> _Selection:
         pair = self.owner[chosen]
         body = self._second_body[pair]
         bodies, frame = (None, body) if self._one_mechanism else np.unique(body, return_inverse=True)
@@ -291,8 +294,26 @@ class HalfSpaceContacts(Pairs):
             _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
         )
 
+    def standing(self, q: Array, points: Array) -> Contacts:
+        """Return the contacts of some of all the points, in ascending order."""
+        key = points.tobytes()
+        selection = self._points.get(key)
+        if selection is None:
+            if len(self._points) >= _MOST_SELECTIONS:
+                self._points.clear()
+            selection = self._points[key] = self._gather_points(points)
+        return self._standing(q, selection)
+
     def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
-        selection = self._select(due)
+        return self._standing(q, self._select(due))
+
+    def bias(self, q: Array, v: Array, points: Array) -> Array:
+        """Return (dJ/dt) v of some of all the points; NaN of those that move along their bodies."""
+        numbers = self._numbers[points]
+        bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
+        return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
+
+    def _standing(self, q: Array, selection: _Selection) -> Contacts:
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         if selection.bodies is None:
             places = self.system.kinematics(q).poses  # type: ignore[attr-defined]

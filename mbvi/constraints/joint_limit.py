@@ -115,9 +115,14 @@ class JointLimits:
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return rows of +1 or -1, shape (m, nv)."""
-        return self._rows(np.arange(len(self._sign)))
+        return self.rows(np.arange(len(self._sign)))
 
-    def _rows(self, index: Array) -> Array:
+    def bias(self, q: Array, v: Array, index: Array) -> Array:
+        """Return (dJ/dt) v of some limits: none."""
+        return np.zeros(len(index))
+
+    def rows(self, index: Array) -> Array:
+        """Return the gradients of some limits, shape (k, nv)."""
         rows = np.zeros((len(index), self._nv))
         rows[np.arange(len(index)), self._velocity[index]] = self._sign[index]
         return rows
@@ -150,4 +155,4 @@ class JointLimits:
     def _rows_of(self, index: Array) -> tuple[Array, Array, Array, Array]:
         """Return what is the same for some limits whenever they are reached: numbers, gradients, e, and no point."""
         nowhere = np.tile(NOWHERE, (len(index), 1))
-        return index + self.first_number, self._rows(index), self.restitution[index], nowhere
+        return index + self.first_number, self.rows(index), self.restitution[index], nowhere

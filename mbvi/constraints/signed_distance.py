@@ -69,6 +69,7 @@ class SignedDistances(Pairs):
         self._faced = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
         both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
+        self._bounds = np.empty(len(self._sides))
         self._balls = Balls(self._placed, self._axes.frame, both)
         self._round = self._balls.are.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._placed]
@@ -91,6 +92,16 @@ class SignedDistances(Pairs):
 
     def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
         return self._measured(self.system.placements(q, self._axes.bodies), due, tolerance)
+
+    def at_least(self, q: Array, pairs: Array) -> Array:
+        """Return what some signed distances are at least: more than 0 by an axis that separates, or themselves."""
+        places = self.system.placements(q, self._axes.bodies)
+        asked = self._axes.clear(places, pairs, 0.0, self._bounds)
+        if asked.size:
+            contacts = self._measured(places, asked, 0.0)
+            self._bounds[asked] = np.inf
+            np.minimum.at(self._bounds, contacts.pair, contacts.gap)
+        return self._bounds[pairs]
 
     def _place(self, places: Array, pairs: Array) -> None:
         """Bring the poses of the shapes in the given pairs to where their bodies are."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ..constraints import SmoothRows
 from ..problem import Problem
@@ -12,11 +13,13 @@ from ..projection import Metric
 from ..system import System
 from ..system.system import Array
 
-# length of the differences that give (dJ/dt) v: both errors of order four are at rounding there [m, rad]
-_DIFFERENCE = 1e-3
 # singular values of the Delassus matrix below this are none
 _DEPENDENT = 1e-10
+# pivots of its factor, in lengths of the rows, above which these are independent beyond doubt
+_INDEPENDENT = 1e-3
 _POWERS = np.arange(1, 5)
+# what a coordinate may travel beyond the fastest of the stages
+_MARGIN = 1.2
 
 
 class Stride(NamedTuple):
@@ -54,11 +57,20 @@ class Stride(NamedTuple):
         dq, dv = self.h * (self.dense @ share**_POWERS)
         return system.integrate(self.q0, dq), self.v0 + dv
 
+    def prolonged(self, system: System, time: float) -> Stride:
+        """Return the step with its end moved by a time so short that a parabola leads there."""
+        q = system.integrate(self.q, time * self.v + 0.5 * time**2 * self.a)
+        return self._replace(h=self.h + time, q=q, v=self.v + time * self.a)
+
 
 def pushed(metric: Metric, J: Array, missing: Array) -> Array:
     """Return M^-1 J' p of the least p that gives every row what it is missing, of dependent rows too."""
     turned = metric.solve_rows(J)
-    return np.asarray(np.linalg.lstsq(J @ turned.T, missing, rcond=_DEPENDENT)[0] @ turned)
+    G = J @ turned.T
+    factor, p, info = lapack.dposv(G, missing)
+    if info or (factor.diagonal() < _INDEPENDENT * np.sqrt(G.diagonal())).any():
+        p = np.linalg.lstsq(G, missing, rcond=_DEPENDENT)[0]
+    return np.asarray(p @ turned)
 
 
 class Flow:
@@ -77,21 +89,16 @@ class Flow:
         from scipy.integrate import RK45
 
         self.system, self.rows = problem.system, rows
-        self._a, self._b, self._c, self._e, self._p = RK45.A, RK45.B, RK45.C, RK45.E, RK45.P
-
-    def bend(self, t: float, q: Array, v: Array, index: Array) -> Array:
-        """Return (dJ/dt) v of some rows, shape (k,): how fast their rates change at constant v."""
-        speed = float(np.linalg.norm(v))
-        if speed == 0.0 or not index.size:
-            return np.zeros(len(index))
-        s = _DIFFERENCE / max(speed, _DIFFERENCE)
-        rates = [self.rows.gradients(t, self.system.integrate(q, k * s * v), index) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
-        return (rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s)
+        self._e, self._p = RK45.E, RK45.P
+        # the last stage is the result, which is the first of the next step
+        self._weights = np.zeros((7, 6))
+        self._weights[:6, :5], self._weights[6] = RK45.A, RK45.B
+        self._c = [*RK45.C.tolist(), 1.0]
 
     def reactions(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
         """Return the free acceleration, M, J and what J a of the closed rows must be to keep them closed."""
         free = self.system.acceleration(t, q, v)
-        return free, self.system.metric(q), self.rows.gradients(t, q, closed), -self.bend(t, q, v, closed)
+        return free, self.system.metric(q), self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
 
     def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return dv/dt with the given rows kept closed."""
@@ -102,15 +109,16 @@ class Flow:
 
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> Stride:
         """Take one step of length h from (t, q, v) with acceleration a."""
-        K = np.empty((2, 7, len(v)))
-        K[0, 0], K[1, 0] = v, a
+        nv, weights = len(v), h * self._weights
+        # of each stage the rate of the chart's coordinates, then the acceleration
+        K = np.empty((7, 2 * nv))
+        K[0, :nv], K[0, nv:] = v, a
         for i in range(1, 7):
-            weights = self._a[i, :i] if i < 6 else self._b
-            dq, dv = h * np.einsum("j,kjn->kn", weights, K[:, :i])
-            place, speed = self.system.integrate(q, dq), v + dv
-            K[0, i] = self.system.chart_rate(q, dq, speed)
-            K[1, i] = self.acceleration(t + (self._c[i] if i < 6 else 1.0) * h, place, speed, closed)
-        travel = 1.2 * abs(h) * np.abs(K[0]).max(axis=0)
-        error = h * np.einsum("j,kjn->kn", self._e, K)
-        dense = np.einsum("kjn,jp->knp", K, self._p)
-        return Stride(t, h, q, v, place, speed, K[1, 6].copy(), travel, error, dense)
+            moved = weights[i, :i].dot(K[:i])
+            dq, speed = moved[:nv], v + moved[nv:]
+            place = self.system.integrate(q, dq)
+            K[i, :nv] = self.system.chart_rate(q, dq, speed)
+            K[i, nv:] = self.acceleration(t + self._c[i] * h, place, speed, closed)
+        travel = _MARGIN * abs(h) * np.abs(K[:, :nv]).max(axis=0)
+        error, dense = (h * self._e.dot(K)).reshape(2, nv), K.T.dot(self._p).reshape(2, nv, 4)
+        return Stride(t, h, q, v, place, speed, K[6, nv:], travel, error, dense)

@@ -23,7 +23,8 @@ _LOCAL, _TOUCHING = 0.1, 0.01
 _BOUNCE = 1e-14
 _SAFETY, _LEAST_FACTOR, _MOST_FACTOR = 0.9, 0.2, 5.0
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
-_NEWTON = 4
+# steps taken anew until one ends at an event, and the part of a step within which a parabola leads there
+_NEWTON, _CLOSE = 4, 1e-6
 # relative acceleration at which a closed contact opens, and below which one stays without pressing: less, or what was
 # just let go would be kept
 _OPENS, _STAYS = 1e-9, 1e-10
@@ -102,7 +103,7 @@ class Motion:
         while self.t < end:
             stride = self.flow.step(self.t, self.q, self.v, a, min(h, end - self.t), self.closed)
             error = self._error(stride)
-            factor = float(np.clip(_SAFETY * max(error, 1e-10) ** -0.2, _LEAST_FACTOR, _MOST_FACTOR))
+            factor = min(max(_SAFETY * max(error, 1e-10) ** -0.2, _LEAST_FACTOR), _MOST_FACTOR)
             # written so that a NaN is refused too
             if not error <= 1.0:
                 h = self._shorter(stride.h, factor if np.isfinite(error) else _LEAST_FACTOR)
@@ -181,12 +182,10 @@ class Motion:
 
     def _error(self, stride: Stride) -> float:
         """Return the local error relative to what is allowed."""
-        allowed = _LOCAL * self.tolerance
-        speed = max(1.0, float(np.abs(stride.v).max(initial=0.0)))
-        return max(
-            float(np.abs(stride.error[0]).max(initial=0.0)) / allowed,
-            float(np.abs(stride.error[1]).max(initial=0.0)) / (allowed * speed),
-        )
+        in_chart, in_v = np.abs(stride.error).max(axis=1, initial=0.0).tolist()
+        speed = float(np.abs(stride.v).max(initial=1.0))
+        # written so that a NaN of either is kept
+        return float((in_v / speed if in_v > in_chart * speed else in_chart + 0.0 * in_v) / (_LOCAL * self.tolerance))
 
     def _stop(self, a: Array, h: float, first: Array) -> Stride:
         """Return the step taken anew up to where the first row closes, by Newton's method."""
@@ -197,13 +196,17 @@ class Motion:
             # where it grazes the dense output is as good
             if abs(gap) < 1e-15 or rate >= 0.0 or not 0.0 < h - gap / rate:
                 break
-            h -= gap / rate
+            late = -gap / rate
+            if abs(late) < _CLOSE * h:
+                return stride.prolonged(self.system, late)
+            h += late
             stride = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
         return stride
 
     def _touch(self, known: Array) -> Array:
         """Return the rows that touch; `known` are looked at, and whatever else is near."""
-        near = np.union1d(self.crossings.near(10 * self.touching), known)
+        near = self.crossings.within(self.t, self.q, 10 * self.touching)
+        near = np.union1d(near, known) if known.size else near
         gaps = self.rows.gaps(self.t, self.q, near)
         return near[(gaps <= self.touching) | (np.isin(near, known) & (gaps <= 10 * self.touching))]
 
@@ -231,7 +234,7 @@ class Motion:
             rates = np.array([percussion, before, J @ self.v])
             yield Struck(self.t, self.q, v, self.v, self.rows.number[touching], rates, point, normal)
         rates = J @ self.v
-        bend = self.flow.bend(self.t, self.q, self.v, touching)
+        bend = self.rows.bias(self.t, self.q, self.v, touching)
         smooth = self.rows.smooth[touching]
         sure = (rates <= still) & smooth
         pull = self.system.acceleration(self.t, self.q, self.v)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import lapack
 
 from ..compiled import kernel, plain_array
 from ..errors import InputError
@@ -101,6 +102,39 @@ def _add_scaled(v: Array, h: float, a: Array) -> None:
         a[k] = v[k] + h * a[k]
 
 
+def _bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+    """Write the accelerations of points of moving bodies, shape (k, 3), in the world.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Columns of each body's rotation, then its origin.
+    bodies : ndarray of int, shape (k,)
+        The body of each point.
+    points : ndarray, shape (k, 3)
+        In the bodies' frames.
+    twists, rates : ndarray, shape (k, 6)
+        Spatial velocities and accelerations of the bodies, linear parts first, in their frames.
+    """
+    spin = twists[:, 3:]
+    speed = twists[:, :3] + np.cross(spin, points)
+    bias[:] = np.vecmat(rates[:, :3] + np.cross(rates[:, 3:], points) + np.cross(spin, speed), poses[bodies, :3])
+
+
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])", plain=_bias_plain)
+def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+    for k in range(len(bodies)):
+        P, p, w, r = poses[bodies[k]], points[k], twists[k], rates[k]
+        x = w[0] + w[4] * p[2] - w[5] * p[1]
+        y = w[1] + w[5] * p[0] - w[3] * p[2]
+        z = w[2] + w[3] * p[1] - w[4] * p[0]
+        a = r[0] + r[4] * p[2] - r[5] * p[1] + w[4] * z - w[5] * y
+        b = r[1] + r[5] * p[0] - r[3] * p[2] + w[5] * x - w[3] * z
+        c = r[2] + r[3] * p[1] - r[4] * p[0] + w[3] * y - w[4] * x
+        for i in range(3):
+            bias[k, i] = a * P[0, i] + b * P[1, i] + c * P[2, i]
+
+
 class ArticulatedSystem:
     """A mechanism of joints, with gravity, joint damping and a control.
 
@@ -131,6 +165,8 @@ class ArticulatedSystem:
         self._zero = np.zeros(self.nv)
         # whether q + dv is the retraction but for the names of angles
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
+        # up to which velocity it is not; joints are independent of each other
+        self._curved = max((j.idx_v + j.nv for j in list(model.joints)[1:] if j.nv > 1), default=0)
         self._data = model.createData()
         self._energy_data = model.createData()
         # the configuration the data belong to, by its bytes and, if it cannot have changed, as the very array
@@ -234,7 +270,10 @@ class ArticulatedSystem:
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         if self._flat:
             return v
-        return np.linalg.solve(pin.dIntegrate(self.model, q, dv, pin.ARG1), v)
+        derivative, n = pin.dIntegrate(self.model, q, dv, pin.ARG1), self._curved
+        rate = v.copy()
+        rate[:n] = lapack.dgesv(derivative[:n, :n], v[:n])[2]
+        return rate
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
@@ -257,6 +296,16 @@ class ArticulatedSystem:
         rows = np.empty((len(point), self.nv))
         separation(columns, support, first, second, point, normal, rows)
         return rows
+
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        data = self._energy_data
+        pin.forwardKinematics(self.model, data, q, v, self._zero)
+        moving = bodies.tolist()
+        twists = np.array([data.v[body].vector for body in moving])
+        rates = np.array([data.a[body].vector for body in moving])
+        bias = np.empty((len(points), 3))
+        _bias(self.kinematics(q).poses, bodies, points, twists, rates, bias)
+        return bias
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)

@@ -98,6 +98,14 @@ class BlockSystem:
                 rows[here, b.v] = part
         return rows
 
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        bias = np.zeros((len(points), 3))
+        for b in self.blocks:
+            here = self._inside(b, bodies)
+            if here.any():
+                bias[here] = b.system.point_bias(q[b.q], v[b.v], bodies[here] - b.first_body, points[here])
+        return bias
+
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         b = next(b for b in reversed(self.blocks) if b.first_body < body)
         reach = np.zeros(self.nv)

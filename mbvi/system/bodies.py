@@ -76,6 +76,9 @@ class Spheres:
             rows[here[:, None], columns] += sign * normal[here]
         return rows
 
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        return np.zeros((len(points), 3))
+
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
         reach[3 * body - 3 : 3 * body] = 1.0
@@ -178,6 +181,11 @@ class FreeBodies:
             pull = np.concatenate([normal[here], np.einsum("kij,kj->ki", places[:, :3], torque)], axis=1)
             rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
         return rows
+
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        spin = v.reshape(-1, 6)[bodies - 1, 3:]
+        bias = spin * np.vecdot(spin, points)[:, None] - points * np.vecdot(spin, spin)[:, None]
+        return np.vecmat(bias, self.placements(q, bodies)[:, :3])
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)

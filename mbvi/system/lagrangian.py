@@ -101,5 +101,8 @@ class LagrangianSystem:
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
         return np.zeros((len(point), self.nv))
 
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        return np.zeros((len(points), 3))
+
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         return np.zeros(self.nv)

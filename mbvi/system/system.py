@@ -98,6 +98,13 @@ class System(Protocol):
         """
         ...
 
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        """Return the accelerations of points fixed to bodies while v does not change, shape (k, 3), in the world.
+
+        `points`, shape (k, 3), are in the bodies' own frames.
+        """
+        ...
+
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         """Return how far each velocity can carry a point of a ball fixed to a body, shape (nv,) [m per unit].
 

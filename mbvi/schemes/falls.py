@@ -1,0 +1,145 @@
+"""Where functions on [0, 1] first fall through zero, from their interpolants at Chebyshev points.
+
+A fall is precise to the rounding of the largest value: who needs more corrects it by Newton's method.
+An interval whose interpolant stays above its own error has no fall; one whose interpolant does not tell is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from ..system.system import Array
+
+Values = Callable[[float, Array], Array]
+
+# two coefficients bound the error of an interpolant, which is rounding at least, relative to the largest value
+_UNSURE, _ROUNDING = 4.0, 1e-15
+# relative error at which an interpolant is taken for the function
+_RESOLVED = 1e-7
+# how often an interval is halved where a function has a kink, and where it is smooth but only touches zero
+_KINKED, _TOUCHING = 6, 20
+
+
+class _Interpolant:
+    """Values at the extrema of a Chebyshev polynomial made into a polynomial on [0, 1].
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomial.
+    """
+
+    def __init__(self, degree: int) -> None:
+        self.nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+        self._coefficients = np.linalg.inv(chebyshev.chebvander(2.0 * self.nodes - 1.0, degree))
+        self._on_grid, self._on_fine = (self._on(np.linspace(0.0, 1.0, n)) for n in (65, _PARTS + 1))
+
+    def _on(self, x: Array) -> Array:
+        return np.asarray(chebyshev.chebvander(2.0 * x - 1.0, len(self.nodes) - 1) @ self._coefficients)
+
+    def error(self, values: Array) -> Array:
+        """Return by how much the interpolants may be off, shape (k,); values have shape (degree + 1, k)."""
+        last = np.abs(self._coefficients[-2:] @ values).sum(axis=0)
+        return np.asarray(_UNSURE * last + _ROUNDING * np.abs(values).max(axis=0))
+
+    def soonest(self, values: Array) -> Array:
+        """Return from where on each may fall, shape (k,), infinite where it stays above its error after the start."""
+        grid = self._on_grid @ values
+        # between three grid points a parabola dips by an eighth of the second difference
+        dip = 0.125 * np.abs(np.diff(grid, 2, axis=0)).max(axis=0)
+        low = ~(grid[1:] > self.error(values) + dip)
+        return np.where(low.any(axis=0), low.argmax(axis=0) / (len(grid) - 1), np.inf)
+
+    def on_fine(self, values: Array) -> Array:
+        """Return one of them at x = 0, 1 / 1024, ..., 1."""
+        return np.asarray(self._on_fine @ values)
+
+
+_PARTS = 1024
+_COARSE, _FINE = _Interpolant(4), _Interpolant(8)
+
+
+def first_fall(values: Values, count: int) -> tuple[float, int]:
+    """Return where in [0, 1] the first of some functions falls through zero, and which; 1 and -1 if none does.
+
+    Parameters
+    ----------
+    values : callable
+        values(x, index) -> the functions of that index at x.
+    count : int
+        How many functions there are.
+    """
+    index = np.arange(count)
+    coarse = np.array([values(x, index) for x in _COARSE.nodes.tolist()])
+    index = index[_COARSE.soonest(coarse) < np.inf]
+    if not index.size:
+        return 1.0, -1
+    fine = np.empty((len(_FINE.nodes), len(index)))
+    # every other node is one of the coarser interpolant
+    fine[::2], fine[1::2] = coarse[:, index], [values(x, index) for x in _FINE.nodes[1::2].tolist()]
+    best, which = 1.0, -1
+    soonest = _FINE.soonest(fine)
+    for k in np.argsort(soonest, kind="stable").tolist():
+        if soonest[k] >= best:
+            break
+
+        def one(x: float, own: Array = index[k : k + 1]) -> float:
+            return float(values(x, own)[0])
+
+        x = _fall(one, 0.0, 1.0, fine[:, k], 0)
+        if x is not None and x < best:
+            best, which = x, int(index[k])
+    return best, which
+
+
+def _fall(value: Callable[[float], float], low: float, high: float, known: Array | None, halved: int) -> float | None:
+    """Return where one function first falls through zero in an interval, or None."""
+    if known is None:
+        known = np.array([value(x) for x in (low + (high - low) * _FINE.nodes).tolist()])
+        if _FINE.soonest(known[:, None])[0] == np.inf:
+            return None
+    error = float(_FINE.error(known[:, None])[0])
+    smooth = error <= _RESOLVED * float(np.abs(known).max())
+    share, sure = _fall_on_grid(_FINE.on_fine(known), error)
+    if (smooth and sure) or halved >= (_TOUCHING if smooth else _KINKED):
+        return None if share is None else low + share * (high - low)
+    middle = 0.5 * (low + high)
+    found = _fall(value, low, middle, None, halved + 1)
+    return _fall(value, middle, high, None, halved + 1) if found is None else found
+
+
+def _fall_on_grid(p: Array, error: float) -> tuple[float | None, bool]:
+    """Return where a polynomial on the fine grid first falls through zero, or None; and whether beyond doubt."""
+    below = p <= 0.0
+    if below[0] and p[1] <= p[0]:
+        # down at once, unless it rises and falls back within the first part
+        return 0.0, -3.0 * p[0] + 4.0 * p[1] - p[2] <= 0.0
+    # what starts below falls where it turns
+    falls = np.flatnonzero(below[1:] & (p[1:] < p[:-1]))
+    last = int(falls[0]) + 1 if falls.size else len(p) - 1
+    inner = p[1:last]
+    for i in (1 + np.flatnonzero((inner <= p[: last - 1]) & (inner <= p[2 : last + 1]) & (inner > 0.0))).tolist():
+        bend, slope = p[i - 1] - 2.0 * p[i] + p[i + 1], 0.5 * (p[i + 1] - p[i - 1])
+        least = p[i] - (0.5 * slope**2 / bend if bend > 0.0 else 0.0)
+        if least <= error:
+            root = _root(p[i - 1 : i + 2]) if least < 0.0 else None
+            return None if root is None else (i - 1 + root) / _PARTS, least < -error
+    if not falls.size:
+        return None, True
+    if below[last - 1]:
+        return (last - 1) / _PARTS, True
+    first = min(last - 1, len(p) - 3)
+    root = _root(p[first : first + 3])
+    return (first + root) / _PARTS, True
+
+
+def _root(p: Array) -> float:
+    """Return where the parabola through values at 0, 1 and 2 first falls through zero."""
+    c, a = float(p[0]), 0.5 * float(p[0] - 2.0 * p[1] + p[2])
+    b = float(p[1]) - c - a
+    # of a root that falls, the form without cancellation
+    root = np.sqrt(max(b * b - 4.0 * a * c, 0.0))
+    return float(2.0 * c / (root - b)) if root - b > 0.0 else 0.0
