@@ -10,7 +10,7 @@ from .problem import Problem
 from .progress import Progress
 from .projection import Projector
 from .schemes import EventDriven
-from .schemes.flow import Stride
+from .schemes.flow import DEGREE, Stride
 from .schemes.motion import Motion, Struck
 from .trajectory import Array, Impact, Trajectory
 
@@ -26,7 +26,7 @@ class _Record:
         self.dense: list[Array] = []
         self.penetration, self.residual = [0.0], [0.0]
         self.impacts: list[Impact] = []
-        self._no_motion = np.zeros((2, problem.system.nv, 4))
+        self._no_motion = np.zeros((2, problem.system.nv, DEGREE))
 
     def stride(self, stride: Stride, walk: Motion) -> None:
         """Keep a step and the state it led to, of which the drift of closed contacts was taken."""
@@ -97,7 +97,7 @@ def run_located(
         True,
         np.array(record.penetration),
         _scheme=scheme,
-        _dense=np.array(record.dense).reshape(-1, 2, problem.system.nv, 4),
+        _dense=np.array(record.dense).reshape(-1, 2, problem.system.nv, DEGREE),
     )
     if out is not None:
         save(run, out)

@@ -129,7 +129,7 @@ class Trajectory:
             return self.q[i].copy(), self.v[i].copy()
         part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
         if self._dense is not None and self.problem is not None:
-            dq, dv = (self.t[i + 1] - self.t[i]) * (self._dense[i] @ part ** np.arange(1, 5))
+            dq, dv = (self.t[i + 1] - self.t[i]) * (self._dense[i] @ part ** np.arange(1, 1 + self._dense.shape[-1]))
             return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
         v = self.v[i + (part >= self._jump)].copy()
         if self.problem is None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..constraints import SmoothRows
 from ..system import System
 from ..system.system import Array
-from .falls import first_fall
+from .falls import FEW_NODES, first_fall
 from .flow import Stride
+
+Ask = Callable[[float, Array, Array], Array]
 
 # what touches is off by rounding: a row closes where its gap falls below this [m, rad]
 _ROUNDING = 1e-14
@@ -45,8 +49,8 @@ class Crossings:
         far[due] = end
         self.depth = max(0.0, -float(end.min()))
         # from either end no gap falls faster than its bodies travel
-        suspects = due[~(start + end > used[due])]
-        share, first = self._earliest(stride, suspects) if suspects.size else (1.0, suspects)
+        near = ~(start + end > used[due])
+        share, first = self._earliest(stride, due[near], end[near], used[due[near]]) if near.any() else (1.0, due[:0])
         if share < 1.0:
             # the step will be cut: its end is not where they will be
             far, self.depth = self._least - share * used, 0.0
@@ -74,13 +78,27 @@ class Crossings:
             least[least == -np.inf] = self._least[unknown] = self._rows.at_least(stride.t, stride.q0, unknown)
         return least
 
-    def _earliest(self, stride: Stride, suspects: Array) -> tuple[float, Array]:
-        def gaps(share: float, of: Array) -> Array:
-            q, _ = stride.at(self._system, share) if share < 1.0 else (stride.q, stride.v)
-            return self._rows.gaps(stride.t + share * stride.h, q, suspects[of]) + _ROUNDING
+    def _earliest(self, stride: Stride, suspects: Array, end: Array, used: Array) -> tuple[float, Array]:
+        """Return where the first of some rows falls, of which `end` is the least gap there and `used` the travel."""
+        bounds = np.array([*(self._at(stride, x, suspects, self._rows.at_least) for x in FEW_NODES[:-1]), end])
+        # nor does one in between
+        part = np.diff(FEW_NODES)[:, None] * used
+        near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)
+        suspects = suspects[near]
+        if not suspects.size:
+            return 1.0, suspects
 
-        share, k = first_fall(gaps, len(suspects))
+        def gaps(x: float, of: Array) -> Array:
+            return self._at(stride, x, suspects[of], self._rows.gaps) + _ROUNDING
+
+        # a bound by an axis is no gap
+        known = bounds[:, near] + _ROUNDING if self._rows.smooth[suspects].all() else None
+        share, k = first_fall(gaps, len(suspects), known)
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
+
+    def _at(self, stride: Stride, share: float, index: Array, ask: Ask) -> Array:
+        q = stride.at(self._system, share)[0] if share < 1.0 else stride.q
+        return ask(stride.t + share * stride.h, q, index)
 
 
 def _used_up(reach: Array, travel: Array) -> Array:

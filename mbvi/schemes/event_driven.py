@@ -23,8 +23,8 @@ class EventDriven:
 
     Notes
     -----
-    Order 5 with an embedded 4 (Dormand and Prince 1980), in a chart of its own a step (Munthe-Kaas 1999). Restitution
-    by the law (8) at each located instant, several constraints at once. Closed contacts keep their gap; which of them
+    Order 8 with embedded 5 and 3 (Dormand and Prince), in a chart of its own a step (Munthe-Kaas 1999). Restitution by
+    the law (8) at each located instant, several constraints at once. Closed contacts keep their gap; which of them
     press and which release is decided by the complementarity problem of accelerations. A contact whose bounces would
     all take less time than the tolerance, or rise less than 1e-14 of the scene's length, is put to rest; where impacts
     on several constraints accumulate, single impacts are followed to their limit. Where a gradient jumps (polyhedra

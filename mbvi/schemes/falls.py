@@ -17,8 +17,8 @@ Values = Callable[[float, Array], Array]
 
 # two coefficients bound the error of an interpolant, which is rounding at least, relative to the largest value
 _UNSURE, _ROUNDING = 4.0, 1e-15
-# relative error at which an interpolant is taken for the function
-_RESOLVED = 1e-7
+# error at which an interpolant is taken for the function: relative to its largest value, and that of gaps by rounding
+_RESOLVED, _NOISE = 1e-7, 1e-15
 # how often an interval is halved where a function has a kink, and where it is smooth but only touches zero
 _KINKED, _TOUCHING = 6, 20
 
@@ -60,9 +60,10 @@ class _Interpolant:
 
 _PARTS = 1024
 _COARSE, _FINE = _Interpolant(4), _Interpolant(8)
+FEW_NODES = _COARSE.nodes
 
 
-def first_fall(values: Values, count: int) -> tuple[float, int]:
+def first_fall(values: Values, count: int, known: Array | None = None) -> tuple[float, int]:
     """Return where in [0, 1] the first of some functions falls through zero, and which; 1 and -1 if none does.
 
     Parameters
@@ -71,9 +72,11 @@ def first_fall(values: Values, count: int) -> tuple[float, int]:
         values(x, index) -> the functions of that index at x.
     count : int
         How many functions there are.
+    known : ndarray, shape (5, count), optional
+        Their values at `FEW_NODES`.
     """
     index = np.arange(count)
-    coarse = np.array([values(x, index) for x in _COARSE.nodes.tolist()])
+    coarse = np.array([values(x, index) for x in FEW_NODES.tolist()]) if known is None else known
     index = index[_COARSE.soonest(coarse) < np.inf]
     if not index.size:
         return 1.0, -1
@@ -102,7 +105,7 @@ def _fall(value: Callable[[float], float], low: float, high: float, known: Array
         if _FINE.soonest(known[:, None])[0] == np.inf:
             return None
     error = float(_FINE.error(known[:, None])[0])
-    smooth = error <= _RESOLVED * float(np.abs(known).max())
+    smooth = error <= max(_RESOLVED * float(np.abs(known).max()), _NOISE)
     share, sure = _fall_on_grid(_FINE.on_fine(known), error)
     if (smooth and sure) or halved >= (_TOUCHING if smooth else _KINKED):
         return None if share is None else low + share * (high - low)

@@ -13,21 +13,26 @@ from ..problem import Problem
 from ..projection import Projector, Push
 from ..system.system import Array
 from .crossings import Crossings
-from .flow import Flow, Stride, pushed
+from .falls import first_fall
+from .flow import DEGREE, Flow, Stride, least_push, pushed
 from .paoli import Paoli
 from .step import closes
 
 # the part of the tolerance that one step may err by, and that a gap may be off
-_LOCAL, _TOUCHING = 0.1, 0.01
+_LOCAL, _TOUCHING = 0.3, 0.01
+# the gap that can be told from none [m, rad]
+_APART = 1e-14
 # the height, in lengths of the scene, of a bounce that is put to rest
 _BOUNCE = 1e-14
-_SAFETY, _LEAST_FACTOR, _MOST_FACTOR = 0.9, 0.2, 5.0
+_SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _ORDER = 0.8, 0.2, 10.0, 0.125
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # steps taken anew until one ends at an event, and the part of a step within which a parabola leads there
 _NEWTON, _CLOSE = 4, 1e-6
 # relative acceleration at which a closed contact opens, and below which one stays without pressing: less, or what was
 # just let go would be kept
 _OPENS, _STAYS = 1e-9, 1e-10
+# how much later in a step a release is beyond doubt, and how often dependent contacts are looked at
+_LATER, _LOOKS = 1e-7, 17
 # the step after an event, in times that since the last and at least [s]
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # impacts so near in time [s], between which no gap opens by more than so many times what counts as touching, accumulate
@@ -103,11 +108,12 @@ class Motion:
         while self.t < end:
             stride = self.flow.step(self.t, self.q, self.v, a, min(h, end - self.t), self.closed)
             error = self._error(stride)
-            factor = min(max(_SAFETY * max(error, 1e-10) ** -0.2, _LEAST_FACTOR), _MOST_FACTOR)
+            factor = min(max(_SAFETY * max(error, 1e-12) ** -_ORDER, _LEAST_FACTOR), _MOST_FACTOR)
             # written so that a NaN is refused too
             if not error <= 1.0:
                 h = self._shorter(stride.h, factor if np.isfinite(error) else _LEAST_FACTOR)
                 continue
+            stride = self.flow.completed(stride, self.closed)
             share, first = self.crossings.first(stride, self.closed)
             let_go = self._let_go(stride, share)
             if let_go < share:
@@ -182,10 +188,9 @@ class Motion:
 
     def _error(self, stride: Stride) -> float:
         """Return the local error relative to what is allowed."""
-        in_chart, in_v = np.abs(stride.error).max(axis=1, initial=0.0).tolist()
-        speed = float(np.abs(stride.v).max(initial=1.0))
-        # written so that a NaN of either is kept
-        return float((in_v / speed if in_v > in_chart * speed else in_chart + 0.0 * in_v) / (_LOCAL * self.tolerance))
+        nv, speed = len(stride.v), float(np.abs(stride.v).max(initial=1.0))
+        in_chart = stride.error[:nv].max(initial=0.0)
+        return float(np.maximum(in_chart, stride.error[nv:].max(initial=0.0) / speed) / (_LOCAL * self.tolerance))
 
     def _stop(self, a: Array, h: float, first: Array) -> Stride:
         """Return the step taken anew up to where the first row closes, by Newton's method."""
@@ -198,17 +203,26 @@ class Motion:
                 break
             late = -gap / rate
             if abs(late) < _CLOSE * h:
-                return stride.prolonged(self.system, late)
+                stride = stride.prolonged(self.system, late)
+                break
             h += late
             stride = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
-        return stride
+        return self.flow.completed(stride, self.closed)
 
     def _touch(self, known: Array) -> Array:
         """Return the rows that touch; `known` are looked at, and whatever else is near."""
         near = self.crossings.within(self.t, self.q, 10 * self.touching)
         near = np.union1d(near, known) if known.size else near
         gaps = self.rows.gaps(self.t, self.q, near)
-        return near[(gaps <= self.touching) | (np.isin(near, known) & (gaps <= 10 * self.touching))]
+        near, gaps = near[gaps <= 10 * self.touching], gaps[gaps <= 10 * self.touching]
+        touches = (gaps <= self.touching) | np.isin(near, known)
+        near, gaps = near[touches], gaps[touches]
+        # one that can be told to be apart and goes on opening is struck later, if at all
+        loose = (gaps > _APART) & ~np.isin(near, self.closed)
+        if loose.any():
+            J = self.rows.gradients(self.t, self.q, near[loose])
+            loose[loose] = J @ self.v > _moves(J, self.v)
+        return near[~loose]
 
     def _settle(self, touching: Array) -> Iterator[Struck]:
         """Apply the law (8) where something closes, and find out which contacts stay closed."""
@@ -217,7 +231,7 @@ class Motion:
             return
         J, metric = self.rows.gradients(self.t, self.q, touching), self.system.metric(self.q)
         e, before = self.rows.restitution[touching], J @ self.v
-        still = 1e-12 * (np.abs(J) @ np.abs(self.v)) + 1e-14
+        still = _moves(J, self.v)
         if (before < -still).any():
             v = self.v
             # how far gaps went since the last impact: rows that near are struck in turn, not at once
@@ -266,19 +280,45 @@ class Motion:
 
     def _let_go(self, stride: Stride, share: float) -> float:
         """Return the share of a step at which a closed contact releases, 1 if none does before `share`."""
-        if not self.closed.size or self._all_hold(stride, share):
+        if not self.closed.size:
             return 1.0
-        low, high = 0.0, share
-        while high - low > 1e-13:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._all_hold(stride, middle) else (low, middle)
-        return high
+
+        def press(x: float, of: Array) -> Array:
+            return self._press(stride, x * share)[of]
+
+        x, _ = first_fall(press, len(self.closed))
+        if x == 1.0:
+            return 1.0
+        let_go = x * share
+        if not self._all_hold(stride, min(let_go + _LATER, share)):
+            return let_go
+        # dependent ones may hold though the least of their forces would pull
+        return self._first_not_to_hold(stride, let_go, share)
+
+    def _press(self, stride: Stride, share: float) -> Array:
+        """Return how closed contacts press if none may open, as accelerations; above zero while pulling by rounding."""
+        q, v = stride.at(self.system, share)
+        free, metric, J, wanted = self.flow.reactions(stride.t + share * stride.h, q, v, self.closed)
+        G = J @ metric.solve_rows(J).T
+        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
+        return np.asarray(least_push(G, wanted - J @ free) * G.diagonal() + _OPENS * scale)
+
+    def _first_not_to_hold(self, stride: Stride, low: float, share: float) -> float:
+        for high in np.linspace(low, share, _LOOKS)[1:].tolist():
+            if self._all_hold(stride, high):
+                low = high
+                continue
+            while high - low > 1e-13:
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if self._all_hold(stride, middle) else (low, middle)
+            return high
+        return 1.0
 
     def _all_hold(self, stride: Stride, share: float) -> bool:
         """Tell whether every closed contact would stay so."""
         q, v = stride.at(self.system, share)
         _, opening = self._complementarity(stride.t + share * stride.h, q, v, self.closed)
-        return bool((opening <= _OPENS).all())
+        return bool((opening <= 0.5 * _OPENS).all())
 
     def _hold(self) -> None:
         """Take the drift out of closed contacts: of the configuration, then of the velocity."""
@@ -294,11 +334,16 @@ class Motion:
         return max(0.0, -float(gap.min()))
 
 
+def _moves(J: Array, v: Array) -> Array:
+    """Return the rates beyond which rows move for certain."""
+    return np.asarray(1e-12 * (np.abs(J) @ np.abs(v)) + 1e-14)
+
+
 def _straight(t: float, h: float, q0: Array, v: Array, q: Array) -> Stride:
     """Return a step from q0 to q at constant velocity."""
-    dense, nothing = np.zeros((2, len(v), 4)), np.zeros((2, len(v)))
+    dense, nothing = np.zeros((2, len(v), DEGREE)), np.zeros((2, len(v)))
     dense[0, :, 0] = v
-    return Stride(t, h, q0, v, q, v, nothing[0], h * np.abs(v), nothing, dense)
+    return Stride(t, h, q0, v, q, v, nothing[0], h * np.abs(v), nothing, nothing, dense)
 
 
 def _one_by_one(v: Array, J: Array, turned: Array, e: Array, still: Array) -> tuple[Array, Array]:
