@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -13,28 +15,74 @@ from .schemes import EventDriven
 from .schemes.flow import DEGREE, Stride
 from .schemes.motion import Motion, Struck
 from .trajectory import Array, Impact, Trajectory
+from .trajectory_file import Writer
 
 _TICKS = 1000
+_POWERS = np.arange(1, DEGREE + 1)
 
 
 class _Record:
-    """States, dense output and impacts of a run; an instant at which v jumps has two states."""
+    """States, dense output and impacts of a run; an instant at which v jumps has two states.
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    Of the smooth steps every so many are kept, those before an impact, and the last.
+    """
+
+    # the law acts at states
+    jump = 1.0
+
+    def __init__(self, problem: Problem, every: int, notes: Sequence[str]) -> None:
+        self._problem, self._every = problem, every
         self.t, self.q, self.v = [problem.t0], [problem.q0], [problem.v0]
         self.dense: list[Array] = []
         self.penetration, self.residual = [0.0], [0.0]
         self.impacts: list[Impact] = []
+        self.notes = list(notes)
         self._no_motion = np.zeros((2, problem.system.nv, DEGREE))
+        # the steps since the last state kept, the first and the last of them, and where that led
+        self._since, self._worst = 0, 0.0
+        self._first: Stride | None = None
+        self._last: tuple[Stride, float, Array, Array, float] | None = None
+
+    @property
+    def count(self) -> int:
+        """How many states are kept."""
+        return len(self.t)
 
     def stride(self, stride: Stride, walk: Motion) -> None:
         """Keep a step and the state it led to, of which the drift of closed contacts was taken."""
-        self._state(walk.t, walk.q, walk.v, walk, stride.dense)
+        self._since += 1
+        self._first = self._first or stride
+        self._last = stride, walk.t, walk.q, walk.v, walk.depth
+        self._worst = max(self._worst, walk.residual)
+        if self._since >= self._every:
+            self.keep()
+
+    def keep(self) -> None:
+        """Keep the state that the last step led to, unless it is."""
+        if self._last is None or self._first is None:
+            return
+        stride, t, q, v, depth = self._last
+        dense = stride.dense if self._since == 1 else self._joined(self._first, stride, t, q, v)
+        self._state(t, q, v, depth, dense)
+
+    def _joined(self, first: Stride, last: Stride, t: float, q: Array, v: Array) -> Array:
+        """Return the cubics from the last state kept to (q, v) that have the rates of both ends."""
+        system, h, v0 = self._problem.system, t - self.t[-1], self.v[-1]
+        if h <= 0.0:
+            return self._no_motion
+        way = system.difference(self.q[-1], q)
+        ends = np.array([[v0, system.chart_rate(self.q[-1], way, v)], [first.dense[1, :, 0], last.dense[1] @ _POWERS]])
+        gone = np.array([way, v - v0]) / h
+        start, end = ends[:, 0], ends[:, 1]
+        dense = np.zeros_like(self._no_motion)
+        dense[:, :, :3] = np.stack([start, 3 * gone - 2 * start - end, start + end - 2 * gone], axis=2)
+        return dense
 
     def struck(self, struck: Struck, walk: Motion) -> None:
-        """Keep an impact and the state after it."""
-        self._state(struck.t, struck.q, struck.after, walk, self._no_motion)
+        """Keep an impact and the states before and after it."""
+        self.keep()
+        self._worst = walk.residual
+        self._state(struck.t, struck.q, struck.after, walk.depth, self._no_motion)
         percussion, before, after = struck.rates
         taking_part = percussion > 0.0
         metric = self._problem.system.metric(struck.q)
@@ -53,38 +101,41 @@ class _Record:
             )
         )
 
-    def _state(self, t: float, q: Array, v: Array, walk: Motion, dense: Array) -> None:
+    def _state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+        self.dense.append(dense)
         self.t.append(t)
         self.q.append(q)
         self.v.append(v)
-        self.penetration.append(walk.depth)
-        self.residual.append(walk.residual)
-        self.dense.append(dense)
+        self.penetration.append(depth)
+        self.residual.append(self._worst)
+        self._since, self._worst, self._first, self._last = 0, 0.0, None, None
 
 
 def run_located(
     problem: Problem,
     scheme: EventDriven,
     duration: float,
-    residual: float,
+    every: int,
+    projector: Projector,
+    notes: Sequence[str],
     out: str | os.PathLike[str] | None,
     progress: bool | None,
 ) -> Trajectory:
     """Run a problem with a scheme that locates impacts; see `simulate`."""
-    from .trajectory_file import save, writable
-
-    if out is not None:
-        writable(out, problem)
-    projector = Projector(residual)
-    record, walk = _Record(problem), scheme.walk(problem, projector)
-    with Progress(_TICKS, progress) as bar:
+    record = _Record(problem, every, notes)
+    with Writer(out, problem, scheme, 0.0, record) as writer, Progress(_TICKS, progress) as bar:
+        walk, look = scheme.walk(problem, projector), 0.0
         for part in walk.run(duration):
             if isinstance(part, Struck):
                 record.struck(part, walk)
             else:
                 record.stride(part, walk)
-                bar.poll(int(_TICKS * (walk.t - problem.t0) / duration))
-    run = Trajectory(
+            if perf_counter() >= look:
+                done = _TICKS * (walk.t - problem.t0) / duration
+                look = min(writer.poll(), bar.poll(max(int(done), 1)))
+        record.keep()
+        record.notes += _fallen_back(walk.fallbacks)
+    return Trajectory(
         np.array(record.t),
         np.array(record.q),
         np.array(record.v),
@@ -92,22 +143,19 @@ def run_located(
         np.array(record.residual),
         type(scheme).__name__,
         0.0,
-        _notes(walk.fallbacks),
+        tuple(record.notes),
         problem,
         True,
         np.array(record.penetration),
         _scheme=scheme,
         _dense=np.array(record.dense).reshape(-1, 2, problem.system.nv, DEGREE),
     )
-    if out is not None:
-        save(run, out)
-    return run
 
 
-def _notes(fallbacks: int) -> tuple[str, ...]:
+def _fallen_back(fallbacks: int) -> list[str]:
     if not fallbacks:
-        return ()
-    return (
+        return []
+    return [
         f"{fallbacks} steps of 1e-4 s were taken by the paper's scheme, of order one: where gradients jump, or events "
-        "follow each other without end, the tolerance is not kept",
-    )
+        "follow each other without end, the tolerance is not kept"
+    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -141,9 +142,11 @@ class Recorder:
         How many states there will be.
     jump : float
         That of the scheme.
+    notes : sequence of str
+        What is known before the run.
     """
 
-    def __init__(self, problem: Problem, count: int, jump: float = 1.0) -> None:
+    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
         self.problem = problem
         self.jump = jump
         self.t = np.empty(count)
@@ -151,8 +154,10 @@ class Recorder:
         self.v = np.empty((count, problem.system.nv))
         self.penetration = np.zeros(count)
         self.residual = np.zeros(count)
+        self.dense = None
         self.impacts: list[Impact] = []
-        self.notes: list[str] = []
+        self.notes = list(notes)
+        self._warned = False
         self.count = 0
         self._last: Step | None = None
 
@@ -214,7 +219,8 @@ class Recorder:
         )
 
     def _say(self, note: str) -> None:
-        if not self.notes:
+        if not self._warned:
+            self._warned = True
             warnings.warn(note, MbviWarning, stacklevel=6)
         if len(self.notes) < _MOST_NOTES:
             self.notes.append(note)

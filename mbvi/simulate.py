@@ -8,13 +8,14 @@ from time import perf_counter
 
 import numpy as np
 
+from .default_scheme import default_scheme, time_stepping
 from .errors import DivergedError, InputError
 from .located_run import run_located
 from .problem import Problem
 from .progress import Progress
 from .projection import Projector, Push
 from .recorder import Recorder
-from .schemes import EventDriven, Paoli, Scheme, Step
+from .schemes import EventDriven, Scheme, Step
 from .trajectory import Trajectory
 from .trajectory_file import Writer
 
@@ -32,7 +33,7 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     problem : Problem
         What moves.
     scheme : Scheme, optional
-        `Paoli()` by default.
+        `Centered(project_positions=True)` by default.
     step : float
         Time step h [s].
     residual : float
@@ -52,7 +53,8 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     DivergedError
         If a step leaves numbers that are not finite.
     """
-    h, chosen, projector = _positive(step, "step"), _scheme(scheme), Projector(_positive(residual, "residual"))
+    h, projector = _positive(step, "step"), Projector(_positive(residual, "residual"))
+    chosen = time_stepping()[0] if scheme is None else _scheme(scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
     return _walk(problem, chosen, h, projector)
@@ -75,14 +77,18 @@ def simulate(
     ----------
     problem : Problem
         What moves.
-    scheme : Scheme, optional
-        `Paoli()` by default.
+    scheme : Scheme or EventDriven, optional
+        By default chosen for the problem, which the run's first note says and why: `EventDriven(tolerance=1e-6)` for
+        few constraints whose gradients are continuous; where there are many, or gradients jump, or a control acts, and
+        wherever a step is given, `Centered(project_positions=True)`.
     duration : float
         How long [s]; the last step is cut so that the run ends there.
     step : float, optional
-        Time step h [s]; 1e-3 by default. Not for `EventDriven`.
+        Time step h [s], not for `EventDriven`. By default 1e-3 of a scheme that was named, else from the scene's own
+        time scales.
     every : int
-        Only every so many steps are recorded, and the last; impacts always are.
+        Only every so many steps are recorded, and the last; impacts always are. `EventDriven` takes steps of its own,
+        and keeps the states before and after each impact too; `run.at(t)` is then a cubic between what was kept.
     residual : float
         Relative KKT residual above which a projection raises.
     out : path, optional
@@ -105,22 +111,21 @@ def simulate(
         As `steps`.
     """
     duration, residual = _positive(duration, "duration"), _positive(residual, "residual")
-    h = _DEFAULT_STEP if step is None else _positive(step, "step")
+    h = None if step is None else _positive(step, "step")
     if int(every) != every or every < 1:
         raise InputError(f"every must be a positive integer; got {every!r}")
-    scheme = _scheme(scheme)
-    if isinstance(scheme, EventDriven):
-        if step is not None or every != 1:
-            raise InputError("EventDriven chooses its own steps and keeps all of them: leave out step and every")
-        return run_located(problem, scheme, duration, residual, out, progress)
+    scheme, h, notes = _chosen(problem, scheme, h, duration)
     projector = Projector(residual)
+    if isinstance(scheme, EventDriven):
+        return run_located(problem, scheme, duration, int(every), projector, notes, out, progress)
+    assert h is not None
     # whole steps, and what is left of the duration after them
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
-    recorder = Recorder(problem, 1 + -(-total // int(every)), getattr(scheme, "jump", 1.0))
+    recorder = Recorder(problem, 1 + -(-total // int(every)), getattr(scheme, "jump", 1.0), notes)
     with Writer(out, problem, scheme, h, recorder) as writer, Progress(total, progress) as bar:
         state = _start(problem, projector)
         recorder.step(state, True)
@@ -174,9 +179,25 @@ def _start(problem: Problem, projector: Projector) -> Step:
     return Step(t, q, v, active, rates, residual)
 
 
-def _scheme(scheme: Scheme | EventDriven | None) -> Scheme | EventDriven:
+def _chosen(
+    problem: Problem, scheme: Scheme | EventDriven | None, h: float | None, duration: float
+) -> tuple[Scheme | EventDriven, float | None, list[str]]:
+    """Return the scheme, its step, and a note where the scheme was not named."""
+    if scheme is None and h is None:
+        scheme, h, reason = default_scheme(problem, duration)
+        return scheme, h, [reason]
     if scheme is None:
-        return Paoli()
+        scheme, words = time_stepping()
+        return scheme, h, [f"{words} was chosen: the default at a given step"]
+    scheme = _scheme(scheme)
+    if not isinstance(scheme, EventDriven):
+        return scheme, _DEFAULT_STEP if h is None else h, []
+    if h is not None:
+        raise InputError("EventDriven chooses its own steps: leave out step")
+    return scheme, None, []
+
+
+def _scheme(scheme: Scheme | EventDriven) -> Scheme | EventDriven:
     if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
         raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {scheme!r}")
     return scheme

@@ -105,6 +105,9 @@ class Trajectory:
     def at(self, t: float) -> tuple[Array, Array]:
         """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
 
+        Of a run of `EventDriven` that was thinned by `every` it is a cubic between the states kept, which keeps to the
+        tolerance at these only.
+
         Parameters
         ----------
         t : float

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from time import perf_counter
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import h5py
 import numpy as np
@@ -21,7 +21,6 @@ from .trajectory import Impact, Trajectory, energies
 
 if TYPE_CHECKING:
     from .problem import Problem
-    from .recorder import Recorder
 
 _FORMAT = "mbvi trajectory 1"
 # seconds between two pieces: what a killed run can lose
@@ -51,6 +50,25 @@ _IMPACTS = {
 }
 
 
+class Record(Protocol):
+    """What a run leaves behind while it goes on; `dense` are polynomials between the states, or None."""
+
+    jump: float
+    t: Any
+    q: Any
+    v: Any
+    penetration: Any
+    residual: Any
+    dense: Any
+    impacts: list[Impact]
+    notes: list[str]
+
+    @property
+    def count(self) -> int:
+        """How many states there are so far."""
+        ...
+
+
 class Writer:
     """Streams a run to a file; with no path it does nothing.
 
@@ -60,7 +78,7 @@ class Writer:
         Where to.
     problem, scheme, h
         What is run, and how.
-    recorder : Recorder
+    recorder : Record
         Where the states and impacts come from.
 
     Raises
@@ -70,7 +88,12 @@ class Writer:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str] | None, problem: Problem, scheme: Scheme, h: float, recorder: Recorder
+        self,
+        path: str | os.PathLike[str] | None,
+        problem: Problem,
+        scheme: Scheme | EventDriven,
+        h: float,
+        recorder: Record,
     ) -> None:
         self._recorder, self._problem, self._h = recorder, problem, h
         self._file: h5py.File | None = None
@@ -78,6 +101,8 @@ class Writer:
         self._next = float("inf")
         if path is not None:
             self._file = _create(path, problem, type(scheme).__name__, _options(scheme), h, recorder.jump)
+            # a killed run is to say why it was run so
+            self._file.attrs["notes"] = list(recorder.notes)
             self._next = 0.0
 
     def __enter__(self) -> Writer:
@@ -95,9 +120,13 @@ class Writer:
         assert file is not None
         part = slice(self._states, r.count)
         if part.start < part.stop:
+            if r.dense is not None:
+                # before the states, which a killed run may then have fewer of
+                dense = r.dense[max(part.start - 1, 0) : part.stop - 1]
+                _append_dense(file, np.array(dense))
             both = energies(self._problem, r.t[part], r.q[part], r.v[part], self._h, r.jump)
             for name, values in zip(_STATES, (r.t, r.q, r.v, r.penetration, r.residual), strict=False):
-                _append(file[name], values[part])
+                _append(file[name], np.asarray(values[part]))
             _append(file["energy"], both)
             self._states = r.count
         _write_impacts(file, r.impacts[self._rows :], self._rows)
@@ -118,11 +147,6 @@ class Writer:
         self._file.close()
 
 
-def writable(path: str | os.PathLike[str], problem: Problem) -> None:
-    """Raise `TrajectoryFileError` where a file cannot be written."""
-    _create(path, problem, "", {}, 0.0, 1.0).close()
-
-
 def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
     """Write a trajectory to a file; see `Trajectory.save`."""
     file = _create(path, run.problem, run.scheme, _options(run._scheme), run.step, run._jump)
@@ -132,8 +156,7 @@ def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
         if run.problem is not None or run._energies is not None:
             _append(file["energy"], np.stack(run.energies(), axis=1))
         if run._dense is not None:
-            dense = file.create_dataset("dense", data=run._dense, track_times=False)
-            dense.attrs["description"] = "polynomials of the chart's coordinates and of v between the states"
+            _append_dense(file, run._dense)
         _write_impacts(file, run.impacts, 0)
         file.attrs["complete"] = run.complete
         file.attrs["notes"] = list(run.notes)
@@ -213,6 +236,18 @@ def _create(
     return file
 
 
+def _append_dense(file: h5py.File, values: np.ndarray) -> None:
+    if not len(values):
+        return
+    if "dense" not in file:
+        shape = values.shape[1:]
+        dense = file.create_dataset(
+            "dense", (0, *shape), np.float64, maxshape=(None, *shape), chunks=(_CHUNK, *shape), track_times=False
+        )
+        dense.attrs["description"] = "polynomials of the chart's coordinates and of v between the states"
+    _append(file["dense"], values)
+
+
 def _append(column: h5py.Dataset, values: np.ndarray) -> None:
     start = len(column)
     if len(values):
@@ -266,7 +301,7 @@ def _read(file: h5py.File) -> Trajectory:
         None if known is None else known(**json.loads(file.attrs.get("scheme_options", "{}"))),
         # files of before there were several schemes have none
         float(file.attrs.get("jump", 1.0)),
-        file["dense"][:] if "dense" in file else None,
+        file["dense"][: n - 1] if "dense" in file else None,
         missing,
     )
 

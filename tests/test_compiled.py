@@ -137,7 +137,7 @@ def test_a_step_goes_on_from_the_read_only_states_of_a_trajectory(of_a_robot):
         return scene.build()
 
     h = 1e-3
-    problem, run = build(), mbvi.simulate(build(), step=h, duration=0.15, progress=False)
+    problem, run = build(), mbvi.simulate(build(), mbvi.Paoli(), step=h, duration=0.15, progress=False)
     assert run.impacts
     assert not run.q.flags.writeable
     pressed = 0
@@ -176,12 +176,12 @@ def test_a_kernel_takes_what_a_control_returns():
         lambda t, q, v: torque(t).tolist(),
         lambda t, q, v: np.array([torque(t)]).T[:, 0],
     ]
-    expected = mbvi.simulate(hopper(lambda t, q, v: torque(t)), duration=0.15, progress=False)
+    expected = mbvi.simulate(hopper(lambda t, q, v: torque(t)), mbvi.Paoli(), duration=0.15, progress=False)
     assert expected.impacts
-    free = mbvi.simulate(hopper(), duration=0.15, progress=False)
+    free = mbvi.simulate(hopper(), mbvi.Paoli(), duration=0.15, progress=False)
     assert np.abs(free.q - expected.q).max() > 1e-3
     for control in controls:
-        run = mbvi.simulate(hopper(control), duration=0.15, progress=False)
+        run = mbvi.simulate(hopper(control), mbvi.Paoli(), duration=0.15, progress=False)
         np.testing.assert_array_equal(run.q, expected.q)
         np.testing.assert_array_equal(run.v, expected.v)
 
@@ -225,9 +225,9 @@ def meeting(name, e):
 
 
 def check_whole_run(name, e, plain_forms):
-    compiled = mbvi.simulate(meeting(name, e), step=1e-3, duration=0.1, progress=False)
+    compiled = mbvi.simulate(meeting(name, e), mbvi.Paoli(), step=1e-3, duration=0.1, progress=False)
     plain_forms()
-    plain = mbvi.simulate(meeting(name, e), step=1e-3, duration=0.1, progress=False)
+    plain = mbvi.simulate(meeting(name, e), mbvi.Paoli(), step=1e-3, duration=0.1, progress=False)
     assert plain.impacts
     scale = max(1.0, np.abs(plain.v).max())
     np.testing.assert_allclose(compiled.q, plain.q, rtol=0, atol=1e-12)

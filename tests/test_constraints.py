@@ -229,7 +229,7 @@ def test_far_pairs_are_not_asked_and_near_ones_never_missed(rng):
     asked, total = [], 0
     ask = pairs._measured
     pairs._measured = lambda places, due, tolerance: asked.append(len(due)) or ask(places, due, tolerance)
-    for k, step in enumerate(mbvi.steps(problem, step=2e-3)):
+    for k, step in enumerate(mbvi.steps(problem, mbvi.Paoli(), step=2e-3)):
         fresh.constraints._last = None
         every = fresh.constraints.active(step.t, step.q, problem.tolerance)
         np.testing.assert_array_equal(step.active.constraint, every.constraint)
@@ -317,7 +317,7 @@ def test_a_ball_deep_in_a_cylinder_is_thrown_back_the_short_way(where):
     scene.add_cylinder(0.3, 0.4, fixed=True, position=(0, 0, 0))
     # one step takes its centre from above the upper end to 5 mm below
     scene.add_sphere(0.01, position=(*where, 0.2151), velocity=(0, 0, -20))
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.01)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.01)
     (impact,) = run.impacts
     np.testing.assert_allclose(run.v[-1], [0, 0, 10], atol=1e-12)
     np.testing.assert_allclose(np.abs(impact.normal[0]), [0, 0, 1], atol=1e-12)

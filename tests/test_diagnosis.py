@@ -67,7 +67,7 @@ def test_touching_balls_are_one_of_several_answers():
     scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
     for k, x in enumerate([-0.5, 0.2, 0.4]):
         scene.add_sphere(0.1, mass=2.0, position=(x, 0, 0), velocity=(1.0 * (k == 0), 0, 0), name=f"ball {k}")
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=1.0)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.0)
     found = run.diagnosis()
     assert found.horizon == run.impacts[0].time
     (impact,) = [i for i in found.instants if i.impact]
@@ -81,7 +81,7 @@ def test_thinned_runs_say_the_same(tmp_path):
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.6))
     every, seventh = (
-        mbvi.simulate(scene.build(), step=1e-3, duration=0.4, every=every, out=tmp_path / f"{every}.h5")
+        mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.4, every=every, out=tmp_path / f"{every}.h5")
         for every in (1, 7)
     )
     first, second = every.diagnosis(), seventh.diagnosis()
@@ -99,7 +99,7 @@ def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
     for k, x in enumerate([-0.5, 0.2, 0.4]):
         scene.add_sphere(0.1, position=(x, 0, 0), velocity=(1.0 * (k == 0), 0, 0))
     scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 5, 0), control=lambda t, q, v: np.r_[np.zeros(6), 1, 0])
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.6, every=7, out=tmp_path / "run.h5")
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.6, every=7, out=tmp_path / "run.h5")
     assert run.diagnosis().horizon == pytest.approx(0.5, abs=2e-3)
     found = mbvi.load(tmp_path / "run.h5").diagnosis()
     assert found.unseen
@@ -112,7 +112,7 @@ def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
 def test_a_short_last_step_is_looked_at_too(duration):
     problem = corner(120, 1.0, [-1.0, -0.1], time=0.497)
     for every in (1, 3, 7):
-        run = mbvi.simulate(problem, step=1e-2, duration=duration, every=every)
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-2, duration=duration, every=every)
         assert run.diagnosis().horizon == pytest.approx(0.5)
 
 
@@ -121,7 +121,7 @@ def test_rounding_is_no_fork():
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1))
     scene.add_box((0.4, 0.3, 0.2), mass=2.0, position=(0, 0, 0.6))
-    run = mbvi.simulate(scene.build(), step=1e-2, duration=0.332)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.332)
     (impact,) = run.impacts
     assert 0.332 - impact.time < 0.5e-2
     found = run.diagnosis()
@@ -132,7 +132,7 @@ def test_rounding_is_no_fork():
 
 
 def test_the_measured_energy_is_that_of_the_law():
-    run = mbvi.simulate(corner(90, 0.5, [-1.0, -1.0]), step=1e-3, duration=1.0)
+    run = mbvi.simulate(corner(90, 0.5, [-1.0, -1.0]), mbvi.Paoli(), step=1e-3, duration=1.0)
     (impact,) = run.diagnosis().instants
     assert impact.energy_change == pytest.approx(-0.5 * 2.0 * (1 - 0.25), rel=1e-12)
     assert run.diagnosis().largest_percussion == pytest.approx(1.5, rel=1e-12)
@@ -171,7 +171,7 @@ def test_the_energy_estimate_holds_on_robots(name, e):
     scene.add_halfspace((0, 0, 1), name="floor", offset=-0.5 if name == "arm" else 0.0)
     scene.add_urdf(files[name], base="fixed" if name == "arm" else "free", position=(0, 0, 0.0 if name == "arm" else 1))
     problem = scene.build()
-    run = mbvi.simulate(problem, step=1e-3, duration=0.8)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.8)
     assert run.diagnosis().energy_excess <= 1e-9 * max(1.0, float(run.energies()[0].max()))
 
 
@@ -182,14 +182,14 @@ def test_a_run_that_gains_energy_is_found_out():
     system = mbvi.LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.zeros(2), 2)
     problem = mbvi.Problem(system, walls, [0.0, 0.0], [-1.0, 0.1], restitution=[1.0, 0.0])
     with pytest.warns(mbvi.MbviWarning, match="raised the energy"):
-        run = mbvi.simulate(problem, step=1e-3, duration=0.01)
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.01)
     found = run.diagnosis()
     assert found.energy_excess == pytest.approx(run.impacts[0].energy_change, rel=1e-9)
     assert found.energy_excess > 0.1
 
 
 def test_bad_arguments_of_diagnosis(tmp_path):
-    run = mbvi.simulate(corner(90, 1.0, [-1.0, -1.0]), step=0.1, duration=0.2)
+    run = mbvi.simulate(corner(90, 1.0, [-1.0, -1.0]), mbvi.Paoli(), step=0.1, duration=0.2)
     for tolerance in (0.0, -1.0, 1.0, np.nan, "small"):
         with pytest.raises(mbvi.InputError, match="tolerance"):
             run.diagnosis(tolerance)

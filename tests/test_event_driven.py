@@ -1,5 +1,10 @@
 """Error control: true errors against tolerances, located impacts, rest, releases, and scenes that could stall it."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from functools import cache
 
 import numpy as np
@@ -314,3 +319,94 @@ def test_forces_that_vary_behind_a_closed_contact_let_it_go_in_time():
     again = first + 2 * np.pi / 20.0
     assert run.at(again - 1e-4)[0][0] == pytest.approx(0.0, abs=1e-12)
     assert run.at(again + 1e-2)[0][0] == pytest.approx(height(first + 1e-2), abs=1e-9)
+
+
+def bouncing():
+    """A box that tumbles and bounces."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.4, 0.3, 0.2), position=(0, 0, 0.4), velocity=(0.5, 0, 0), angular_velocity=(1, 2, 1))
+    return scene.build()
+
+
+@pytest.fixture(scope="module")
+def bounced():
+    return mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45)
+
+
+@pytest.mark.parametrize("every", [2, 5, 1000])
+def test_a_thinned_run_keeps_impacts_and_their_states(every, bounced):
+    whole, thin = bounced, mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45, every=every)
+    assert len(thin.impacts) > 2
+    assert [i.time for i in thin.impacts] == [i.time for i in whole.impacts]
+    # what is kept is what the whole run has there, the states before and after each jump among them
+    rows = {(t, v.tobytes()) for t, v in zip(whole.t.tolist(), whole.v, strict=True)}
+    assert rows >= {(t, v.tobytes()) for t, v in zip(thin.t.tolist(), thin.v, strict=True)}
+    for impact in thin.impacts:
+        assert np.sum(thin.t == impact.time) >= 2
+    assert len(thin.t) < len(whole.t)
+    assert thin.t[-1] == 0.45
+    np.testing.assert_array_equal(thin.q[-1], whole.q[-1])
+    assert thin.residual.max() == whole.residual.max()
+
+
+def test_between_what_was_kept_a_cubic_leads():
+    """Of third order in v and fourth in q between kept states, and right to the tolerance at these."""
+    case = reference.double_pendulum(1.0)
+    errors = {}
+    for every in (1, 2, 4):
+        run = mbvi.simulate(case.problem, mbvi.EventDriven(1e-8), duration=case.duration, every=every)
+        errors[every] = max(np.abs(case.at(t)[0] - run.at(t)[0]).max() for t in np.linspace(0, case.duration, 301))
+        assert max(np.abs(case.at(t)[0] - q).max() for t, q in zip(run.t, run.q, strict=True)) < 1e-7
+        for i in range(1, len(run.t) - 1):
+            before, at = run.at(np.nextafter(run.t[i], 0.0))[0], run.q[i]
+            np.testing.assert_allclose(before, at, atol=1e-12)
+    assert errors[1] < 1e-7 < errors[2] < errors[4] < 1e-2
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_streaming_writes_what_the_run_holds(every, tmp_path, monkeypatch):
+    monkeypatch.setattr("mbvi.trajectory_file._INTERVAL", 0.0)
+    run = mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45, every=every, out=tmp_path / "run.h5")
+    run.save(tmp_path / "saved.h5")
+    for again in (mbvi.load(tmp_path / "run.h5"), mbvi.load(tmp_path / "saved.h5")):
+        for name in ("t", "q", "v", "residual", "_dense"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+        np.testing.assert_array_equal(again.penetration(), run.penetration())
+        np.testing.assert_allclose(again.energy(), run.energy(), rtol=1e-12)
+        assert [i.time for i in again.impacts] == [i.time for i in run.impacts]
+        assert again.complete
+
+
+KILLED = """
+import sys
+sys.path.insert(0, sys.argv[2])
+from test_event_driven import swinging
+import mbvi
+mbvi.simulate(swinging(), mbvi.EventDriven(1e-9), duration=1e5, every=4, out=sys.argv[1])
+"""
+
+
+def swinging():
+    return reference.double_pendulum(1.0).problem
+
+
+def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
+    path = tmp_path / "killed.h5"
+    child = subprocess.Popen([sys.executable, "-c", KILLED, str(path), os.path.dirname(__file__)])
+    deadline = time.monotonic() + 60
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(3.0)
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    cut = mbvi.load(path)
+    assert not cut.complete
+    assert len(cut.t) > 100 and len(cut.impacts) > 5
+    assert cut._dense.shape[0] == len(cut.t) - 1
+    whole = mbvi.simulate(swinging(), mbvi.EventDriven(1e-9), duration=2.0, every=4)
+    n = np.searchsorted(whole.t, 1.5)
+    assert cut.t[-1] > 2.0
+    np.testing.assert_array_equal(cut.t[:n], whole.t[:n])
+    np.testing.assert_array_equal(cut.v[:n], whole.v[:n])
+    np.testing.assert_array_equal(cut._dense[: n - 1], whole._dense[: n - 1])

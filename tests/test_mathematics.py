@@ -32,7 +32,7 @@ def touching(case, step):
 def walk(case, h=3e-3):
     """Every step of a run with the velocity before it, M and g."""
     problem, v = case.problem, case.problem.v0
-    for step in mbvi.steps(problem, step=h):
+    for step in mbvi.steps(problem, mbvi.Paoli(), step=h):
         if step.t > case.duration:
             return
         M = problem.system.metric(step.q).dense()
@@ -84,7 +84,7 @@ def test_each_step_solves_the_measure_differential_inclusion(case, rng):
 def test_positions_are_the_integral_of_velocities(name):
     """(P3) for the approximants of Theorem 3.2: q_h(t) = q_0 + the integral of v_h."""
     case = CASES[0.5, name]
-    run = mbvi.simulate(case.problem, step=7e-3, duration=case.duration)
+    run = mbvi.simulate(case.problem, mbvi.Paoli(), step=7e-3, duration=case.duration)
     for t in np.linspace(0, case.duration, 37):
         parts = np.diff(np.append(run.t[run.t < t], t))
         integral = parts @ run.v[: len(parts)] if t > 0 else 0.0
@@ -114,7 +114,7 @@ def test_what_approaches_is_sent_back_into_the_cone(seed, n, m, e):
 
 
 def sweep(case):
-    return [mbvi.simulate(case.problem, step=h, duration=case.duration) for h in STEPS]
+    return [mbvi.simulate(case.problem, mbvi.Paoli(), step=h, duration=case.duration) for h in STEPS]
 
 
 def kinetic_norms(case, run):
@@ -156,7 +156,7 @@ def test_variation_percussions_and_speeds_are_bounded_uniformly_in_h(case):
 def test_the_limit_is_in_k(case):
     """(2): a run leaves K by no more than h times its speed, so that the limit does not."""
     for h in (1e-2, 2.3e-3, 5.1e-4)[: 2 if case.duration > 2 else 3]:
-        run = mbvi.simulate(case.problem, step=h, duration=case.duration)
+        run = mbvi.simulate(case.problem, mbvi.Paoli(), step=h, duration=case.duration)
         assert run.penetration().max() <= 1.6 * h * max(1.0, np.abs(run.v).max())
 
 
@@ -174,7 +174,7 @@ def test_every_solution_stays_bounded_for_a_while(e, C):
              mbvi.GapFunction(lambda q: 0.3 - q[0], lambda q: np.array([-1.0, 0.0]))]  # fmt: skip
     problem = mbvi.Problem(system, walls, [0.25, 0.05], v0, restitution=e)
     for h in STEPS:
-        run = mbvi.simulate(problem, step=h, duration=tau)
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=h, duration=tau)
         assert len(run.impacts) >= 1
         assert np.linalg.norm(run.v, axis=1).max() <= C * (1 + 1e-9)
         assert np.linalg.norm(run.q - run.q[0], axis=1).max() <= C
@@ -185,7 +185,7 @@ def test_a_gradient_that_vanishes_is_named():
     system = mbvi.LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.array([-1.0]), 1)
     flat = mbvi.GapFunction(lambda q: q[0] ** 3, lambda q: 3 * q**2, name="flat")
     problem = mbvi.Problem(system, [flat], [0.0], [0.0], restitution=0.5)
-    found = mbvi.simulate(problem, step=0.1, duration=0.3).diagnosis()
+    found = mbvi.simulate(problem, mbvi.Paoli(), step=0.1, duration=0.3).diagnosis()
     assert found.vanishing == ("flat",)
     assert "(H3) fails: the gradient of flat vanishes" in found.report()
 

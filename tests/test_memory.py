@@ -199,7 +199,7 @@ def landing():
 
 
 def states(problem):
-    return mbvi.simulate(problem, step=1e-3, duration=0.3, progress=False)
+    return mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.3, progress=False)
 
 
 def test_a_run_is_the_same_in_place_and_with_copies(elsewhere):
@@ -222,16 +222,16 @@ def test_a_run_looks_again_when_it_starts(elsewhere, monkeypatch):
     problem = landing()
     system = problem.system
     assert system._memory.in_place
-    expected = next(mbvi.steps(problem, step=1e-3))
+    expected = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
     elsewhere()
     assert system._memory.in_place
-    step = next(mbvi.steps(problem, step=1e-3))
+    step = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
     assert not system._memory.in_place
     np.testing.assert_array_equal(step.v, expected.v)
     # what kernels are given is what the system now keeps
     assert system.kinematics(problem.q0).poses is system._memory.poses
     monkeypatch.undo()
-    next(mbvi.steps(problem, step=1e-3))
+    next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
     assert system._memory.in_place
     assert system.kinematics(problem.q0).poses is system._memory.poses
 

@@ -58,7 +58,7 @@ def test_percussions_balance_the_jump():
     scene.add_box((0.2, 0.3, 0.4), position=(0, 0, 0.5), velocity=(-2, 0.3, -1), angular_velocity=(1, 2, 3))
     problem, h = scene.build(), 1e-3
     v, pressed = problem.v0, 0
-    for k, step in enumerate(mbvi.steps(problem, step=h)):
+    for k, step in enumerate(mbvi.steps(problem, mbvi.Paoli(), step=h)):
         M = problem.system.metric(step.q).dense()
         jump = M @ (step.v - v) - h * problem.system.force(step.t, step.q, v)
         np.testing.assert_allclose(step.active.jacobian.T @ step.percussion, jump, atol=1e-10)
@@ -75,7 +75,7 @@ def test_a_point_between_two_walls(e):
     """Two constraints at right angles, struck at once: (12) holds and each velocity component is reflected."""
     gaps = [mbvi.GapFunction(lambda q, k=k: q[k], lambda q, k=k: np.eye(2)[k], name=f"wall {k}") for k in range(2)]
     problem = falling_point(e, (0.5, 0.5), (-1.0, -1.0), gaps, gravity=0.0)
-    run = mbvi.simulate(problem, step=1e-2, duration=1.0)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-2, duration=1.0)
     assert len(run.impacts) == 1
     assert run.impacts[0].constraints == ("wall 0", "wall 1")
     np.testing.assert_allclose(run.v[-1], e * np.ones(2), atol=1e-12)
@@ -96,24 +96,24 @@ def test_start_outside_k_is_refused_by_name_and_depth():
 @pytest.mark.parametrize("e", [0.0, 0.6])
 def test_start_velocity_outside_the_tangent_cone_gets_the_law_once(e):
     problem = falling_point(e, (0.0,), (-2.0,))
-    run = mbvi.simulate(problem, step=1e-3, duration=0.1)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.1)
     assert run.v[0, 0] == pytest.approx(2 * e)
     assert run.impacts[0].time == 0.0
     assert run.impacts[0].percussion[0] == pytest.approx(2 * (1 + e))
     assert sum(i.time == 0.0 for i in run.impacts) == 1
-    first = next(mbvi.steps(problem, step=1e-3))
+    first = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
     assert first.t == 0.0
     assert first.v[0] == pytest.approx(2 * e)
 
 
 def test_start_at_rest_on_the_floor_is_no_impact():
-    run = mbvi.simulate(falling_point(0.5, (0.0,)), step=1e-3, duration=0.2)
+    run = mbvi.simulate(falling_point(0.5, (0.0,)), mbvi.Paoli(), step=1e-3, duration=0.2)
     assert run.impacts == ()
     np.testing.assert_allclose(run.q, 0, atol=1e-15)
 
 
 def test_elastic_energy_is_kept_at_consistent_times():
-    run = mbvi.simulate(falling_point(1.0), step=1e-3, duration=5.0)
+    run = mbvi.simulate(falling_point(1.0), mbvi.Paoli(), step=1e-3, duration=5.0)
     np.testing.assert_allclose(run.energy(), G, rtol=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_touching_balls_take_the_simultaneous_law_whatever_the_rounding():
         scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
         for k, x in enumerate([-0.5, 0.2, 0.4 + gap]):
             scene.add_sphere(0.1, position=(x, 0, 0), velocity=(1.0 * (k == 0), 0, 0))
-        run = mbvi.simulate(scene.build(), step=1e-3, duration=1.0)
+        run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.0)
         np.testing.assert_allclose(run.v[-1, ::3], [-1 / 3, 2 / 3, 2 / 3], atol=1e-9)
 
 
@@ -132,7 +132,7 @@ def test_mixed_restitution_that_raises_the_energy_is_said():
     gaps = [mbvi.GapFunction(lambda q, n=n: n @ q, lambda q, n=n: n) for n in directions]
     problem = falling_point([1.0, 0.0], (0.0, 0.0), (-1.0, 0.1), gaps, gravity=0.0)
     with pytest.warns(mbvi.MbviWarning, match="raised the energy"):
-        run = mbvi.simulate(problem, step=1e-3, duration=0.01)
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.01)
     assert run.impacts[0].energy_change > 0
     assert "raised the energy" in run.notes[0]
 
@@ -141,7 +141,7 @@ def test_a_resting_box_keeps_still_and_records_no_impacts():
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1))
     scene.add_box((0.4, 0.3, 0.2), position=(0, 0, 0.1))
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=1.0)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.0)
     assert run.impacts == ()
     np.testing.assert_allclose(run.q, run.q[0] * np.ones_like(run.q), atol=1e-12)
 
@@ -150,7 +150,7 @@ def test_a_box_landing_flat_strikes_with_four_corners_at_once():
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1))
     scene.add_box((0.4, 0.3, 0.2), mass=2.0, position=(0, 0, 0.6))
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.6)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.6)
     (impact,) = run.impacts
     assert len(impact.constraints) == 4
     np.testing.assert_allclose(impact.percussion, impact.percussion[0], rtol=1e-9)
@@ -165,7 +165,7 @@ def test_a_stack_of_boxes_at_rest_does_not_creep(heaviest, speed):
     scene.add_halfspace((0, 0, 1))
     for k, mass in enumerate((1.0, 1.0, heaviest)):
         scene.add_box((0.4, 0.4, 0.2), mass=mass, position=(0.01 * k, 0, 0.1 + 0.2 * k))
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=1.0)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.0)
     assert np.abs(run.v).max() < speed
     assert run.penetration().max() < 1e-12
     assert run.impacts == ()

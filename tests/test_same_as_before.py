@@ -95,7 +95,7 @@ def state_of(path, free, kind, rng):
 
 
 def run_of(name, kind, e):
-    return mbvi.simulate(problem_of(name, kind, e), step=STEP, duration=DURATION, progress=False)
+    return mbvi.simulate(problem_of(name, kind, e), mbvi.Paoli(), step=STEP, duration=DURATION, progress=False)
 
 
 def test_every_run_of_the_file_is_made_again():

@@ -244,7 +244,7 @@ def test_what_the_axes_clear_while_legs_flail_is_never_active():
         return asked
 
     ours._axes.clear = noted
-    for k, step in enumerate(mbvi.steps(problem, step=1e-3)):
+    for k, step in enumerate(mbvi.steps(problem, mbvi.Paoli(), step=1e-3)):
         found = other.contacts(step.q, every, tolerance)
         least = np.full(len(every), np.inf)
         np.minimum.at(least, found.pair, found.gap)

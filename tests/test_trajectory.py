@@ -27,7 +27,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def run():
-    return mbvi.simulate(scene().build(), step=1e-3, duration=0.5)
+    return mbvi.simulate(scene().build(), mbvi.Paoli(), step=1e-3, duration=0.5)
 
 
 def same(a, b):
@@ -89,11 +89,11 @@ def test_total_energy_falls_only_at_impacts(run):
 
 
 def test_the_same_problem_gives_the_same_bytes(run):
-    same(run, mbvi.simulate(scene().build(), step=1e-3, duration=0.5))
+    same(run, mbvi.simulate(scene().build(), mbvi.Paoli(), step=1e-3, duration=0.5))
 
 
 def test_thinned_runs_keep_every_impact(run):
-    thin = mbvi.simulate(scene().build(), step=1e-3, duration=0.5, every=7)
+    thin = mbvi.simulate(scene().build(), mbvi.Paoli(), step=1e-3, duration=0.5, every=7)
     assert len(thin.t) == 1 + -(-500 // 7)
     np.testing.assert_array_equal(thin.q[:-1], run.q[::7])
     np.testing.assert_array_equal(thin.q[-1], run.q[-1])
@@ -101,7 +101,7 @@ def test_thinned_runs_keep_every_impact(run):
 
 
 def test_the_last_step_is_cut_to_end_on_time():
-    run = mbvi.simulate(scene().build(), step=0.003, duration=0.01)
+    run = mbvi.simulate(scene().build(), mbvi.Paoli(), step=0.003, duration=0.01)
     np.testing.assert_allclose(run.t, [0, 0.003, 0.006, 0.009, 0.01], atol=1e-15)
     assert run.t[-1] == 0.01
     np.testing.assert_allclose(run.q[-1, :3], run.q[-2, :3] + 0.001 * run.v[-2, :3], atol=1e-6)
@@ -115,11 +115,11 @@ def test_save_and_load_bring_everything_back(run, tmp_path):
     assert (again.scheme, again.step, again.complete) == ("Paoli", 1e-3, True)
     assert again.problem.report() == run.problem.report()
     # the problem that comes back is the same one: it runs to the same bytes
-    same(run, mbvi.simulate(again.problem, step=1e-3, duration=0.5))
+    same(run, mbvi.simulate(again.problem, mbvi.Paoli(), step=1e-3, duration=0.5))
 
 
 def test_streaming_writes_the_same_file(run, tmp_path):
-    mbvi.simulate(scene().build(), step=1e-3, duration=0.5, out=tmp_path / "out.h5")
+    mbvi.simulate(scene().build(), mbvi.Paoli(), step=1e-3, duration=0.5, out=tmp_path / "out.h5")
     same(run, mbvi.load(tmp_path / "out.h5"))
     np.testing.assert_allclose(mbvi.load(tmp_path / "out.h5").energy(), run.energy(), rtol=1e-12)
 
@@ -139,7 +139,7 @@ def test_file_is_readable_without_mbvi(run, tmp_path):
 def test_a_run_of_given_functions_keeps_its_energies(tmp_path):
     system = mbvi.LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.array([-9.81]), 1)
     problem = mbvi.Problem(system, [mbvi.GapFunction(lambda q: q[0], lambda q: np.ones(1))], [1.0], [0.0])
-    run = mbvi.simulate(problem, step=1e-3, duration=0.5)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.5)
     run.save(tmp_path / "run.h5")
     again = mbvi.load(tmp_path / "run.h5")
     assert again.problem is None
@@ -150,7 +150,7 @@ def test_a_run_of_given_functions_keeps_its_energies(tmp_path):
 def test_a_run_without_impacts_loads(tmp_path):
     scene = mbvi.Scene()
     scene.add_sphere(0.1)
-    mbvi.simulate(scene.build(), step=1e-2, duration=0.1).save(tmp_path / "run.h5")
+    mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1).save(tmp_path / "run.h5")
     assert mbvi.load(tmp_path / "run.h5").impacts == ()
 
 
@@ -159,7 +159,7 @@ import sys
 sys.path.insert(0, sys.argv[2])
 from test_trajectory import scene
 import mbvi
-mbvi.simulate(scene().build(), step=2e-4, duration=1000.0, every=5, out=sys.argv[1])
+mbvi.simulate(scene().build(), mbvi.Paoli(), step=2e-4, duration=1000.0, every=5, out=sys.argv[1])
 """
 
 
@@ -176,7 +176,7 @@ def test_a_killed_run_leaves_all_but_its_last_second(tmp_path):
     cut = mbvi.load(path)
     assert not cut.complete
     assert len(cut.t) > 100
-    whole = mbvi.simulate(scene().build(), step=2e-4, duration=float(cut.t[-1]), every=5)
+    whole = mbvi.simulate(scene().build(), mbvi.Paoli(), step=2e-4, duration=float(cut.t[-1]), every=5)
     n = len(cut.t) - 1
     np.testing.assert_array_equal(cut.q[:n], whole.q[:n])
     np.testing.assert_allclose(cut.energy()[:n], whole.energy()[:n], rtol=1e-12)

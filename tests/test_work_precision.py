@@ -53,17 +53,17 @@ def test_the_other_schemes_are_of_order_one(scheme, key):
 def test_the_exact_solution_has_no_error():
     """A piecewise linear motion whose impact falls on a step is followed exactly, up to the rounding of that step."""
     case = reference.corner(1.0, aim=True, duration=2.0)
-    run = mbvi.simulate(case.problem, step=2.0**-8, duration=2.0)
+    run = mbvi.simulate(case.problem, mbvi.Paoli(), step=2.0**-8, duration=2.0)
     # the impact is a step late at most
     assert errors(run, case).q <= 2 * 2.0**-8
     free = reference.corner(1.0, duration=0.9)
-    assert max(errors(mbvi.simulate(free.problem, step=1e-3, duration=0.9), free)) < 1e-12
+    assert max(errors(mbvi.simulate(free.problem, mbvi.Paoli(), step=1e-3, duration=0.9), free)) < 1e-12
 
 
 def test_a_late_impact_costs_what_it_should():
     """A jump of size 2 that is d late: 2 d in q and in L1, d between the graphs."""
     case = reference.chain(1.0, masses=(1.0, 1.0), gaps=(0.5,), duration=1.0)
-    run = mbvi.simulate(case.problem, step=0.3, duration=1.0)
+    run = mbvi.simulate(case.problem, mbvi.Paoli(), step=0.3, duration=1.0)
     late = run.impacts[0].time - 0.5
     assert late == pytest.approx(0.1)
     found = errors(run, case)

@@ -1,0 +1,217 @@
+"""Which scheme runs a problem when none is named, at which step, and why."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .constraints import SignedDistances, SphereContacts
+from .constraints.shapes import HalfSpace, PlacedShape
+from .problem import Problem
+from .schemes import Centered, EventDriven, Scheme
+from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .system.system import Array
+
+# up to so many constraints error control costs at most some twice what steps of 1e-3 s do: benchmarks/default_scheme.py
+_FEW = 100
+_TOLERANCE = 1e-6
+# of a time scale, the part that a step may take: of the time a body takes for its own size, of its fall by that, of the
+# fastest mode (1 / omega), of the run
+_WAY, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
+# of a system that knows no sizes, the part of the scene's length that counts as one
+_SIZE = 0.1
+# a body counts as no larger than so many times what its thickest shape has as half its width: what is flat must not be
+# passed through
+_FLAT = 5.0
+# difference of q and v, and the most degrees of freedom, for which modes are looked for
+_DIFFERENCE, _MOST_MODES = 1e-6, 200
+# relative difference of two differences of one slope
+_SAME_SLOPE = 0.5
+_NEAT = (5.0, 2.0, 1.0)
+
+
+def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDriven, float | None, str]:
+    """Return the scheme for a problem, its time step, and why.
+
+    Parameters
+    ----------
+    problem : Problem
+        What moves.
+    duration : float
+        How long [s].
+
+    Returns
+    -------
+    scheme : Scheme or EventDriven
+        `EventDriven` for few constraints with continuous gradients and no control, else `Centered` with position
+        projection.
+    step : float or None
+        h [s]; None for `EventDriven`.
+    reason : str
+        In words.
+    """
+    against = _against_error_control(problem)
+    if against is None:
+        count = _count(problem)
+        why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"
+        return EventDriven(_TOLERANCE), None, f"EventDriven(tolerance={_TOLERANCE:g}) was chosen: {why}"
+    h, scale = time_step(problem, duration)
+    scheme, words = time_stepping()
+    return scheme, h, f"{words} at h = {h:g} s was chosen: {against}; the step by {scale}"
+
+
+def time_stepping() -> tuple[Scheme, str]:
+    """Return the scheme that fixed steps are taken by when none is named, and how it is called."""
+    return Centered(project_positions=True), "Centered(project_positions=True)"
+
+
+def _against_error_control(problem: Problem) -> str | None:
+    """Return what speaks against error control, if anything."""
+    for constraint in problem.constraints.constraints:
+        if isinstance(constraint, SignedDistances) and not constraint.round.all():
+            jumping = constraint.names[int(np.flatnonzero(~constraint.round)[0])]
+            return f"the gradient of {jumping} jumps"
+    count = _count(problem)
+    if count > _FEW:
+        return f"{count} constraints are many"
+    controlled = [part for part in _parts(problem.system) if getattr(part, "control", None) is not None]
+    if controlled:
+        return f"the control of {controlled[0].bodies[1].split('/')[0]} may switch"
+    return None
+
+
+def _count(problem: Problem) -> int:
+    """Return how many constraints there are, every pair of spheres counted once."""
+    count = len(problem.constraints)
+    for constraint in problem.constraints.constraints:
+        if isinstance(constraint, SphereContacts):
+            # of n^2 numbers only those of i < j are used
+            count -= (constraint.size + constraint.count) // 2
+    return count
+
+
+def time_step(problem: Problem, duration: float) -> tuple[float, str]:
+    """Return a step from the scene's own time scales, a neat number [s], and which scale it is due to."""
+    scales = [(_RUN * duration, "the duration")]
+    scales += _modes(problem)
+    scales += _motions(problem, duration)
+    h, scale = min(scales)
+    decade = 10.0 ** np.floor(np.log10(h))
+    # rounding must not lose a step that is neat already
+    neat = next(n for n in _NEAT if n * decade <= h * (1.0 + 1e-9))
+    return float(f"{neat * decade:.1g}"), scale
+
+
+def _parts(system: System) -> tuple[System, ...]:
+    return system.parts if isinstance(system, BlockSystem) else (system,)
+
+
+def _modes(problem: Problem) -> list[tuple[float, str]]:
+    """Return the step for the fastest mode of each mechanism, linearised about the initial state."""
+    found, q, v = [], 0, 0
+    for system in _parts(problem.system):
+        q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
+        q, v = q + system.nq, v + system.nv
+        # bodies on their own have no forces that change
+        if isinstance(system, FreeBodies | Spheres) or system.nv > _MOST_MODES:
+            continue
+        rate = _fastest(system, problem.t0, q0, v0)
+        if rate > 0.0:
+            name = system.bodies[1].split("/")[0] if isinstance(system, ArticulatedSystem) else "the forces"
+            found.append((_MODE / rate, f"the fastest mode of {name}, {rate:.3g} 1/s"))
+    return found
+
+
+def _fastest(system: System, t: float, q: Array, v: Array) -> float:
+    """Return the largest modulus of an eigenvalue of d(v, M^-1 g) / d(q, v) [1/s]."""
+    n = system.nv
+    fine, coarse = (_jacobian(system, t, q, v, s) for s in (_DIFFERENCE, 10.0 * _DIFFERENCE))
+    # a force that jumps, as dry friction or a switch, has no slope, and differences of it grow as they are refined
+    slope = np.where(np.abs(fine - coarse) <= _SAME_SLOPE * np.abs(fine), fine, 0.0)
+    block = np.block([[np.zeros((n, n)), np.eye(n)], [slope]])
+    return float(np.abs(np.linalg.eigvals(block)).max())
+
+
+def _jacobian(system: System, t: float, q: Array, v: Array, s: float) -> Array:
+    """Return d(M^-1 g) / d(q, v), shape (nv, 2 nv), by differences of length s."""
+    columns = []
+    for unit in s * np.eye(system.nv):
+        ends = (_acceleration(system, t, system.integrate(q, way), v) for way in (unit, -unit))
+        columns.append(np.subtract(*ends) / (2.0 * s))
+    for unit in s * np.eye(system.nv):
+        ends = (_acceleration(system, t, q, v + way) for way in (unit, -unit))
+        columns.append(np.subtract(*ends) / (2.0 * s))
+    return np.array(columns).T
+
+
+def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
+    """Return M^-1 g without the joints' damping, which steps take implicitly."""
+    free = system.acceleration(t, q, v)
+    if isinstance(system, ArticulatedSystem) and system.damping.any():
+        free = free + system.metric(q).solve_rows((system.damping * v)[None])[0]
+    return free
+
+
+def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
+    """Return the steps in which no body moves by much of its own size."""
+    system = problem.system
+    if problem.scene is None:
+        pull = float(np.abs(system.acceleration(problem.t0, problem.q0, problem.v0)).max(initial=0.0))
+        speed = float(np.abs(problem.v0).max(initial=0.0))
+        return _of_one("the system", _SIZE * problem.length, speed, pull)
+    g = float(np.linalg.norm(problem.scene.items.gravity))
+    bodies: dict[int, list[PlacedShape]] = {}
+    for shape in problem.scene.shapes:
+        if shape.body:
+            bodies.setdefault(shape.body, []).append(shape)
+    # the largest shape of each body stands for it
+    largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
+    rates, found = np.abs(problem.v0), []
+    for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
+        speed = float(system.reach(shape.body, shape.position, shape.shape.bound) @ rates)
+        size = min(shape.shape.bound, _FLAT * max(_half_width(s) for s in shapes))
+        found += _of_one(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), g)
+    return found
+
+
+def _of_one(name: str, size: float, speed: float, pull: float) -> list[tuple[float, str]]:
+    """Return the steps for one size [m], by its speed and by its fall."""
+    found = []
+    if speed > 0.0:
+        found.append((_WAY * size / speed, f"the speed of {name}, {speed:.3g} m/s at a size of {size:.3g} m"))
+    if pull > 0.0:
+        found.append((_FALL * float(np.sqrt(2.0 * size / pull)), f"the fall of {name} by its size, {size:.3g} m"))
+    return found
+
+
+def _drops(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
+    """Return how far each shape can fall, onto a wall or to where the lowest shape is [m]."""
+    scene = problem.scene
+    assert scene is not None
+    if g == 0.0 or not moving:
+        return np.zeros(len(moving))
+    up = -scene.items.gravity / g
+    places = problem.system.placements(problem.q0, np.array([s.body for s in moving]))
+    centres = np.einsum("ni,nij->nj", np.array([[*s.position, 1.0] for s in moving]), places)
+    heights = centres @ up
+    lowest = min([heights.min(), *(float(s.position @ up) for s in scene.shapes if not s.body)])
+    drops = np.full(len(moving), np.inf)
+    for wall in scene.walls.values():
+        drops = np.minimum(drops, _above(wall, centres, up))
+    return np.where(np.isfinite(drops), np.maximum(drops, 0.0), heights - lowest)
+
+
+def _above(wall: HalfSpace, centres: Array, up: Array) -> Array:
+    """Return how far below points a wall lies, infinite where it lies beside them."""
+    normal = np.asarray(wall.normal)
+    slope = float(normal @ up)
+    return (centres @ normal - wall.offset) / slope if slope > 1e-3 else np.full(len(centres), np.inf)
+
+
+def _half_width(placed: PlacedShape) -> float:
+    """Return half of a shape's least width [m]."""
+    shape = placed.shape
+    half = getattr(shape, "radius", min(getattr(shape, "radii", (np.inf,))))
+    if hasattr(shape, "faces"):
+        normals, offsets = shape.faces
+        half = min(half, 0.5 * float((offsets - (shape.standing_points()[0] @ normals.T).min(axis=0)).min()))
+    return float(half)
