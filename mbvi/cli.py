@@ -7,7 +7,6 @@ import os
 import sys
 import time
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -18,12 +17,13 @@ import typer
 from .errors import InadmissibleStartError, InputError, MbviError, MbviWarning, TrajectoryFileError
 
 if TYPE_CHECKING:
-    from .constraints.shapes import PlacedShape
     from .problem import Problem
+    from .schemes import EventDriven, Scheme
 
 # so high that no robot reaches the floor: its clearance is measured from there
 _HIGH = 1000.0
 _DROP, _RESTITUTION = 0.5, 0.5
+_TOLERANCE = 1e-6
 
 app = typer.Typer(
     help="Rigid multibody systems with impacts.",
@@ -31,6 +31,16 @@ app = typer.Typer(
     rich_markup_mode=None,
     add_completion=False,
 )
+
+
+class SchemeName(StrEnum):
+    """The schemes, as the command line calls them."""
+
+    paoli = "paoli"
+    moreau_jean = "moreau-jean"
+    centered = "centered"
+    schatzman_paoli = "schatzman-paoli"
+    event_driven = "event-driven"
 
 
 class Base(StrEnum):
@@ -74,7 +84,16 @@ def simulate(
     restitution: Annotated[
         float, typer.Option(help="Newton's e in [0, 1] of every contact and joint limit.")
     ] = _RESTITUTION,
-    step: Annotated[float, typer.Option(help="Time step [s].")] = 1e-3,
+    scheme: Annotated[
+        SchemeName | None, typer.Option(help="Which scheme steps.", show_default="chosen for the robot, and said")
+    ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(help="Time step [s].", show_default="from the robot's own time scales; 1e-3 with --scheme"),
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Bound for errors by event-driven, instead of a step.")
+    ] = None,
     duration: Annotated[float, typer.Option(help="How long [s].")] = 2.0,
     joint: _Joints = None,
     srdf: _Srdf = None,
@@ -84,14 +103,17 @@ def simulate(
 ) -> None:
     """Drop a robot on the floor z = 0 and say what happened."""
     _check_targets(robot, out, replay)
+    chosen = _scheme(scheme, tolerance)
     problem = _on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
     _print_problem(problem)
-    _run(problem, step, duration, every, out, replay)
+    _run(problem, chosen, step, duration, every, out, replay)
 
 
 @app.command()
 def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     """Say what of a robot on a floor is modelled, what is left out, and why."""
+    from .robot_tables import joint_table, shape_table
+
     try:
         problem = _on_floor(robot, base, None, _RESTITUTION, {}, srdf)
     except InadmissibleStartError as error:
@@ -99,7 +121,7 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
             raise
         problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf)
         print(f"as `mbvi simulate` would start it, {error}\n")
-    print("\n\n".join((_joint_table(problem), _shape_table(problem), problem.report())))
+    print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
 
 @app.command()
@@ -137,7 +159,7 @@ def demo(
     _check_targets(out, page)
     problem = demo_problem()
     _print_problem(problem, named_by=None)
-    _run(problem, 1e-3, 2.0, 1, out, page)
+    _run(problem, None, 1e-3, 2.0, 1, out, page)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -244,7 +266,27 @@ def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> N
     print(flush=True)
 
 
-def _run(problem: Problem, step: float, duration: float, every: int, out: Path | None, page: Path | None) -> None:
+def _scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | EventDriven | None:
+    """Return the scheme of a word, None if none is given; a tolerance alone means error control."""
+    from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
+
+    if name is SchemeName.event_driven or (name is None and tolerance is not None):
+        return EventDriven(_TOLERANCE if tolerance is None else tolerance)
+    if tolerance is not None:
+        raise InputError(f"--tolerance is for event-driven; {name} takes --step")
+    words = {"paoli": Paoli, "moreau-jean": MoreauJean, "centered": Centered, "schatzman-paoli": SchatzmanPaoli}
+    return None if name is None else words[name]()
+
+
+def _run(
+    problem: Problem,
+    scheme: Scheme | EventDriven | None,
+    step: float | None,
+    duration: float,
+    every: int,
+    out: Path | None,
+    page: Path | None,
+) -> None:
     from .compiled import load
     from .simulate import simulate as run_problem
     from .trajectory import energies
@@ -255,16 +297,20 @@ def _run(problem: Problem, step: float, duration: float, every: int, out: Path |
     with warnings.catch_warnings():
         # what they say is in the notes
         warnings.simplefilter("ignore", MbviWarning)
-        run = run_problem(problem, step=step, duration=duration, every=every, out=out)
+        run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out)
     wall = time.perf_counter() - begin
     ends = [0, -1]
     first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
-    steps = max(math.ceil(duration / step - 1e-9), 1)
+    # one that chooses its own keeps count of those it recorded
+    steps = max(math.ceil(duration / run.step - 1e-9), 1) if run.step else len(run.t) - 1
     print(run.impact_table() if run.impacts else "no impact")
     print()
     print(f"energy       {first:.6g} J at the start, {last:.6g} J at the end")
     print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most (rad at a joint limit)")
-    print(f"time         {wall:.2f} s for {steps} steps, {1e3 * wall / steps:.3g} ms a step")
+    print(
+        f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"
+    )
+    print(f"scheme       {run.scheme}" + (f", h = {run.step:g} s" if run.step else ""))
     for note in _few(run.notes):
         print(f"note         {note}")
     if out is not None:
@@ -282,61 +328,3 @@ def _few(notes: Sequence[str], most: int = 3) -> Iterator[str]:
 
 def _replay_line(page: Path) -> str:
     return f"replay       {page} (opens in any browser)"
-
-
-def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in (head, *rows)]
-    return "\n".join([title, *(f"  {line.rstrip()}" for line in lines)])
-
-
-def _joint_table(problem: Problem) -> str:
-    assert problem.scene is not None
-    model = problem.scene.items.robots[0].robot.model
-    rows = []
-    for joint in range(1, model.njoints):
-        kind = _joint_kind(model.joints[joint])
-        limits = "none"
-        if model.nqs[joint] == 1:
-            unit = "m" if kind == "prismatic" else "rad"
-            lower, upper = (float(x[model.idx_qs[joint]]) for x in (model.lowerPositionLimit, model.upperPositionLimit))
-            # Pinocchio writes "no limit" as the largest float
-            if max(abs(lower), abs(upper)) < 1e100:
-                limits = f"{lower:.4g} to {upper:.4g} {unit}"
-        rows.append((model.names[joint], kind, str(model.nvs[joint]), limits))
-    return _table("Joints", ("name", "type", "dof", "limits"), rows)
-
-
-def _joint_kind(joint: Any) -> str:
-    name = joint.shortname().removeprefix("JointModel")
-    if name.startswith("R"):
-        # one without limits stores cosine and sine
-        return "revolute" if joint.nq == 1 else "continuous"
-    if name.startswith("P") and joint.nv == 1:
-        return "prismatic"
-    return {"FreeFlyer": "free"}.get(name, name.lower())
-
-
-def _shape_table(problem: Problem) -> str:
-    assert problem.scene is not None
-    model = problem.scene.items.robots[0].robot.model
-    rows = []
-    for placed in problem.scene.shapes:
-        mover = model.names[placed.body] if placed.body else "fixed"
-        rows.append((placed.name.partition("/")[2], type(placed.shape).__name__.lower(), _size(placed), mover))
-    if not rows:
-        return "Shapes\n  none: it touches nothing"
-    kinds = Counter(row[1] for row in rows)
-    title = f"Shapes ({', '.join(f'{n} {kind}' for kind, n in sorted(kinds.items()))})"
-    return _table(title, ("link", "kind", "size [m]", "moves with"), rows)
-
-
-def _size(placed: PlacedShape) -> str:
-    shape: Any = placed.shape
-    if hasattr(shape, "size"):
-        return " x ".join(f"{x:.4g}" for x in shape.size)
-    if hasattr(shape, "triangles"):
-        return f"{len(shape.vertices)} vertices within {shape.bound:.4g}"
-    if hasattr(shape, "radii"):
-        return "semi-axes " + ", ".join(f"{x:.4g}" for x in shape.radii)
-    return f"radius {shape.radius:.4g}" + (f", length {shape.length:.4g}" if hasattr(shape, "length") else "")

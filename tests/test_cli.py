@@ -58,14 +58,40 @@ def test_simulate_prints_and_writes(run):
     assert "for 300 steps" in out and "8 degrees of freedom" in out and "7 pairs" in out
     assert f"{len(trajectory.problem.scene.omitted)} things left out" in out
     assert "run.h5" in out and "run.html" in out
+    assert "Centered, h = 0.001 s" in out and "default at a given step" in out
     assert Path("run.html").read_text().lstrip().lower().startswith("<!doctype html")
+
+
+@pytest.mark.parametrize(
+    ("words", "scheme", "step"),
+    [
+        ((), "Centered", 1e-3),
+        (("--scheme", "paoli"), "Paoli", 1e-3),
+        (("--scheme", "moreau-jean", "--step", 2e-3), "MoreauJean", 2e-3),
+        (("--scheme", "centered"), "Centered", 1e-3),
+        (("--scheme", "schatzman-paoli"), "SchatzmanPaoli", 1e-3),
+        (("--scheme", "event-driven"), "EventDriven", 0.0),
+        (("--scheme", "event-driven", "--tolerance", 1e-4), "EventDriven", 0.0),
+        (("--tolerance", 1e-4), "EventDriven", 0.0),
+    ],
+)
+def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
+    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--duration", 0.1, *words, "--out", "run.h5")
+    assert (code, err) == (0, "")
+    trajectory = mbvi.load("run.h5")
+    assert (trajectory.scheme, trajectory.step) == (scheme, step)
+    assert f"scheme       {scheme}" in out
+    if scheme == "EventDriven":
+        assert trajectory._scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
+    # the reason stands there where nothing was named
+    assert ("was chosen: the gradient of hopper/trunk_0 | hopper/shin_0 jumps" in out) == (not words)
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3])
 def test_height_of_a_free_robot_is_its_clearance_in_its_starting_pose(run, height):
     code, *_ = run(
         *("simulate", HOPPER, "--height", height, "--joint", "hip=-0.5", "--joint", "knee=1"),
-        *("--duration", 0.01, "--every", 5, "--out", "run.h5"),
+        *("--step", 1e-3, "--duration", 0.01, "--every", 5, "--out", "run.h5"),
     )
     trajectory = mbvi.load("run.h5")
     assert code == 0
@@ -187,6 +213,9 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("simulate", HOPPER, "--restitution", 1.5), "restitution e must lie in [0, 1]; got 1.5"),
         (("simulate", HOPPER, "--step", 0), "step must be a positive"),
         (("simulate", HOPPER, "--step", "abc"), "'--step'"),
+        (("simulate", HOPPER, "--scheme", "euler"), "'euler' is not one of"),
+        (("simulate", HOPPER, "--scheme", "paoli", "--tolerance", 1e-6), "--tolerance is for event-driven"),
+        (("simulate", HOPPER, "--tolerance", 1e-6, "--step", 1e-3), "leave out step"),
         (("simulate", HOPPER, "--base", "flying"), "'flying' is not one of"),
         (("simulate", HOPPER, "--joint", "knee"), "--joint takes NAME=VALUE"),
         (("simulate", HOPPER, "--joint", "knee=bent"), "--joint takes NAME=VALUE"),
