@@ -13,7 +13,7 @@ waves = st.lists(
 
 
 def found(*functions):
-    return first_fall(lambda x, index: np.array([functions[k](x) for k in index]), len(functions))
+    return first_fall(lambda x, index: np.array([functions[k](x) for k in index]), np.full(len(functions), np.inf))
 
 
 def wave(terms):
@@ -56,3 +56,15 @@ def test_what_starts_below_falls_where_it_turns():
 
 def test_the_earliest_of_several():
     assert found(lambda x: 0.7 - x, lambda x: 0.3 - x, lambda x: 0.5 - x) == (pytest.approx(0.3), 1)
+
+
+def test_a_dip_too_narrow_for_any_sample_is_found_by_a_bound_of_the_slope():
+    """A ball that flies through a plate a thousand times thinner than its way."""
+
+    def gap(x, index):
+        return np.array([abs(x - 0.5371) - 1e-4])
+
+    assert first_fall(gap, np.array([1.2])) == (pytest.approx(0.537, abs=1e-8), 0)
+    assert first_fall(lambda x, index: gap(x, index) + 2e-4, np.array([1.2])) == (1.0, -1)
+    # one that starts in contact and leaves has none
+    assert first_fall(lambda x, index: np.array([1e-15 + x]), np.array([1.2])) == (1.0, -1)

@@ -173,6 +173,10 @@ class Pairs:
             np.maximum(envelope, row, out=envelope)
             rows.append(row if dense else _sparse().csr_array(row[None]))
         self._reach = np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr")
+        # bodies that travel less within a step do not pass through each other; nothing passes a half-space
+        self.thickness = np.array(
+            [np.inf if a is None else a.shape.inner + b.shape.inner for a, b in zip(first, second, strict=True)]
+        )
         self._budget = np.full(len(self.names), -np.inf)
         # no pair nears faster than the envelope says: while that has not used up the least budget of the pairs that
         # are not due, the same pairs are asked again and no budget is looked at

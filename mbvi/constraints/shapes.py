@@ -34,6 +34,11 @@ class Sphere:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return self.radius
 
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return self.radius
+
     def coal(self) -> Any:
         """Return the Coal geometry."""
         return coal.Sphere(self.radius)
@@ -63,6 +68,11 @@ class Ellipsoid:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return max(self.radii)
 
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return min(self.radii)
+
     def coal(self) -> Any:
         """Return the Coal geometry."""
         return coal.Ellipsoid(*self.radii)
@@ -88,6 +98,12 @@ class _Polyhedron:
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        normals, offsets = self.faces
+        return float((offsets - normals @ self.vertices.mean(axis=0)).min())
 
     def standing_points(self) -> tuple[Array, Array, float]:
         """Return the vertices."""
@@ -211,6 +227,11 @@ class Capsule:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return self.radius + 0.5 * self.length
 
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return self.radius
+
     def coal(self) -> Any:
         """Return the Coal geometry."""
         return coal.Capsule(self.radius, self.length)
@@ -247,6 +268,11 @@ class Cylinder:
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return float(np.hypot(self.radius, 0.5 * self.length))
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return min(self.radius, 0.5 * self.length)
 
     def coal(self) -> Any:
         """Return the Coal geometry."""

@@ -44,21 +44,23 @@ class SmoothRows:
         Whether its gradient is continuous.
     reach : ndarray, shape (m, nv)
         How fast each velocity can change the gap; infinite where that is not known.
+    thickness : ndarray, shape (m,)
+        What bodies travel at least in passing through each other [m]; infinite where nothing is passed through.
     """
 
     def __init__(self, constraints: AdmissibleSet, t: float, q: Array) -> None:
         self._system = constraints.system
         self._parts: list[tuple[Any, slice]] = []
-        columns: list[tuple[Array, Array, Array, Array]] = []
+        columns: list[tuple[Array, ...]] = []
         start = 0
         for constraint, first, e in constraints.numbered():
-            number, own, smooth, reach = _describe(constraint, e, self._system.nv, t, q)
-            columns.append((number + first, own, smooth, reach))
+            number, *described = _describe(constraint, e, self._system.nv, t, q)
+            columns.append((number + first, *described))
             self._parts.append((constraint, slice(start, start + len(number))))
             start += len(number)
-        empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), np.zeros((0, self._system.nv)))
+        empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), np.zeros((0, self._system.nv)), np.zeros(0))
         stacked = [np.concatenate(parts) for parts in zip(empty, *columns, strict=True)]
-        self.number, self.restitution, self.smooth, self.reach = stacked
+        self.number, self.restitution, self.smooth, self.reach, self.thickness = stacked
         self.all = np.arange(start)
         self._known: dict[bytes, list[tuple[Any, Array]]] = {}
 
@@ -145,23 +147,24 @@ class SmoothRows:
         return np.full((len(own), 6), np.nan)
 
 
-def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[Array, Array, Array, Array]:
-    """Return number, restitution, smoothness and reach of each row of one constraint."""
+def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return number, restitution, smoothness, reach and thickness of each row of one constraint."""
     if isinstance(constraint, SphereContacts):
         i, j = np.triu_indices(constraint.count, 1)
         number, own = i * constraint.count + j, constraint.restitution_of(i, j)
-        return number, own, np.ones(len(i), bool), np.full((len(i), nv), np.inf)
+        return number, own, np.ones(len(i), bool), constraint.reach_of(i, j), constraint.thickness_of(i, j)
     if isinstance(constraint, HalfSpaceContacts):
         pair = constraint.owner
-        return pair, constraint.restitution[pair], np.ones(len(pair), bool), constraint.reach[pair]
+        smooth = np.ones(len(pair), bool)
+        return pair, constraint.restitution[pair], smooth, constraint.reach[pair], constraint.thickness[pair]
     if isinstance(constraint, SignedDistances):
         pair = np.arange(len(constraint.names))
-        return pair, constraint.restitution, constraint.round, constraint.reach
+        return pair, constraint.restitution, constraint.round, constraint.reach, constraint.thickness
     size = len(np.atleast_1d(constraint.gap(t, q)))
     own = np.broadcast_to(np.asarray(getattr(constraint, "restitution", e), dtype=float), (size,))
     known = isinstance(constraint, JointLimits)
     reach = np.abs(constraint.gradient(t, q)) if known else np.full((size, nv), np.inf)
-    return np.arange(size), own, np.ones(size, bool), reach
+    return np.arange(size), own, np.ones(size, bool), reach, np.full(size, np.inf)
 
 
 def _contacts(constraint: Pairs, q: Array, own: Array) -> Contacts:

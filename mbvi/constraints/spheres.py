@@ -67,6 +67,18 @@ class SphereContacts:
         """Return e of pairs of spheres."""
         return np.asarray(self._e[self._group[i], self._group[j]])
 
+    def reach_of(self, i: Array, j: Array) -> Array:
+        """Return how fast each velocity can bring pairs of spheres nearer, shape (k, nv)."""
+        rows, here = np.zeros((len(i), self.system.nv)), np.arange(len(i))
+        for body in np.unique(np.concatenate([i, j])).tolist():
+            reach = self.system.reach(self._first_body + body, np.zeros(3), 0.0)
+            rows[here[(i == body) | (j == body)]] += reach
+        return rows
+
+    def thickness_of(self, i: Array, j: Array) -> Array:
+        """Return what pairs of spheres travel at least in passing through each other [m]."""
+        return np.asarray(self._radii[i] + self._radii[j])
+
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         # imported here for its weight: only scenes of spheres need it
         from scipy.spatial import cKDTree

@@ -93,7 +93,9 @@ class Crossings:
 
         # a bound by an axis is no gap
         known = bounds[:, near] + _ROUNDING if self._rows.smooth[suspects].all() else None
-        share, k = first_fall(gaps, len(suspects), known)
+        # what passes through another within the step may leave no trace in a few values
+        steepest = np.where(used[near] > self._rows.thickness[suspects], used[near], np.inf)
+        share, k = first_fall(gaps, steepest, known)
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
 
     def _at(self, stride: Stride, share: float, index: Array, ask: Ask) -> Array:

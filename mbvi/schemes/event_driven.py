@@ -27,9 +27,9 @@ class EventDriven:
     the law (8) at each located instant, several constraints at once. Closed contacts keep their gap; which of them
     press and which release is decided by the complementarity problem of accelerations. A contact whose bounces would
     all take less time than the tolerance, or rise less than 1e-14 of the scene's length, is put to rest; where impacts
-    on several constraints accumulate, single impacts are followed to their limit. Where a gradient jumps (polyhedra
-    against each other), and where events follow each other without end, steps of 1e-4 s of `Paoli` go on, of order one,
-    and the run says so.
+    on several constraints accumulate, single impacts are followed to their limit. Where polyhedra stay on each other,
+    so that gradients jump, and where events follow each other without end, steps of 1e-4 s of `Paoli` go on, of order
+    one, and the run says so.
     """
 
     def __init__(self, tolerance: float) -> None:

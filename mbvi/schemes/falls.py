@@ -6,7 +6,7 @@ An interval whose interpolant stays above its own error has no fall; one whose i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -21,6 +21,8 @@ _UNSURE, _ROUNDING = 4.0, 1e-15
 _RESOLVED, _NOISE = 1e-7, 1e-15
 # how often an interval is halved where a function has a kink, and where it is smooth but only touches zero
 _KINKED, _TOUCHING = 6, 20
+# how often a function of known slope is advanced, and the part of the interval that counts as none
+_ADVANCES, _NEAR = 400, 1e-9
 
 
 class _Interpolant:
@@ -63,39 +65,54 @@ _COARSE, _FINE = _Interpolant(4), _Interpolant(8)
 FEW_NODES = _COARSE.nodes
 
 
-def first_fall(values: Values, count: int, known: Array | None = None) -> tuple[float, int]:
+def first_fall(values: Values, steepest: Array, known: Array | None = None) -> tuple[float, int]:
     """Return where in [0, 1] the first of some functions falls through zero, and which; 1 and -1 if none does.
 
     Parameters
     ----------
     values : callable
         values(x, index) -> the functions of that index at x.
-    count : int
-        How many functions there are.
-    known : ndarray, shape (5, count), optional
+    steepest : ndarray, shape (k,)
+        Infinite for functions that a few values tell apart from others; of the rest, how fast each falls at most.
+    known : ndarray, shape (5, k), optional
         Their values at `FEW_NODES`.
     """
-    index = np.arange(count)
-    coarse = np.array([values(x, index) for x in FEW_NODES.tolist()]) if known is None else known
-    index = index[_COARSE.soonest(coarse) < np.inf]
+    best, which = 1.0, -1
+    for k, x in _falls(values, np.flatnonzero(np.isinf(steepest)), known):
+        if x < best:
+            best, which = x, k
+    for k in np.flatnonzero(np.isfinite(steepest)).tolist():
+        x = _advanced(_one(values, k), best, float(steepest[k]))
+        if x < best:
+            best, which = x, k
+    return best, which
+
+
+def _one(values: Values, k: int) -> Callable[[float], float]:
+    own = np.array([k])
+    return lambda x: float(values(x, own)[0])
+
+
+def _falls(values: Values, index: Array, known: Array | None) -> Iterator[tuple[int, float]]:
+    """Yield which functions fall and where, the soonest first as far as can be told beforehand."""
     if not index.size:
-        return 1.0, -1
+        return
+    coarse = np.array([values(x, index) for x in FEW_NODES.tolist()]) if known is None else known[:, index]
+    suspect = _COARSE.soonest(coarse) < np.inf
+    index = index[suspect]
+    if not index.size:
+        return
     fine = np.empty((len(_FINE.nodes), len(index)))
     # every other node is one of the coarser interpolant
-    fine[::2], fine[1::2] = coarse[:, index], [values(x, index) for x in _FINE.nodes[1::2].tolist()]
-    best, which = 1.0, -1
-    soonest = _FINE.soonest(fine)
+    fine[::2], fine[1::2] = coarse[:, suspect], [values(x, index) for x in _FINE.nodes[1::2].tolist()]
+    soonest, best = _FINE.soonest(fine), 1.0
     for k in np.argsort(soonest, kind="stable").tolist():
         if soonest[k] >= best:
-            break
-
-        def one(x: float, own: Array = index[k : k + 1]) -> float:
-            return float(values(x, own)[0])
-
-        x = _fall(one, 0.0, 1.0, fine[:, k], 0)
-        if x is not None and x < best:
-            best, which = x, int(index[k])
-    return best, which
+            return
+        x = _fall(_one(values, int(index[k])), 0.0, 1.0, fine[:, k], 0)
+        if x is not None:
+            best = min(best, x)
+            yield int(index[k]), x
 
 
 def _fall(value: Callable[[float], float], low: float, high: float, known: Array | None, halved: int) -> float | None:
@@ -112,6 +129,24 @@ def _fall(value: Callable[[float], float], low: float, high: float, known: Array
     middle = 0.5 * (low + high)
     found = _fall(value, low, middle, None, halved + 1)
     return _fall(value, middle, high, None, halved + 1) if found is None else found
+
+
+def _advanced(value: Callable[[float], float], end: float, steepest: float) -> float:
+    """Return where a function first falls to zero, `end` if it does not before, by steps that cannot jump a zero.
+
+    What comes so near that this takes too many steps counts as a fall.
+    """
+    x, found = 0.0, value(0.0)
+    nothing, last = _NEAR * steepest, np.inf
+    for _ in range(_ADVANCES):
+        # what starts there may rise
+        if found <= nothing and x > 0.0 and found <= last:
+            break
+        x += max(found, nothing) / steepest
+        if x >= end:
+            return end
+        last, found = found, value(x)
+    return x
 
 
 def _fall_on_grid(p: Array, error: float) -> tuple[float | None, bool]:

@@ -39,6 +39,8 @@ _AFTER, _LEAST_AFTER = 10.0, 1e-6
 _BRIEF, _COLLAPSE = 1e-5, 1e3
 # single impacts after which an accumulation is taken to have ended
 _MOST_SINGLE = 10_000
+# how long what strikes polyhedra must be off for, at least, for the smooth motion to go on [s]
+_OFF = 1e-3
 # events without progress in time after which the paper's step goes on, its length [s], and how many are taken before
 # the smooth motion is tried again
 _MOST_AT_ONCE, _FALLBACK_STEP, _FALLBACK_RUN = 50, 1e-4, 50
@@ -126,11 +128,13 @@ class Motion:
             at_once = at_once + 1 if event and stride.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
             self._arrive(stride, end)
             yield stride
-            if event and (at_once > _MOST_AT_ONCE or not self.rows.smooth[first].all()):
-                yield from self._fall_back(end)
-                at_once = 0
-            elif event:
-                yield from self._settle(self._touch(np.union1d(first, self.closed)))
+            if event:
+                left = at_once <= _MOST_AT_ONCE and (self.rows.smooth[first].all() or (yield from self._bounce()))
+                if left:
+                    yield from self._settle(self._touch(np.union1d(first, self.closed)))
+                else:
+                    yield from self._fall_back(end)
+                    at_once = 0
             else:
                 h = stride.h * factor
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if event or self.closed.size else stride.a
@@ -148,6 +152,19 @@ class Motion:
         self.depth, self.residual = self.crossings.depth, 0.0
         if self.closed.size:
             self._hold()
+
+    def _bounce(self) -> Generator[Stride | Struck, None, bool]:
+        """Apply the law (8) where a gradient jumps; return whether all are off then for long enough."""
+        q, v = self.q, self.v
+        active = self.problem.constraints.active(self.t, q, self.problem.tolerance)
+        number, _, J, e, point, normal = active
+        before = J @ v
+        if (before < -_moves(J, v)).any():
+            self.v, rates, self.residual = self.projector.law(v, Push(v, self.system.metric(q)), J, e)
+            yield Struck(self.t, q, v, self.v, number, np.array([rates[0], before, J @ self.v]), point, normal)
+        pull = np.abs(J @ self.flow.acceleration(self.t, q, self.v, self.closed)[: len(v)])
+        jumping = np.isin(number, self.rows.number[~self.rows.smooth])
+        return bool((2.0 * (J @ self.v) > _OFF * pull)[jumping].all())
 
     def _fall_back(self, end: float) -> Iterator[Stride | Struck]:
         """Go on by the paper's scheme while gradients jump, then out of what that leaves inside constraints."""
@@ -286,7 +303,7 @@ class Motion:
         def press(x: float, of: Array) -> Array:
             return self._press(stride, x * share)[of]
 
-        x, _ = first_fall(press, len(self.closed))
+        x, _ = first_fall(press, np.full(len(self.closed), np.inf))
         if x == 1.0:
             return 1.0
         let_go = x * share
