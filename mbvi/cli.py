@@ -1,4 +1,4 @@
-"""The command line: `mbvi demo | simulate | inspect | replay`."""
+"""The command line: `mbvi demo | simulate | inspect | replay | stress`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from .errors import InadmissibleStartError, InputError, MbviError, MbviWarning, TrajectoryFileError
+from .stress.command import stress
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -160,6 +161,9 @@ def demo(
     problem = demo_problem()
     _print_problem(problem, named_by=None)
     _run(problem, None, 1e-3, 2.0, 1, out, page)
+
+
+app.command()(stress)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

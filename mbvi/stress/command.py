@@ -1,0 +1,95 @@
+"""`mbvi stress`: run the scenes, print what failed, write a JSON file and the heat map."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from tqdm import tqdm
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .scene import StressScene
+    from .sweep import Cell
+
+_STEPS, _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4), (1e-4, 1e-8)
+# no multiple of a step is an instant at which something happens
+_OFF = 1.03
+
+
+def stress(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Parts of names; all by default.")
+    ] = None,
+    step: Annotated[list[float] | None, typer.Option(help="Time step [s]; repeatable.")] = None,
+    tolerance: Annotated[list[float] | None, typer.Option(help="Tolerance of EventDriven; repeatable.")] = None,
+    budget: Annotated[float, typer.Option(help="Time that one run may take [s].")] = 10.0,
+    long: Annotated[bool, typer.Option("--long", help="With the scenes that take minutes.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the scenes and end.")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
+) -> None:
+    """Run the scenes where methods fail, over schemes and steps."""
+    # imported here for its weight: scenes compute their exact solutions
+    from .sweep import SCHEMES, sweep
+
+    chosen = _chosen(scenes or [], long or listed)
+    if listed:
+        for scene in chosen:
+            print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
+        return
+    steps, tolerances = [_OFF * h for h in step or _STEPS], tolerance or _TOLERANCES
+    total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
+    cells = []
+    with tqdm(total=total, unit="run") as bar:
+        for cell in sweep(chosen, steps, tolerances, budget):
+            cells.append(cell)
+            bar.set_postfix_str(f"{cell.scene}, {cell.scheme}", refresh=False)
+            bar.update()
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
+    pictures = [out / "stress.png", out / "stress.svg"]
+    _draw(cells, pictures)
+    _print(cells)
+    print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
+
+
+def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
+    from .scenes import SCENES
+
+    found = [s for s in SCENES if any(part.lower() in s.name.lower() for part in parts)]
+    missing = [part for part in parts if not any(part.lower() in s.name.lower() for s in SCENES)]
+    if missing:
+        raise InputError(f"no scene's name holds {missing[0]!r}: see mbvi stress --list")
+    return found or [s for s in SCENES if long or not s.long]
+
+
+def _draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
+    try:
+        from .picture import draw
+
+        draw(cells, paths)
+    except ImportError as error:
+        raise InputError("the picture needs matplotlib: pip install 'mbvi[charts]'") from error
+
+
+def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
+    """Return what the file holds; infinite numbers are null, for JSON has none."""
+    about = [
+        {"name": s.name, "number": s.number, "held": s.held, "failed": s.failed, "duration": s.duration} for s in scenes
+    ]
+    told = [asdict(cell) | {"value": cell.value if cell.value < float("inf") else None} for cell in cells]
+    return {"machine": f"{platform.machine()}, Python {platform.python_version()}", "budget": budget,
+            "scenes": about, "cells": told}  # fmt: skip
+
+
+def _print(cells: Sequence[Cell]) -> None:
+    for scheme in dict.fromkeys(cell.scheme for cell in cells):
+        count = Counter(cell.verdict for cell in cells if cell.scheme == scheme)
+        print(f"{scheme}: {', '.join(f'{n} {verdict}' for verdict, n in count.most_common())}")

@@ -1,0 +1,7 @@
+"""All stress scenes, in the order of the table."""
+
+from .bodies import BODIES
+from .mechanisms import MECHANISMS
+from .scene import StressScene
+
+SCENES: tuple[StressScene, ...] = (*BODIES, *MECHANISMS)

@@ -1,0 +1,123 @@
+"""Scenes over schemes and steps: one cell each, with its number, its verdict and its time."""
+
+from __future__ import annotations
+
+import signal
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+from ..errors import MbviError
+from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
+from ..simulate import simulate
+from .scene import StressScene
+
+# time-stepping schemes by the names they have in tables; each cell makes its own
+SCHEMES: Mapping[str, Callable[[], Any]] = {
+    "Paoli": Paoli,
+    "MoreauJean": lambda: MoreauJean(0.5),
+    "Centered": Centered,
+    "Centered, positions projected": lambda: Centered(project_positions=True),
+    "SchatzmanPaoli": SchatzmanPaoli,
+}
+# what a scene that depends on the step gets where there is none [s]
+_USUAL = 1e-3
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One scene, one scheme, one step.
+
+    Attributes
+    ----------
+    scene, scheme : str
+        Their names.
+    step : float
+        Time step [s], or the tolerance of error control.
+    value : float
+        The scene's number; infinite where there is none.
+    verdict : str
+        "held", "degraded" or "failed"; "too slow" where the time given was not enough.
+    cpu : float
+        CPU time [s].
+    said : str
+        What the run said of itself: its error, or its notes.
+    """
+
+    scene: str
+    scheme: str
+    step: float
+    value: float
+    verdict: str
+    cpu: float
+    said: str
+
+
+def sweep(
+    scenes: Sequence[StressScene], steps: Sequence[float], tolerances: Sequence[float], budget: float
+) -> Iterator[Cell]:
+    """Yield a cell for every scene, scheme and step.
+
+    Parameters
+    ----------
+    scenes : sequence of StressScene
+        Which.
+    steps : sequence of float
+        Time steps of the time-stepping schemes [s].
+    tolerances : sequence of float
+        Tolerances of `EventDriven`.
+    budget : float
+        Time that one run may take [s].
+    """
+    for scene in scenes:
+        for name, make in SCHEMES.items():
+            for h in steps:
+                yield cell(scene, name, make(), h, budget)
+        for tolerance in tolerances:
+            yield cell(scene, "EventDriven", EventDriven(tolerance), tolerance, budget)
+
+
+def cell(scene: StressScene, name: str, scheme: Any, step: float, budget: float) -> Cell:
+    """Run one cell; what goes wrong in it is its result. `step` is the tolerance of a scheme that has one."""
+    located = isinstance(scheme, EventDriven)
+    start = time.process_time()
+    value, verdict, said = float("inf"), "failed", ""
+    try:
+        with _limited(budget), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            problem = scene.make(_USUAL if located else step)
+            h = None if located else step
+            run = simulate(problem, scheme, duration=scene.duration, step=h, progress=False)
+            value = scene.measure(run)
+        verdict, said = scene.verdict(value), "; ".join(run.notes)
+    except _TooSlow:
+        verdict, said = "too slow", f"more than {budget:g} s"
+    except MbviError as error:
+        said = f"{type(error).__name__}: {error}"
+    return Cell(scene.name, name, step, value, verdict, time.process_time() - start, said)
+
+
+class _TooSlow(Exception):
+    pass
+
+
+class _limited:
+    """Raises `_TooSlow` in the main thread after so many seconds."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def __enter__(self) -> None:
+        self._before = signal.signal(signal.SIGALRM, self._ring)
+        signal.setitimer(signal.ITIMER_REAL, self._seconds)
+
+    def __exit__(self, *error: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, self._before)
+
+    @staticmethod
+    def _ring(number: int, frame: FrameType | None) -> None:
+        raise _TooSlow
