@@ -55,6 +55,8 @@ def owners(rows: Rows, others: Rows) -> Array:
 
     Two rows are the same contact if they are of one constraint and each is the nearest to the other.
     """
+    if not others.gap.size:
+        return np.full(len(rows.gap), -1)
     order = np.argsort(others.constraint, kind="stable")
     first, end = (np.searchsorted(others.constraint[order], rows.constraint, side) for side in ("left", "right"))
     count = end - first

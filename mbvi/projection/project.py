@@ -54,6 +54,10 @@ class Push(NamedTuple):
     free: Array
     metric: Metric
 
+    def of(self, v: Array, at: Array) -> Push:
+        """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
+        return Push(self.free + (v - at), self.metric)
+
 
 class Projector:
     """Projections in a row: the QP solvers are kept, one per number of rows, and started from their last result.

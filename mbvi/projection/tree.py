@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 from ..errors import InputError
 from .metric import Array, triangular
 
@@ -188,6 +188,11 @@ class TreePush:
     def free(self) -> Array:
         """V + (M + h D)^-1 h (torque - effects - D v), shape (nv,)."""
         return advance(*self.told)
+
+    def of(self, v: Array, at: Array) -> TreePush:
+        """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
+        mass, damping, parent, _, h, torque, effects = self.told
+        return TreePush(mass, damping, parent, plain_array(v), h, torque, effects)
 
     @property
     def metric(self) -> TreeMetric:

@@ -20,7 +20,7 @@ class Centered:
 
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
     the rows those of the constraints with f_a(q_i + h v_i) <= 0; q_{i+1} = q_m + h v_{i+1} / 2, drifts along the
-    retraction.
+    retraction. Forces that change with v are those half a step on, at v_i + h M^-1 g / 2; of a control, those at v_i.
 
     Parameters
     ----------
@@ -29,10 +29,11 @@ class Centered:
 
     Notes
     -----
-    Order 1 across impacts, 2 in flight where forces do not depend on velocities. Velocity level; any e in [0, 1], one
+    Order 1 across impacts, 2 in flight (1 with a control). Velocity level; any e in [0, 1], one
     per constraint; several constraints at once by one projection. An impact is taken up to half a step before or after
     it is due, so that its penetration, or the gap it leaves at e = 0, is at most h |v-| / 2; on concave walls it adds
-    up unless positions are projected. A step takes M and g once, in free flight the gaps once; where something is
+    up unless positions are projected. A step takes M once and g once or, where it changes
+    with v, twice; in free flight the gaps once; where something is
     active the gaps twice, ahead and in the middle, and the gradients once more than they are used.
     """
 
@@ -46,15 +47,16 @@ class Centered:
         system, end, half = problem.system, t + h, 0.5 * h
         ahead = problem.constraints.active(end, system.integrate(q, h * v), problem.tolerance)
         t, middle = t + half, system.integrate(q, half * v)
+        at = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
         if not ahead.gap.size:
-            w = system.free_velocity(t, middle, v, h)
+            w = system.free_velocity(t, middle, at, h)
+            w = w if at is v else v + (w - at)
             return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
+        applied = Applied(t, middle, v, h, at)
         active = _in_the_middle(problem, t, middle, ahead, half * (ahead.jacobian @ v))
-        w, rates, residual = projector.law(v, system.push(t, middle, v, h), active.jacobian, active.restitution)
+        w, rates, residual = projector.law(v, applied.push(system), active.jacobian, active.restitution)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
-        if self.project_positions:
-            return settled(problem, Applied(t, middle, v, h), step, projector)
-        return carried(step, half)
+        return settled(problem, applied, step, projector) if self.project_positions else carried(step, half)
 
 
 def _in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, approach: Array) -> Rows:

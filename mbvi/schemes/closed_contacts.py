@@ -10,7 +10,8 @@ from ..constraints import Rows
 from ..constraints.active import chosen, owners, stacked
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Projector, Push, TreePush
+from ..system import System
 from ..system.system import Array
 from .step import Step, carried
 
@@ -23,12 +24,18 @@ _UNRELATED = 1e-9
 
 
 class Applied(NamedTuple):
-    """Where and when a scheme applied the law within a step of length h, and the velocity before."""
+    """When and where a scheme applied the law in a step of length h, the velocity before, and that of the forces."""
 
     t: float
     q: Array
     v: Array
     h: float
+    at: Array
+
+    def push(self, system: System) -> Push | TreePush:
+        """Return what the forces at the velocity `at` do to v."""
+        push = system.push(self.t, self.q, self.at, self.h)
+        return push if self.at is self.v else push.of(self.v, self.at)
 
 
 class _Lifted(NamedTuple):
@@ -96,7 +103,7 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
 
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
-    push = problem.system.push(applied.t, applied.q, applied.v, applied.h)
+    push = applied.push(problem.system)
     return projector.law(applied.v, push, rows.jacobian, rows.restitution)
 
 
@@ -110,7 +117,7 @@ def _tangent(
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ lifted.moved)
     rows = stacked([near, chosen(rows, left)]) if left.any() else near
-    push, J = problem.system.push(applied.t, applied.q, applied.v, applied.h), rows.jacobian
+    push, J = applied.push(problem.system), rows.jacobian
     free, before = push.free, J @ applied.v
     lower = -rows.restitution * before
     # what hovers closes until the law is applied next, lest it fall

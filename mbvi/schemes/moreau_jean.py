@@ -63,5 +63,5 @@ class MoreauJean:
         w, rates, residual = projector.law(v, system.push(t, middle, v, h), active.jacobian, active.restitution)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
-            return settled(problem, Applied(t, middle, v, h), step, projector)
+            return settled(problem, Applied(t, middle, v, h, v), step, projector)
         return carried(step, self.theta * h)

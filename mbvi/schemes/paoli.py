@@ -47,4 +47,4 @@ class Paoli:
         push = system.push(t, q, v, h)
         velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution)
         step = Step(t, q, velocity, active, rates, residual)
-        return settled(problem, Applied(t, q, v, h), step, projector) if self.project_positions else step
+        return settled(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step

@@ -159,6 +159,8 @@ class ArticulatedSystem:
         self.control = control
         self._name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
+        # a control is called once a step
+        self.velocity_dependent = control is None
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())

@@ -36,6 +36,9 @@ class BlockSystem:
             names.extend(part.bodies[1:])
             q, v = q + part.nq, v + part.nv
         self.nq, self.nv = q, v
+        self.velocity_dependent = any(part.velocity_dependent for part in parts) and not any(
+            getattr(part, "control", None) is not None for part in parts
+        )
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]

@@ -28,6 +28,7 @@ class Spheres:
 
     def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
         self.nq = self.nv = 3 * len(masses)
+        self.velocity_dependent = False
         self.bodies = ("world", *names)
         self._metric = DiagonalMetric(np.repeat(masses, 3))
         self._gravity = np.tile(gravity, len(masses))
@@ -109,6 +110,9 @@ class FreeBodies:
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
         n = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
+        # a body whose moments of inertia are equal turns on as it does
+        moments = np.linalg.eigvalsh(inertias)
+        self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.bodies = ("world", *names)
         self._masses, self._inertias, self._gravity = masses, inertias, gravity
         blocks = np.zeros((n, 6, 6))
@@ -195,3 +199,5 @@ class FreeBodies:
 
 
 _AXES, _TWIST = np.arange(3), np.arange(6)
+# relative difference of moments of inertia that counts as none
+_ROUND = 1e-12

@@ -60,6 +60,8 @@ class LagrangianSystem:
         M = np.asarray(self._mass(q), dtype=float)
         return as_metric(M, self.nv) if M.ndim != 2 or len(M) != self.nv else DenseMetric(M)
 
+    velocity_dependent = True
+
     def check(self, t: float, q: Array, v: Array) -> None:
         """Raise `InputError` unless M(q) and g(t, q, v) have their shapes and M its symmetry."""
         as_metric(np.asarray(self._mass(q), dtype=float), self.nv)

@@ -22,6 +22,8 @@ class System(Protocol):
         Sizes of q and v.
     bodies : tuple of str
         Names, the world first.
+    velocity_dependent : bool
+        Whether forces change with v, and may be worked out twice a step.
 
     Notes
     -----
@@ -31,6 +33,7 @@ class System(Protocol):
     nq: int
     nv: int
     bodies: tuple[str, ...]
+    velocity_dependent: bool
 
     def integrate(self, q: Array, dv: Array) -> Array:
         """Return q + dv along the retraction, shape (nq,)."""
