@@ -274,6 +274,22 @@ class Pairs:
         """How fast each velocity can bring each pair nearer, shape (n, nv)."""
         return self._reach.T if isinstance(self._reach, np.ndarray) else self._reach.toarray()
 
+    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may pass through each other on a way from q, how far each travels, and how thick it is.
+
+        Parameters
+        ----------
+        q, way : ndarray, shapes (nq,) and (nv,)
+            Configuration, and the tangent vector that leads on from it.
+        """
+        travel = np.asarray(np.abs(way) @ self._reach)
+        pairs = np.flatnonzero(travel > self.thickness)
+        return pairs, travel[pairs], self.thickness[pairs]
+
+    def gaps(self, q: Array, pairs: Array) -> Array:
+        """Return the signed distances of some pairs in ascending order, shape (k,) [m]."""
+        return self.nearest(q, pairs).gap
+
     def sides(self, pair: Array) -> tuple[Array, Array]:
         """Return the two bodies of some pairs."""
         return self._first_body[pair], self._second_body[pair]

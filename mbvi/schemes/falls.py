@@ -82,7 +82,7 @@ def first_fall(values: Values, steepest: Array, known: Array | None = None) -> t
         if x < best:
             best, which = x, k
     for k in np.flatnonzero(np.isfinite(steepest)).tolist():
-        x = _advanced(_one(values, k), best, float(steepest[k]))
+        x = advanced(_one(values, k), best, float(steepest[k]))
         if x < best:
             best, which = x, k
     return best, which
@@ -131,7 +131,7 @@ def _fall(value: Callable[[float], float], low: float, high: float, known: Array
     return _fall(value, middle, high, None, halved + 1) if found is None else found
 
 
-def _advanced(value: Callable[[float], float], end: float, steepest: float) -> float:
+def advanced(value: Callable[[float], float], end: float, steepest: float) -> float:
     """Return where a function first falls to zero, `end` if it does not before, by steps that cannot jump a zero.
 
     What comes so near that this takes too many steps counts as a fall.

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 from ..errors import MbviError
+from ..projection import Projector
 from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
 from ..simulate import simulate
 from .scene import StressScene
@@ -72,6 +73,8 @@ def sweep(
     budget : float
         Time that one run may take [s].
     """
+    # kernels are compiled before any run is timed
+    Projector()
     for scene in scenes:
         for name, make in SCHEMES.items():
             for h in steps:

@@ -1,0 +1,121 @@
+"""No body passes another between two steps: a step that would is cut where they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .errors import DivergedError
+from .problem import Problem
+from .projection import Projector
+from .schemes import Scheme, Step
+from .schemes.falls import advanced
+from .system.system import Array
+
+# [m/s, rad/s], squared and summed; beyond this no step means anything
+_RUNAWAY = 1e16
+# how deep a cut step ends in what it meets, in units of what would be passed through
+_DEEP = 1e-3
+# cuts of one step, and the part of it that is not worth a step
+_MOST_CUTS, _REST = 100, 1e-9
+
+
+class Guard:
+    """Watches whether bodies travel further within a step than it takes to pass through each other.
+
+    Parameters
+    ----------
+    problem : Problem
+        What moves.
+    scheme : Scheme
+        What moves it: with v_i until its law acts, then with v_{i+1}.
+    h : float
+        Time step [s].
+
+    Attributes
+    ----------
+    limit : float
+        v . v below which nothing can pass anything, and no velocity runs away.
+    cuts : int
+        How many steps were cut.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
+        self._problem, self._scheme = problem, scheme
+        self._jump = getattr(scheme, "jump", 1.0)
+        self._watched: list[Any] = [c for c in problem.constraints.constraints if hasattr(c, "passable")]
+        self.limit, self.cuts = _RUNAWAY, 0
+        # how far each velocity takes any two bodies in a step, in units of the thinnest
+        self._share = np.zeros(problem.system.nv)
+        for constraint in self._watched:
+            np.maximum(self._share, h * constraint.envelope / constraint.thickness.min(), out=self._share)
+        reach = float(self._share.dot(self._share))
+        if reach > 0.0:
+            self.limit = min(self.limit, 1.0 / reach)
+
+    def followed(self, t: float, state: Step, new: Step, h: float, projector: Projector) -> Iterator[Step]:
+        """Yield the steps that lead from a state at t to t + h, `new` if nothing is passed on the way there."""
+        rest = h
+        for _ in range(_MOST_CUTS):
+            self._check(new, h)
+            if self._share.dot(np.maximum(np.abs(state.v), np.abs(new.v))) < 1.0:
+                break
+            part = self._part(state, new, rest)
+            if part == 1.0 or rest <= _REST * h:
+                break
+            self.cuts += 1
+            cut = self._scheme.step(self._problem, t + h - rest, state.q, state.v, part * rest, projector)
+            self._check(cut, h)
+            yield cut
+            state, rest = cut, rest - part * rest
+            new = self._scheme.step(self._problem, t + h - rest, state.q, state.v, rest, projector)
+        yield new
+
+    def _check(self, state: Step, h: float) -> None:
+        # written so that a NaN is refused too
+        if not state.v.dot(state.v) < _RUNAWAY:
+            raise DivergedError(
+                f"the velocity runs away at t = {state.t:.6g} s, to {np.abs(state.v).max():.3g}: the forces change too "
+                f"fast for h = {h:g} s; take a smaller step, or give light links damping or more inertia"
+            )
+
+    def _part(self, state: Step, new: Step, h: float) -> float:
+        """Return the part of a step after which something would be passed through, 1 if nothing is."""
+        system, before = self._problem.system, self._jump * h * state.v
+        middle = system.integrate(state.q, before)
+        for q, way, start, length in (
+            (state.q, before, 0.0, self._jump),
+            (middle, system.difference(middle, new.q), self._jump, 1.0 - self._jump),
+        ):
+            share = self._first(new.t, q, way) if length > 0.0 else 1.0
+            if share < 1.0:
+                return start + share * length
+        return 1.0
+
+    def _first(self, t: float, q: Array, way: Array) -> float:
+        """Return the share of a straight way at which the first body meets what it would pass through."""
+        system, first = self._problem.system, 1.0
+        for constraint in self._watched:
+            pairs, travel, thickness = constraint.passable(q, way)
+            for k in range(len(pairs)):
+                first = min(first, self._meets(constraint, system, q, way, pairs[k : k + 1], travel[k], thickness[k]))
+        return first
+
+    def _meets(
+        self, constraint: Any, system: Any, q: Array, way: Array, pair: Array, travel: float, thickness: float
+    ) -> float:
+        def gap(x: float) -> float:
+            return float(constraint.gaps(system.integrate(q, x * way), pair)[0])
+
+        tolerance, start = self._problem.tolerance, gap(0.0)
+        short = min(_DEEP * thickness / travel, 1.0)
+        begin, near = 0.0, max(tolerance, 0.1 * _DEEP * thickness)
+        if start <= tolerance:
+            # the law has taken what touches, unless it acts where a step is on its way: then a short one
+            begin, rise = short, gap(short) - start
+            if rise < near:
+                return short if rise < -near else 1.0
+        x = begin + advanced(lambda x: gap(begin + x), 1.0 - begin, travel)
+        return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
