@@ -59,7 +59,7 @@ def measured(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme, step: float, du
 def main() -> None:
     """Print the table."""
     load()
-    print("| problem | scheme | deepest [mm] | in the end [mm] | a step [us] |")
+    print("| problem | scheme | deepest [mm, mrad] | in the end [mm, mrad] | a step [us] |")
     print("|---|---|---|---|---|")
     disc = reference.sliding_in_disc(0.5, duration=50.0).problem
     cases = (("hopper", hopper(), 1e-3, 2.0), ("three boxes", tower(), 1e-3, 2.0), ("disc", disc, 1e-2, 50.0))

@@ -322,3 +322,43 @@ def test_a_ball_deep_in_a_cylinder_is_thrown_back_the_short_way(where):
     np.testing.assert_allclose(run.v[-1], [0, 0, 10], atol=1e-12)
     np.testing.assert_allclose(np.abs(impact.normal[0]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(run.penetration().max(), 0.0149, atol=1e-9)
+
+
+def separation_of_boxes(size, pose):
+    """Signed distance of two boxes that overlap, by the axes of faces and of crossing edges; exact below zero."""
+    (Ra, a), (Rb, b) = pose
+    axes = [*Ra.T, *Rb.T, *(np.cross(x, y) for x in Ra.T for y in Rb.T)]
+    lengths = np.linalg.norm(axes, axis=1)
+    axes = np.array([axis / length for axis, length in zip(axes, lengths, strict=True) if length > 1e-6])
+    half = 0.5 * np.array(size)
+    return float((np.abs(axes @ (b - a)) - np.abs(axes @ Ra) @ half - np.abs(axes @ Rb) @ half).max())
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_the_deepest_contact_of_two_boxes_is_their_depth(seed):
+    """Corners, faces, and edges that cross: none of the corners that two faces share may be as deep as these."""
+    rng = np.random.default_rng(seed)
+    size, sides = (0.2, 0.3, 0.15), []
+    for _ in range(2):
+        q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+        q *= np.sign(np.diag(r))
+        sides.append(q * np.sign(np.linalg.det(q)))
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    # to where they overlap by a few millimetres
+    far = 0.5
+    for _ in range(60):
+        far -= separation_of_boxes(size, ((sides[0], np.zeros(3)), (sides[1], far * way)))
+        depth = separation_of_boxes(size, ((sides[0], np.zeros(3)), (sides[1], far * way)))
+        if abs(depth) < 1e-12:
+            break
+    far -= rng.uniform(1e-5, 5e-3)
+    depth = separation_of_boxes(size, ((sides[0], np.zeros(3)), (sides[1], far * way)))
+    scene = mbvi.Scene()
+    scene.add_box(size, rotation=sides[0])
+    scene.add_box(size, rotation=sides[1], position=(far + 1.0) * way)
+    problem = scene.build()
+    q = problem.q0.copy()
+    q[7:10] = far * way
+    rows = problem.constraints.active(0.0, q, 1e-8)
+    assert rows.gap.min() == pytest.approx(depth, abs=1e-8)

@@ -25,6 +25,8 @@ _AGREEMENT = 1e-4
 _MOST_TURN, _LEAST_TURN = 0.3, 1e-5
 # how deep below the touching plane a vertex may lie and still be looked at, in radii of the smaller shape
 _PATCH_DEPTH = 0.02
+# by how much less a patch's deepest corner may be in than the shapes are, in the same radii
+_CORNER = 1e-6
 
 
 class SignedDistances(Pairs):
@@ -134,12 +136,14 @@ class SignedDistances(Pairs):
                     sides = self._sides[k]
                     poses = self._pose[sides[0]], self._pose[sides[1]]
                     found = self._patches.find(sides, poses, middle, n, distance)
-            if found is None:
+            # no line along the normal crosses more than the depth
+            depths = [] if found is None else np.maximum(found[1], distance).tolist()
+            # where edges cross none of the patch's corners may be as deep
+            if not depths or min(depths) > distance + _CORNER * self._bound[k]:
                 gap.append(distance)
                 point.append(middle)
-            else:
-                # no line along the normal crosses more than the depth
-                gap.extend(np.maximum(found[1], distance))
+            if found is not None:
+                gap.extend(depths)
                 point.extend(found[0])
             new = len(gap) - len(pair)
             pair.extend([k] * new)
