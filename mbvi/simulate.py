@@ -167,7 +167,7 @@ def _start(problem: Problem, projector: Projector) -> Step:
     t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
     active = problem.constraints.active(t, q, problem.tolerance)
     before = active.jacobian @ v
-    rounding = 1e-12 * (np.abs(active.jacobian) @ np.abs(v))
+    rounding = 1e-12 * (abs(active.jacobian) @ np.abs(v))
     if (before >= -rounding).all():
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
     v, rates, residual = projector.law(v, Push(v, problem.system.metric(q)), active.jacobian, active.restitution)

@@ -7,6 +7,7 @@ from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .signed_distance import SignedDistances
 from .smooth import SmoothRows
+from .sphere_walls import SphereWalls
 from .spheres import SphereContacts
 
 __all__ = [
@@ -19,4 +20,5 @@ __all__ = [
     "SignedDistances",
     "SmoothRows",
     "SphereContacts",
+    "SphereWalls",
 ]

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
+
+from ..system.sparse_rows import stack_rows
 
 Array = np.ndarray
 
@@ -23,8 +26,8 @@ class Rows(NamedTuple):
         Which constraint each row belongs to; a flat face gives several rows of one.
     gap : ndarray, shape (k,)
         f, negative where penetrated [m or rad].
-    jacobian : ndarray, shape (k, nv)
-        grad f in the tangent space.
+    jacobian : ndarray or csr_array, shape (k, nv)
+        grad f in the tangent space; sparse where there are many bodies.
     restitution : ndarray, shape (k,)
         e of each row; NaN where the problem's own applies.
     point, normal : ndarray, shape (k, 3)
@@ -34,7 +37,7 @@ class Rows(NamedTuple):
 
     constraint: Array
     gap: Array
-    jacobian: Array
+    jacobian: Array | csr_array
     restitution: Array
     point: Array
     normal: Array
@@ -47,7 +50,17 @@ def chosen(rows: Rows, index: Array) -> Rows:
 
 def stacked(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
-    return parts[0] if len(parts) == 1 else Rows(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    if len(parts) == 1:
+        return parts[0]
+    number, gap, jacobian, restitution, point, normal = zip(*parts, strict=True)
+    return Rows(
+        np.concatenate(number),
+        np.concatenate(gap),
+        stack_rows(list(jacobian)),
+        np.concatenate(restitution),
+        np.concatenate(point),
+        np.concatenate(normal),
+    )
 
 
 def owners(rows: Rows, others: Rows) -> Array:

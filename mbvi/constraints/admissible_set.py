@@ -12,7 +12,7 @@ import numpy as np
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..system import System
-from .active import NOWHERE, STILL, Array, Constraint, Rows
+from .active import NOWHERE, STILL, Array, Constraint, Rows, stacked
 
 # one bit each; more of them are asked at every step
 _MOST_REMEMBERING = 60
@@ -150,9 +150,7 @@ class AdmissibleSet:
                 found.append(rows)
         if not found:
             return self.empty
-        if len(found) == 1:
-            return found[0]
-        return Rows(*(np.ascontiguousarray(np.concatenate(parts)) for parts in zip(*found, strict=True)))
+        return stacked(found)
 
     def near(self, t: float, q: Array, reach: float) -> Rows:
         """Return the rows with f_a(q) <= reach, which may be more than the tolerance asked with before.
@@ -234,9 +232,8 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     number, gap, jacobian, _, point, normal = rows
     # they may come from a user's code
     numbers = np.asarray(number, dtype=np.int64) + start
-    return Rows(
-        numbers, plain_array(gap), plain_array(jacobian), plain_array(own), plain_array(point), plain_array(normal)
-    )
+    gradients = plain_array(jacobian) if isinstance(jacobian, np.ndarray) else jacobian
+    return Rows(numbers, plain_array(gap), gradients, plain_array(own), plain_array(point), plain_array(normal))
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:

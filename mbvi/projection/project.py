@@ -13,11 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
+from scipy.sparse import csr_array
 
 from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from . import few_rows
 from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
+from .large import Large, contradictory
 from .metric import Array, Metric, as_metric
 from .nonnegative import ROUNDING
 from .proxqp import ProxQP
@@ -70,12 +72,20 @@ class Projector:
         load()
         self.residual = residual
         self._solver = ProxQP()
+        self._large = Large()
         self._contradiction = False
         # percussions of the last projection
         self._last = np.zeros(0)
 
-    def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
-        """Project x; see `project`, whose checks this leaves out."""
+    def project(
+        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
+    ) -> Projection:
+        """Project x; see `project`, whose checks this leaves out.
+
+        `contacts`, shape (m,), numbers that name the rows from one projection to the next, may speed up sparse ones.
+        """
+        if not isinstance(J, np.ndarray):
+            return self._sparse(x, metric, J, lower, contacts)
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
@@ -86,7 +96,9 @@ class Projector:
                 return Projection(velocity, rates[0], residual)
         return self._many(x, metric, J, lower)
 
-    def law(self, v: Array, push: Push | TreePush, J: Array, e: Array) -> tuple[Array, Array, float]:
+    def law(
+        self, v: Array, push: Push | TreePush, J: Array | csr_array, e: Array, contacts: Array | None = None
+    ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
         Parameters
@@ -99,6 +111,8 @@ class Projector:
             Gradients of the active constraints.
         e : ndarray, shape (m,)
             Restitution of each.
+        contacts : ndarray of int, shape (m,), optional
+            As of `project`.
 
         Returns
         -------
@@ -111,7 +125,7 @@ class Projector:
         """
         m = len(e)
         rates = np.empty((4, m))
-        if m <= _FEW:
+        if m <= _FEW and isinstance(J, np.ndarray):
             velocity = np.empty(len(v))
             if type(push) is TreePush:
                 residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
@@ -123,9 +137,23 @@ class Projector:
                 return velocity, rates, residual
         x = push.free
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._many(x, push.metric, J, -e * rates[3])
+        lower = -e * rates[3]
+        if isinstance(J, np.ndarray):
+            velocity, rates[0], residual = self._many(x, push.metric, J, lower)
+        else:
+            velocity, rates[0], residual = self._sparse(x, push.metric, J, lower, contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
+
+    def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
+        """Project onto rows of many bodies."""
+        found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
+        if found.residual <= self.residual:
+            return found
+        problem = {"x": x, "M": metric, "J": J, "lower": lower}
+        if contradictory(metric, J, lower, found.percussion):
+            raise InfeasibleError("no velocity w meets J w >= lower: rows contradict each other", problem)
+        raise ProjectionError(_stopped(len(lower), found.residual, self.residual), problem, found.residual)
 
     def _many(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
         """Project onto many rows, or onto few that are not settled yet."""
@@ -211,12 +239,14 @@ class Projector:
         problem = {"x": x, "M": metric.dense(), "J": J, "lower": lower}
         if self._contradiction:
             return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
-        return ProjectionError(
-            f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "
-            f"above {self.residual:.1e}; the problem is in `.problem`",
-            problem,
-            float(residual),
-        )
+        return ProjectionError(_stopped(len(lower), residual, self.residual), problem, float(residual))
+
+
+def _stopped(rows: int, reached: float, asked: float) -> str:
+    return (
+        f"the projection onto {rows} constraints stopped at the relative KKT residual {reached:.1e}, "
+        f"above {asked:.1e}; the problem is in `.problem`"
+    )
 
 
 def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:

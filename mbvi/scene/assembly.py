@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
-from ..constraints.shapes import Array, Convex, HalfSpace, PlacedShape, Sphere
+from ..constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts, SphereWalls
+from ..constraints.shapes import Array, Box, Capsule, Convex, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
 from ..problem import Problem
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
@@ -18,6 +18,8 @@ from ..system.articulated import Control
 from .model import SceneModel
 from .urdf import Robot
 
+# more spheres than these meet their walls in bulk
+_FEW_SPHERES = 33
 _PALETTE = (
     (0.20, 0.45, 0.70, 1.0),
     (0.90, 0.55, 0.20, 1.0),
@@ -188,7 +190,8 @@ class _Builder:
         items = self.items
         for here, rate, lower, upper, names in self.limits:
             yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution)
-        moving = [s for s in self.shapes if s.body]
+        bulk = self._bulk()
+        moving = [s for k, s in enumerate(self.shapes) if s.body and k not in bulk]
         wall_pairs = [(name, wall, s) for name, wall in items.walls.items() for s in moving]
         if wall_pairs:
             labels = [f"{s.name} | {name}" for name, _, s in wall_pairs]
@@ -200,28 +203,52 @@ class _Builder:
             first, second = [a for a, _ in pairs], [b for _, b in pairs]
             e = np.array([items.restitution_of(a.name, b.name) for a, b in pairs])
             yield SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e)
+        if bulk:
+            yield from self._sphere_walls(system)
         if len(self.spheres) > 1:
             yield self._sphere_contacts(system)
 
+    def _bulk(self) -> set[int]:
+        """Return the spheres, if they are many: these meet walls, boxes and capsules in bulk."""
+        return set(self.spheres) if len(self.spheres) > _FEW_SPHERES else set()
+
     def _shape_pairs(self) -> Iterator[tuple[PlacedShape, PlacedShape]]:
-        spheres = set(self.spheres)
+        spheres, bulk = set(self.spheres), self._bulk()
+        closed = {k for k, s in enumerate(self.shapes) if bulk and isinstance(s.shape, Box | Capsule)}
         for i, a in enumerate(self.shapes):
+            if i in spheres:
+                # they come last, and two of them are found in bulk
+                continue
             for j in range(i + 1, len(self.shapes)):
                 b = self.shapes[j]
-                # two spheres are found in bulk; nothing of the world moves against the world
-                if a.body == b.body or (i in spheres and j in spheres):
+                # nothing of the world moves against the world
+                if a.body == b.body or (i in closed and j in bulk):
                     continue
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
-    def _sphere_contacts(self, system: System) -> SphereContacts:
+    def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
+        """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
         items = self.items.spheres
         group = np.repeat(np.arange(len(items)), [len(s.radii) for s in items])
-        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
-        first = self.shapes[self.spheres[0]].body
         radii = np.concatenate([s.radii for s in items])
         names = tuple(n for s in items for n in s.names())
-        return SphereContacts(system, slice(system.nq - 3 * len(radii), system.nq), first, radii, names, group, e)
+        return slice(system.nq - 3 * len(radii), system.nq), self.shapes[self.spheres[0]].body, radii, names, group
+
+    def _sphere_contacts(self, system: System) -> SphereContacts:
+        where, first, radii, names, group = self._all_spheres(system)
+        items = self.items.spheres
+        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
+        return SphereContacts(system, where, first, radii, names, group, e)
+
+    def _sphere_walls(self, system: System) -> Iterator[SphereWalls]:
+        walls: dict[str, HalfSpace | PlacedShape] = {**self.items.walls}
+        walls |= {s.name: s for s in self.shapes if isinstance(s.shape, Box | Capsule)}
+        if not walls:
+            return
+        where, first, radii, names, group = self._all_spheres(system)
+        e = np.array([[self.items.restitution_of(w, s.name) for w in walls] for s in self.items.spheres])
+        yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
 
 
 def assemble(items: SceneItems) -> Problem:

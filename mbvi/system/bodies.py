@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..projection import BodiesMetric, DiagonalMetric, Metric, Push
 from . import rotations
+from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
 
 
@@ -68,7 +70,16 @@ class Spheres:
         places[:, 3] = q.reshape(-1, 3)[bodies - 1]
         return places
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+    @property
+    def sparse(self) -> bool:
+        """Whether its rows are."""
+        return self.nv > MOST_DENSE
+
+    def separation_rows(
+        self, q: Array, first: Array, second: Array, point: Array, normal: Array
+    ) -> Array | csr_array:
+        if self.sparse:
+            return rows_of_two(self.nv, first, second, -normal, normal)
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
             here = np.flatnonzero(side)
@@ -169,14 +180,26 @@ class FreeBodies:
         places[:, 3] = poses[:, :3]
         return places
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
-        rows = np.zeros((len(point), self.nv))
-        for side, sign in ((first, -1.0), (second, 1.0)):
+    @property
+    def sparse(self) -> bool:
+        """Whether its rows are."""
+        return self.nv > MOST_DENSE
+
+    def separation_rows(
+        self, q: Array, first: Array, second: Array, point: Array, normal: Array
+    ) -> Array | csr_array:
+        pulls = np.zeros((2, len(point), 6))
+        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
             here = np.flatnonzero(side)
             places = self.placements(q, side[here])
             torque = np.cross(point[here] - places[:, 3], normal[here])
-            pull = np.concatenate([normal[here], np.einsum("kij,kj->ki", places[:, :3], torque)], axis=1)
-            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
+            pull[here, :3], pull[here, 3:] = sign * normal[here], sign * np.einsum("kij,kj->ki", places[:, :3], torque)
+        if self.sparse:
+            return rows_of_two(self.nv, first, second, *pulls)
+        rows = np.zeros((len(point), self.nv))
+        for side, pull in zip((first, second), pulls, strict=True):
+            here = np.flatnonzero(side)
+            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += pull[here]
         return rows
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
