@@ -1,4 +1,9 @@
-"""The projection onto the rows of many bodies: sparse, by islands, started from the percussions of the last one."""
+"""The projection onto the rows of many bodies: sparse, island by island, started from the percussions of the last one.
+
+Rows are scaled to unit length in the metric. A small island is solved as `few_rows` solves: to rounding, by the rows that
+press. A large one whose percussions of the last step still fit is left alone; others are solved by `free_face` to the
+residual that is asked.
+"""
 
 from __future__ import annotations
 
@@ -6,122 +11,217 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
+from . import free_face, gram, nonnegative
 from .metric import Array, Metric
 
+# rows up to which an island is solved to rounding
+_SMALL = 24
+# unit rows with a product above this are the same
+_SAME = 1.0 - 1e-13
+# the share of the residual asked for that the solver is held to: the check is on the velocity, and rounds otherwise
+_MARGIN = 0.9
+# points of one constraint that are told apart
+_POINTS = 64
 
-def _face_plain(data, indices, starts, d, p, z, target, most):
-    """TODO."""
-    return np.inf
+
+def solve_islands_plain(
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
+) -> float:
+    """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
+
+    Parameters
+    ----------
+    starts, columns, G : ndarray, shapes (m + 1,), (k,), (k,)
+        Scaled Delassus matrix, row after row, columns ascending.
+    d, u : ndarray, shape (m,)
+        Missing rates; percussions to start from, which are written over.
+    label : ndarray of int, shape (m,)
+        The island of each row; -1 of one that is left out, and gets none.
+    count : int
+        How many islands there are.
+    target : float
+        The residual that is enough.
+    """
+    A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
+    u[label < 0] = 0.0
+    for island in range(count):
+        here = np.flatnonzero(label == island)
+        inner = csr_array(A[here][:, here])
+        inner.sort_indices()
+        part = u[here]
+        if len(here) <= _SMALL:
+            full, chosen = inner.toarray(), np.zeros(len(here), bool)
+            if nonnegative.exchange_plain(full, d[here], chosen):
+                nonnegative.settle_plain(full, d[here], chosen, np.zeros(len(here)), part)
+                np.maximum(part, 0.0, out=part)
+        residual = free_face.relax_plain(
+            inner.indptr.astype(np.int32), inner.indices.astype(np.int32), inner.data, d[here], target, part
+        )
+        u[here], worst = part, max(worst, residual)
+    return worst
 
 
-@kernel("f8(f8[::1], i4[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8, i8)", plain=_face_plain)
-def _face(data: Array, indices: Array, starts: Array, d: Array, p: Array, z: Array, target: float, most: int) -> float:
-    m, n = len(d), len(z)
-    g, r, s, Gs, zs, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(n), np.empty(m)
-    residual = np.inf
-    for outer in range(most):
-        for turn in range(4):
-            for b in range(m):
-                a = b if turn % 2 == 0 else m - 1 - b
-                v = -d[a]
-                for k in range(starts[a], starts[a + 1]):
-                    v += data[k] * z[indices[k]]
-                step = max(-v, -p[a])
-                if step != 0.0:
-                    p[a] += step
-                    for k in range(starts[a], starts[a + 1]):
-                        z[indices[k]] += step * data[k]
-        # z anew
-        for i in range(n):
-            z[i] = 0.0
-        for a in range(m):
-            if p[a] > 0.0:
-                for k in range(starts[a], starts[a + 1]):
-                    z[indices[k]] += p[a] * data[k]
-        residual, face = 0.0, 0.0
-        for a in range(m):
-            v = -d[a]
+@kernel("f8(i4[::1], i4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])", plain=solve_islands_plain)
+def _solve_islands(
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
+) -> float:
+    m, worst = len(d), 0.0
+    # rows sorted by island
+    first, order, local = np.zeros(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.int32)
+    for a in range(m):
+        if label[a] >= 0:
+            first[label[a] + 1] += 1
+        else:
+            u[a] = 0.0
+    for island in range(count):
+        first[island + 1] += first[island]
+    fill = first[:count].copy()
+    for a in range(m):
+        if label[a] >= 0:
+            local[a] = fill[label[a]] - first[label[a]]
+            order[fill[label[a]]] = a
+            fill[label[a]] += 1
+    chosen, nothing, full_d, part = np.empty(_SMALL, np.bool_), np.zeros(_SMALL), np.empty(_SMALL), np.empty(_SMALL)
+    for island in range(count):
+        size, begin = first[island + 1] - first[island], first[island]
+        residual, entries = 0.0, 0
+        for i in range(size):
+            a = order[begin + i]
+            value = -d[a]
             for k in range(starts[a], starts[a + 1]):
-                v += data[k] * z[indices[k]]
-            residual = max(residual, abs(min(p[a], v)))
-            r[a] = -v if p[a] > 0.0 else 0.0
-            face += r[a] * r[a]
-            s[a] = r[a]
-            x[a] = 0.0
-        if residual <= target:
-            return residual
-        rr = face
-        for it in range(60):
-            for i in range(n):
-                zs[i] = 0.0
-            for a in range(m):
-                if s[a] != 0.0:
-                    for k in range(starts[a], starts[a + 1]):
-                        zs[indices[k]] += s[a] * data[k]
-            curvature = 0.0
-            for i in range(n):
-                curvature += zs[i] * zs[i]
-            if not curvature > 0.0:
-                break
-            alpha, limit = rr / curvature, np.inf
-            for a in range(m):
-                if s[a] < 0.0 and (p[a] + x[a]) < -limit * s[a]:
-                    limit = -(p[a] + x[a]) / s[a]
-            alpha = min(alpha, limit)
-            new = 0.0
-            for a in range(m):
-                x[a] += alpha * s[a]
-                if p[a] > 0.0:
-                    v = 0.0
-                    for k in range(starts[a], starts[a + 1]):
-                        v += data[k] * zs[indices[k]]
-                    r[a] -= alpha * v
-                    new += r[a] * r[a]
-            for i in range(n):
-                z[i] += alpha * zs[i]
-            if alpha == limit or new <= 1e-4 * face:
-                break
-            for a in range(m):
-                s[a] = r[a] + new / rr * s[a]
-            rr = new
-        for a in range(m):
-            p[a] = max(p[a] + x[a], 0.0)
-    return residual
+                if label[columns[k]] >= 0:
+                    value += G[k] * u[columns[k]]
+                    entries += 1
+            residual = max(residual, abs(min(u[a], value)))
+        if size <= _SMALL:
+            full = np.zeros((size, size))
+            for i in range(size):
+                a = order[begin + i]
+                full_d[i] = d[a]
+                for k in range(starts[a], starts[a + 1]):
+                    if label[columns[k]] >= 0:
+                        full[i, local[columns[k]]] = G[k]
+            if nonnegative.exchange(full, full_d[:size], chosen[:size]) and nonnegative.settle(
+                full, full_d[:size], chosen[:size], nothing[:size], part[:size]
+            ):
+                residual = 0.0
+                for i in range(size):
+                    part[i] = max(part[i], 0.0)
+                for i in range(size):
+                    value = -full_d[i]
+                    for j in range(size):
+                        value += full[i, j] * part[j]
+                    residual = max(residual, abs(min(part[i], value)))
+                    u[order[begin + i]] = part[i]
+        if residual > target:
+            own_starts, own_columns = np.empty(size + 1, np.int32), np.empty(entries, np.int32)
+            own, own_d, own_u, entry = np.empty(entries), np.empty(size), np.empty(size), 0
+            own_starts[0] = 0
+            for i in range(size):
+                a = order[begin + i]
+                own_d[i], own_u[i] = d[a], u[a]
+                for k in range(starts[a], starts[a + 1]):
+                    if label[columns[k]] >= 0:
+                        own_columns[entry], own[entry] = local[columns[k]], G[k]
+                        entry += 1
+                own_starts[i + 1] = entry
+            residual = free_face.relax(own_starts, own_columns, own, own_d, target, own_u)
+            for i in range(size):
+                u[order[begin + i]] = own_u[i]
+        worst = max(worst, residual)
+    return worst
 
 
 class Large:
     """Projections of many rows one after the other, each started from the last."""
 
     def __init__(self) -> None:
-        self._numbers, self._last = np.zeros(0, np.int64), np.zeros(0)
+        self._keys, self._last = np.zeros(0, np.int64), np.zeros(0)
+        self._room = 0
 
     def project(
         self, x: Array, metric: Metric, J: csr_array, lower: Array, residual: float, contacts: Array | None
     ) -> tuple[Array, Array, float]:
         """Return velocity, percussions and the relative KKT residual of what was reached; see `project`."""
-        m = len(lower)
-        speed = J @ x
+        m, speed = len(lower), J @ x
         if not (speed < lower).any():
             return x, np.zeros(m), 0.0
         U = metric.whiten_rows(J)
-        lengths = np.sqrt(np.add.reduceat(U.data**2, U.indptr[:-1]))
-        data = U.data / np.repeat(lengths, np.diff(U.indptr))
-        d = (lower - speed) / lengths
-        largest = float(((np.abs(speed) + np.abs(lower)) / lengths).max())
-        p = np.zeros(m)
-        if contacts is not None and len(self._numbers):
-            place = np.searchsorted(self._numbers, contacts)
-            place[place == len(self._numbers)] = 0
-            p = np.where(self._numbers[place] == contacts, self._last[place], 0.0) * lengths
-        z = np.zeros(len(x))
-        z[:] = csr_array((data, U.indices, U.indptr), shape=U.shape).T @ p
-        reached = _face(data, U.indices, U.indptr, d, p, z, residual * largest, 500)
-        percussion = p / lengths
-        if contacts is not None:
-            self._numbers, self._last = contacts, percussion
-        return x + metric.unwhiten(z), percussion, reached / largest
+        lengths = np.sqrt(np.bincount(np.repeat(np.arange(m), np.diff(U.indptr)), U.data**2, minlength=m))
+        unit = np.where(lengths > 0.0, lengths, 1.0)
+        U = csr_array((U.data / np.repeat(unit, np.diff(U.indptr)), U.indices, U.indptr), shape=U.shape)
+        d = (lower - speed) / unit
+        largest = float(((np.abs(speed) + np.abs(lower)) / unit).max())
+        u = self._carried(contacts, m) * unit
+        starts, columns, G = self._gram(U)
+        kept = (lengths > 0.0) & ~_repeated(starts, columns, G, d)
+        label = np.empty(m, np.int64)
+        count = gram.islands(starts, columns, kept, label)
+        _solve_islands(starts, columns, G, d, label, count, _MARGIN * residual * largest, u)
+        velocity = x + metric.unwhiten(U.T @ u)
+        # judged by the velocity itself
+        slack = (J @ velocity - lower) / unit
+        reached = float(np.abs(np.where(lengths > 0.0, np.minimum(u, slack), np.minimum(slack, 0.0))).max()) / largest
+        percussion = u / unit
+        self._keep(contacts, percussion)
+        return velocity, percussion, reached
+
+    def _gram(self, U: csr_array) -> tuple[Array, Array, Array]:
+        """Return the Delassus matrix row after row: starts, columns, values."""
+        starts = np.empty(U.shape[0] + 1, np.int32)
+        while True:
+            columns, G = np.empty(self._room, np.int32), np.empty(self._room)
+            count = gram.gram(U.data, U.indices, U.indptr, U.shape[1], starts, columns, G)
+            if count <= self._room:
+                return starts, columns[:count], G[:count]
+            self._room = int(1.2 * count)
+
+    def _carried(self, contacts: Array | None, m: int) -> Array:
+        """Return the percussions of the same contacts in the last projection."""
+        if contacts is None:
+            return self._last.copy() if len(self._last) == m and not len(self._keys) else np.zeros(m)
+        if not len(self._keys):
+            return np.zeros(m)
+        keys = _keys(contacts)
+        place = np.searchsorted(self._keys, keys)
+        place[place == len(self._keys)] = 0
+        return np.where(self._keys[place] == keys, self._last[place], 0.0)
+
+    def _keep(self, contacts: Array | None, percussion: Array) -> None:
+        if contacts is None:
+            self._keys, self._last = np.zeros(0, np.int64), percussion
+            return
+        keys = _keys(contacts)
+        order = np.argsort(keys, kind="stable")
+        self._keys, self._last = keys[order], percussion[order]
+
+
+def _keys(contacts: Array) -> Array:
+    """Return a number for each row that it has in the next projection too: its constraint, and which point of it."""
+    m = len(contacts)
+    order = np.argsort(contacts, kind="stable")
+    sorted_numbers, place = contacts[order], np.arange(m)
+    new = np.ones(m, bool)
+    new[1:] = sorted_numbers[1:] != sorted_numbers[:-1]
+    point = place - np.maximum.accumulate(np.where(new, place, 0))
+    keys = np.empty(m, np.int64)
+    keys[order] = sorted_numbers * _POINTS + np.minimum(point, _POINTS - 1)
+    return keys
+
+
+def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:
+    """Tell which rows are the same as another that asks for as much or more, shape (m,)."""
+    repeated = np.zeros(len(d), bool)
+    row = np.repeat(np.arange(len(d)), np.diff(starts))
+    same = np.flatnonzero((G >= _SAME) & (row != columns))
+    a, b = row[same], columns[same]
+    repeated[a[(d[b] > d[a]) | ((d[b] == d[a]) & (b < a))]] = True
+    return repeated
 
 
 def contradictory(metric: Metric, J: csr_array, lower: Array, percussion: Array) -> bool:
-    """Tell whether percussions, grown without bound, show that no velocity meets J w >= lower."""
-    return False
+    """Tell whether percussions show that no velocity meets J w >= lower: they sum to nothing and would do work."""
+    pull = metric.whiten_rows(J)
+    size = np.abs(pull.T @ percussion).max(initial=0.0)
+    terms = (abs(pull).T @ percussion).max(initial=0.0)
+    return bool(size <= 1e-6 * terms and lower @ percussion > 1e-6 * np.abs(lower) @ percussion)
