@@ -7,15 +7,15 @@ import numpy as np
 from ..compiled import kernel
 from .metric import Array
 
-# entries smaller than the first share of a pivot's root are dropped, and the second share of them is added to the
-# diagonal; products smaller than the third make no new entry; pivots are at least the fourth
-_DROP, _KEPT, _FILL, _LEAST = 0.1, 0.2, 1e-3, 0.02
+# the share of what is dropped that is added to the diagonal; products smaller than the second make no new entry; pivots
+# are at least the third
+_KEPT, _FILL, _LEAST = 0.2, 1e-3, 0.02
 
 
 def incomplete_cholesky_plain(
-    starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
-) -> None:
-    """Write a lower triangular L with L L' near G + shift.
+    starts: Array, columns: Array, G: Array, shift: float, drop: float, rows: Array, places: Array, L: Array
+) -> bool:
+    """Write a lower triangular L with L L' near G + shift; tell whether all pivots were positive enough by themselves.
 
     Parameters
     ----------
@@ -23,13 +23,15 @@ def incomplete_cholesky_plain(
         A symmetric matrix with unit diagonal, row after row, columns ascending.
     shift : float
         Added to the diagonal.
+    drop : float
+        Entries below this share of the root of their pivot are left out.
     rows : ndarray of int, shape (n + 1,)
         Receives where the rows of L start; the diagonal comes last in each.
     places, L : ndarray, shape (c,), c >= n
         Receive columns and values; what finds no place is dropped.
     """
     n = len(starts) - 1
-    full, count = np.zeros((n, n)), 0
+    full, count, fine = np.zeros((n, n)), 0, True
     rows[0] = 0
     for i in range(n):
         w, there = np.zeros(n), np.zeros(n, bool)
@@ -39,7 +41,7 @@ def incomplete_cholesky_plain(
         for k in range(i):
             if not there[k]:
                 continue
-            if abs(w[k]) < _DROP * full[k, k] or count >= len(L) - (n - i):
+            if abs(w[k]) < drop * full[k, k] or count >= len(L) - (n - i):
                 diagonal += _KEPT * abs(w[k])
                 continue
             full[i, k] = w[k] / full[k, k]
@@ -49,22 +51,25 @@ def incomplete_cholesky_plain(
             there[k + 1 : i] |= taken
             places[count], L[count] = k, full[i, k]
             count += 1
-        full[i, i] = np.sqrt(max(diagonal - full[i, :i] @ full[i, :i], _LEAST))
+        pivot = diagonal - full[i, :i] @ full[i, :i]
+        fine = fine and bool(pivot > _LEAST)
+        full[i, i] = np.sqrt(max(pivot, _LEAST))
         places[count], L[count] = i, full[i, i]
         count += 1
         rows[i + 1] = count
+    return fine
 
 
-@kernel("void(i4[::1], i4[::1], f8[::1], f8, i4[::1], i4[::1], f8[::1])", plain=incomplete_cholesky_plain)
+@kernel("b1(i4[::1], i4[::1], f8[::1], f8, f8, i4[::1], i4[::1], f8[::1])", plain=incomplete_cholesky_plain)
 def incomplete_cholesky(
-    starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
-) -> None:
+    starts: Array, columns: Array, G: Array, shift: float, drop: float, rows: Array, places: Array, L: Array
+) -> bool:
     """Loops of `incomplete_cholesky_plain`."""
     n, room = len(starts) - 1, len(L)
     # the entries of each column so far, linked
     head, following, owner = np.full(n, -1, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
     w, mark, pattern = np.zeros(n), np.full(n, -1, np.int32), np.empty(n, np.int32)
-    count = 0
+    count, fine = 0, True
     rows[0] = 0
     for i in range(n):
         size, first, diagonal, turn = 0, count, 1.0 + shift, 0
@@ -79,7 +84,7 @@ def incomplete_cholesky(
             k = pattern[turn]
             turn += 1
             pivot = L[rows[k + 1] - 1]
-            if abs(w[k]) < _DROP * pivot or count >= room - (n - i):
+            if abs(w[k]) < drop * pivot or count >= room - (n - i):
                 diagonal += _KEPT * abs(w[k])
                 continue
             value = w[k] / pivot
@@ -105,9 +110,11 @@ def incomplete_cholesky(
             owner[k] = i
             following[k] = head[places[k]]
             head[places[k]] = k
+        fine = fine and diagonal > _LEAST
         places[count], L[count] = i, np.sqrt(max(diagonal, _LEAST))
         count += 1
         rows[i + 1] = count
+    return fine
 
 
 def solve_factor_plain(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
