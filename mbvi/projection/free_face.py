@@ -18,7 +18,7 @@ from .metric import Array
 # rounds at most, sweeps a round, steps of conjugate gradients a round, how much of the residual they leave
 _ROUNDS, _SWEEPS, _STEPS, _LEFT = 400, 2, 200, 0.1
 # entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
-_DROP, _STIFFER = 0.03, 3e-3
+_DROP, _STIFFER = 0.05, 3e-3
 # the shift at first, at least and at most, and how it changes
 _SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-2, 0.2, 5.0
 
@@ -65,7 +65,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
     inner_starts, inner_columns, inner = np.empty(m + 1, np.int32), np.empty(room, np.int32), np.empty(room)
     rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    shift, residual = _SHIFT, np.inf
+    shift, stiffer, residual = _SHIFT, 0.0, np.inf
     for turn in range(_ROUNDS):
         # the gradient anew, for sums of changes drift
         residual = 0.0
@@ -108,14 +108,14 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
             largest = max(largest, abs(r[i]))
         enough = max(_LEFT * largest, 0.3 * target)
         if n > 0 and largest > 0.3 * target:
-            more = shift
+            more = max(shift, stiffer)
             while not factor.incomplete_cholesky(
                 inner_starts[: n + 1], inner_columns[:count], inner[:count], more, _DROP, rows[: n + 1], places, L
             ):
                 # a pivot that was lost to what was dropped spoils the rest
                 if more > 1.0:
                     break
-                more = max(3.0 * more, _STIFFER)
+                more = stiffer = max(3.0 * more, _STIFFER)
             last = 1.0
             for step_number in range(_STEPS):
                 factor.solve_factor(rows[: n + 1], places, L, r[:n], y[:n])
