@@ -17,7 +17,7 @@ from .errors import (
 from .problem import Problem
 from .projection import Forks, Projection, forks, impact, project
 from .scene import Scene
-from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
+from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from .simulate import simulate, steps
 from .system import LagrangianSystem
 from .trajectory import Impact, Trajectory
@@ -46,6 +46,7 @@ __all__ = [
     "ProjectionError",
     "Scene",
     "SchatzmanPaoli",
+    "StewartTrinkle",
     "Trajectory",
     "TrajectoryFileError",
     "UrdfError",

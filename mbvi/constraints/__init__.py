@@ -2,6 +2,7 @@
 
 from .active import Constraint, Rows
 from .admissible_set import AdmissibleSet
+from .crowd import Crowd
 from .gap_function import GapFunction
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
@@ -13,6 +14,7 @@ from .spheres import SphereContacts
 __all__ = [
     "AdmissibleSet",
     "Constraint",
+    "Crowd",
     "GapFunction",
     "HalfSpaceContacts",
     "JointLimits",

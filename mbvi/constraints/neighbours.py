@@ -132,6 +132,13 @@ class Neighbours:
     radii : ndarray, shape (n,)
         Radii [m].
 
+    Attributes
+    ----------
+    lists : int
+        How many lists were made so far.
+    reach : float
+        Pairs with a gap of at most this were listed last [m].
+
     Notes
     -----
     L. Verlet, Physical Review 159 (1967), 98-103. What all have in common of a motion brings none nearer to another and
@@ -142,7 +149,7 @@ class Neighbours:
         self._radii = radii
         self._largest_skin = 2.0 * float(np.median(radii))
         self._skin = 0.3 * self._largest_skin
-        self._reach, self._lasted = -np.inf, _FEWEST
+        self.reach, self._lasted, self.lists = -np.inf, _FEWEST, 0
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
 
     def within(self, centres: Array, reach: float) -> Array:
@@ -151,13 +158,14 @@ class Neighbours:
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
             # each of two may have come as far
-            if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self._reach:
+            if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
                 self._lasted += 1
                 return self._pairs
         if self._lasted < _FEWEST:
             self._skin = min(1.5 * self._skin, self._largest_skin)
         elif self._lasted > _MOST:
             self._skin *= 0.8
-        self._lasted, self._reach, self._where = 0, reach + self._skin, centres.copy()
-        self._pairs = near_balls(centres, self._radii, self._reach)
+        self._lasted, self.reach, self._where = 0, reach + self._skin, centres.copy()
+        self.lists += 1
+        self._pairs = near_balls(centres, self._radii, self.reach)
         return self._pairs

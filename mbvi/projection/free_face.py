@@ -15,8 +15,10 @@ from ..compiled import kernel
 from . import incomplete_cholesky as factor
 from .metric import Array
 
-# rounds at most, sweeps a round, steps of conjugate gradients a round, how much of the residual they leave
-_ROUNDS, _SWEEPS, _STEPS, _LEFT = 400, 2, 200, 0.1
+# rounds at most, steps of conjugate gradients a round, how much of the residual they leave
+_ROUNDS, _STEPS, _LEFT = 400, 200, 0.1
+# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut
+_SWEEPS, _PATIENCE = 2, 4
 # entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
 _DROP, _STIFFER = 0.05, 3e-3
 # the shift at first, at least and at most, and how it changes
@@ -65,7 +67,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
     inner_starts, inner_columns, inner = np.empty(m + 1, np.int32), np.empty(room, np.int32), np.empty(room)
     rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    shift, stiffer, residual = _SHIFT, 0.0, np.inf
+    shift, stiffer, residual, best, vain, whole = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0
     for turn in range(_ROUNDS):
         # the gradient anew, for sums of changes drift
         residual = 0.0
@@ -80,7 +82,11 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
                 residual = off
         if not residual > target:
             return residual
-        for sweep in range(_SWEEPS):
+        vain += 1
+        if residual < 0.5 * best:
+            best, vain = residual, 0
+        # what a sweep lets press again may have been cut off for good reason: first the rest is to settle
+        for sweep in range(_SWEEPS if whole >= 1.0 or vain < _PATIENCE else 0):
             for b in range(m):
                 a = b if sweep % 2 == 0 else m - 1 - b
                 step = max(-g[a], -u[a])

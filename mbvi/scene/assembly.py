@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts, SphereWalls
+from ..constraints import Constraint, Crowd, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts, SphereWalls
 from ..constraints.shapes import Array, Box, Capsule, Convex, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
 from ..problem import Problem
@@ -20,6 +20,8 @@ from .urdf import Robot
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
+# more other shapes than these have their pairs listed when near
+_FEW_SHAPES = 60
 _PALETTE = (
     (0.20, 0.45, 0.70, 1.0),
     (0.90, 0.55, 0.20, 1.0),
@@ -198,7 +200,11 @@ class _Builder:
             e = np.array([items.restitution_of(name, s.name) for name, _, s in wall_pairs])
             walls, shapes = [w for _, w, _ in wall_pairs], [s for _, _, s in wall_pairs]
             yield HalfSpaceContacts(system, walls, shapes, labels, e)
-        pairs = list(self._shape_pairs())
+        if len(self.shapes) - len(self.spheres) > _FEW_SHAPES or (bulk and len(self.shapes) > len(bulk)):
+            yield self._crowd(system)
+            pairs = []
+        else:
+            pairs = list(self._shape_pairs())
         if pairs:
             first, second = [a for a, _ in pairs], [b for _, b in pairs]
             e = np.array([items.restitution_of(a.name, b.name) for a, b in pairs])
@@ -226,6 +232,21 @@ class _Builder:
                     continue
                 if (a.name, b.name) not in self.apart:
                     yield a, b
+
+    def _crowd(self, system: System) -> Crowd:
+        """Return the pairs of shapes that are no two spheres, none of them listed."""
+        number = {s.name: k for k, s in enumerate(self.shapes)}
+        apart = {(number[a], number[b]) for a, b in self.apart}
+        n = len(self.shapes)
+        known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
+        sphere, bulk = np.zeros(n, bool), self._bulk()
+        sphere[self.spheres] = True
+        closed = np.array([bool(bulk) and isinstance(s.shape, Box | Capsule) for s in self.shapes])
+
+        def left_out(i: Array, j: Array) -> Array:
+            return sphere[i] & sphere[j] | closed[i] & sphere[j] | np.isin(i * n + j, known)
+
+        return Crowd(system, self.shapes, left_out, self.items.restitution_of)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""

@@ -97,7 +97,7 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
     push = problem.system.push(applied.t, applied.q, applied.v, applied.h)
-    return projector.law(applied.v, push, rows.jacobian, rows.restitution)
+    return projector.law(applied.v, push, rows.jacobian, rows.restitution, rows.constraint)
 
 
 def _tangent(

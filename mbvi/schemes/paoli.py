@@ -45,6 +45,6 @@ class Paoli:
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
         push = system.push(t, q, v, h)
-        velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution)
+        velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution, active.constraint)
         step = Step(t, q, velocity, active, rates, residual)
         return settled(problem, Applied(t, q, v, h), step, projector) if self.project_positions else step
