@@ -7,19 +7,26 @@ residual that is asked.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
+from ..errors import ProjectionError
 from . import free_face, gram, nonnegative
-from .metric import Array, Metric
+from .metric import Array, DiagonalMetric, Metric
 
 # rows up to which an island is solved to rounding
-_SMALL = 24
+_SMALL = 48
 # unit rows with a product above this are the same
 _SAME = 1.0 - 1e-13
 # the share of the residual asked for that the solver is held to: the check is on the velocity, and rounds otherwise
 _MARGIN = 0.9
+# what a small island may be off by, relative to the largest speed
+_ROUNDED = 1e-10
+# rows up to which an island that fails is solved in full
+_MOST_EXACT = 400
 # points of one constraint that are told apart
 _POINTS = 64
 
@@ -133,9 +140,16 @@ def _solve_islands(
 
 
 class Large:
-    """Projections of many rows one after the other, each started from the last."""
+    """Projections of many rows one after the other, each started from the last.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    exact : callable
+        exact(x, metric, J, lower) -> velocity, percussion, residual: the projection of a few full rows.
+    """
+
+    def __init__(self, exact: Callable[[Array, Metric, Array, Array], tuple[Array, Array, float]]) -> None:
+        self._exact = exact
         self._keys, self._last = np.zeros(0, np.int64), np.zeros(0)
         self._room = 0
 
@@ -149,22 +163,45 @@ class Large:
         U = metric.whiten_rows(J)
         lengths = np.sqrt(np.bincount(np.repeat(np.arange(m), np.diff(U.indptr)), U.data**2, minlength=m))
         unit = np.where(lengths > 0.0, lengths, 1.0)
-        U = csr_array((U.data / np.repeat(unit, np.diff(U.indptr)), U.indices, U.indptr), shape=U.shape)
+        columns, starts = U.indices.astype(np.int32, copy=False), U.indptr.astype(np.int32, copy=False)
+        U = csr_array((U.data / np.repeat(unit, np.diff(starts)), columns, starts), shape=U.shape)
         d = (lower - speed) / unit
         largest = float(((np.abs(speed) + np.abs(lower)) / unit).max())
         u = self._carried(contacts, m) * unit
         starts, columns, G = self._gram(U)
         kept = (lengths > 0.0) & ~_repeated(starts, columns, G, d)
         label = np.empty(m, np.int64)
-        count = gram.islands(starts, columns, kept, label)
+        count, tried = gram.islands(starts, columns, kept, label), set[int]()
         _solve_islands(starts, columns, G, d, label, count, _MARGIN * residual * largest, u)
-        velocity = x + metric.unwhiten(U.T @ u)
-        # judged by the velocity itself
-        slack = (J @ velocity - lower) / unit
-        reached = float(np.abs(np.where(lengths > 0.0, np.minimum(u, slack), np.minimum(slack, 0.0))).max()) / largest
+        few = np.bincount(label + 1, minlength=count + 1)[label + 1] <= _SMALL
+        while True:
+            velocity = x + metric.unwhiten(U.T @ u)
+            # judged by the velocity itself
+            off = np.abs(np.minimum(u, (J @ velocity - lower) / unit))
+            reached = float(off.max()) / largest
+            enough = np.where(few, min(residual, _ROUNDED), residual) * largest
+            bad = set(np.unique(label[(off > enough) & (label >= 0)]).tolist()) - tried
+            if not bad:
+                break
+            for island in bad:
+                self._solve_exactly(U, d, np.flatnonzero(label == island), u)
+            tried |= bad
         percussion = u / unit
         self._keep(contacts, percussion)
         return velocity, percussion, reached
+
+    def _solve_exactly(self, U: csr_array, d: Array, rows: Array, u: Array) -> None:
+        """Solve one island by what few rows are solved by: where masses differ by many powers of ten, G has lost them."""
+        if len(rows) > _MOST_EXACT:
+            return
+        part = U[rows]
+        touched = np.unique(part.indices)
+        J = np.ascontiguousarray(part[:, touched].toarray())
+        try:
+            u[rows] = self._exact(np.zeros(len(touched)), DiagonalMetric(np.ones(len(touched))), J, d[rows])[1]
+        except ProjectionError:
+            # judged with all others
+            return
 
     def _gram(self, U: csr_array) -> tuple[Array, Array, Array]:
         """Return the Delassus matrix row after row: starts, columns, values."""

@@ -72,7 +72,7 @@ class Projector:
         load()
         self.residual = residual
         self._solver = ProxQP()
-        self._large = Large()
+        self._large: Large | None = None
         self._contradiction = False
         # percussions of the last projection
         self._last = np.zeros(0)
@@ -147,6 +147,8 @@ class Projector:
 
     def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
         """Project onto rows of many bodies."""
+        if self._large is None:
+            self._large = Large(Projector(0.1 * self.residual).project)
         found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
         if found.residual <= self.residual:
             return found

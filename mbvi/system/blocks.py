@@ -41,6 +41,11 @@ class BlockSystem:
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
+        bodies = [part for part in parts if hasattr(part, "sparse")]
+        self.sparse = any(part.sparse for part in bodies)
+        for part in bodies:
+            # the rows of a few bodies beside many are as sparse as theirs
+            part.sparse = self.sparse
 
     def start(self) -> None:
         for part in self.parts:
@@ -89,11 +94,6 @@ class BlockSystem:
     @staticmethod
     def _inside(b: _Block, bodies: Array) -> Array:
         return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
-
-    @property
-    def sparse(self) -> bool:
-        """Whether its rows are."""
-        return any(getattr(part, "sparse", False) for part in self.parts)
 
     def separation_rows(
         self, q: Array, first: Array, second: Array, point: Array, normal: Array

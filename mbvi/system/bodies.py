@@ -23,6 +23,11 @@ class Spheres:
     names : sequence of str
         One a sphere.
 
+    Attributes
+    ----------
+    sparse : bool
+        Whether its rows are: where it has many bodies, or a system that it is part of has.
+
     Notes
     -----
     q holds the centres, v their velocities, in the world.
@@ -30,6 +35,7 @@ class Spheres:
 
     def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
         self.nq = self.nv = 3 * len(masses)
+        self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
         self._metric = DiagonalMetric(np.repeat(masses, 3))
         self._gravity = np.tile(gravity, len(masses))
@@ -70,11 +76,6 @@ class Spheres:
         places[:, 3] = q.reshape(-1, 3)[bodies - 1]
         return places
 
-    @property
-    def sparse(self) -> bool:
-        """Whether its rows are."""
-        return self.nv > MOST_DENSE
-
     def separation_rows(
         self, q: Array, first: Array, second: Array, point: Array, normal: Array
     ) -> Array | csr_array:
@@ -107,6 +108,11 @@ class FreeBodies:
     names : sequence of str
         One a body.
 
+    Attributes
+    ----------
+    sparse : bool
+        Whether its rows are: where it has many bodies, or a system that it is part of has.
+
     Notes
     -----
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
@@ -117,6 +123,7 @@ class FreeBodies:
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
         n = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
+        self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
         self._masses, self._inertias, self._gravity = masses, inertias, gravity
         blocks = np.zeros((n, 6, 6))
@@ -179,11 +186,6 @@ class FreeBodies:
         places[:, :3] = rotations.matrices(poses[:, 3:]).transpose(0, 2, 1)
         places[:, 3] = poses[:, :3]
         return places
-
-    @property
-    def sparse(self) -> bool:
-        """Whether its rows are."""
-        return self.nv > MOST_DENSE
 
     def separation_rows(
         self, q: Array, first: Array, second: Array, point: Array, normal: Array
