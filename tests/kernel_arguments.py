@@ -383,7 +383,7 @@ def struck(rng):
     point, last_point = rng.normal(size=(m, 3)), rng.normal(size=(k, 3))
     # a limit has no point; every other contact stays near
     point[rng.random(m) < 0.2] = np.nan
-    numbers, last_numbers = rng.integers(0, 4, m), rng.integers(0, 4, k)
+    numbers, last_numbers = rng.integers(0, 4, m), np.sort(rng.integers(0, 4, k))
     for a in range(min(m, k)):
         if rng.random() < 0.5:
             last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]

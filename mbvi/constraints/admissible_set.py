@@ -91,6 +91,7 @@ class AdmissibleSet:
         self._travels = list(self._travel)
         # of these, one bit for each that is asked at every step
         self._busy = self._epoch = 0
+        self._names: dict[int, str] = {}
         self._last: Array | None = None
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
@@ -101,6 +102,12 @@ class AdmissibleSet:
 
     def name(self, number: int) -> str:
         """Return the name of a constraint: "hopper/foot | floor", "hopper/knee lower limit", "f 0"."""
+        known = self._names.get(number)
+        if known is None:
+            known = self._names[number] = self._name(number)
+        return known
+
+    def _name(self, number: int) -> str:
         k = bisect_right(self._starts, number) - 1
         constraint, inner = self.constraints[k], number - self._starts[k]
         if hasattr(constraint, "name"):

@@ -54,23 +54,38 @@ def gram(
             place = fill[columns[k]]
             row[place], value[place] = a, data[k]
             fill[columns[k]] += 1
+    # columns with the same rows as the one before: those of one body
+    same = np.zeros(n + 1, np.bool_)
+    for j in range(1, n):
+        size = first[j + 1] - first[j]
+        alike = size > 0 and first[j] - first[j - 1] == size
+        for c in range(size if alike else 0):
+            alike = alike and row[first[j] + c] == row[first[j - 1] + c]
+        same[j] = alike
     place_of, count = np.full(m, -1, np.int32), 0
     out_starts[0] = 0
     for a in range(m):
-        begin = count
-        for k in range(starts[a], starts[a + 1]):
-            j, u = columns[k], data[k]
+        begin, k = count, starts[a]
+        while k < starts[a + 1]:
+            j, width = columns[k], 1
+            while k + width < starts[a + 1] and columns[k + width] == j + width and same[j + width]:
+                width += 1
+            size = first[j + 1] - first[j]
             for c in range(first[j], first[j + 1]):
+                product = 0.0
+                for t in range(width):
+                    product += data[k + t] * value[c + t * size]
                 b = row[c]
                 place = place_of[b]
                 if place >= begin:
                     if place < room:
-                        out[place] += u * value[c]
+                        out[place] += product
                 else:
                     place_of[b] = count
                     if count < room:
-                        out_columns[count], out[count] = b, u * value[c]
+                        out_columns[count], out[count] = b, product
                     count += 1
+            k += width
         if count <= room:
             for k in range(begin + 1, count):
                 b, g, place = out_columns[k], out[k], k
@@ -82,55 +97,58 @@ def gram(
     return count
 
 
-def islands_plain(starts: Array, columns: Array, kept: Array, label: Array) -> int:
-    """Number the islands of a symmetric sparse matrix in the order of their first rows; return how many there are.
+def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
+    """Number the islands of rows that share columns, in the order of their first rows; return how many there are.
 
     Parameters
     ----------
-    starts, columns : ndarray, shapes (m + 1,), (k,)
-        Where it has entries.
+    columns, starts : ndarray, shapes (k,), (m + 1,)
+        Where the rows have entries.
+    n : int
+        Columns in all.
     kept : ndarray of bool, shape (m,)
-        The rows to look at.
+        The rows to look at; they have entries.
     label : ndarray of int, shape (m,)
         Receives the island of each row, -1 where it is not kept.
     """
-    m = len(kept)
-    graph = csr_array((np.ones(len(columns)), columns, starts), shape=(m, m)).tocoo()
-    both = kept[graph.coords[0]] & kept[graph.coords[1]]
-    inner = csr_array((graph.data[both], (graph.coords[0][both], graph.coords[1][both])), shape=(m, m))
-    found = connected_components(inner, directed=False)[1][kept]
-    label[:] = -1
-    label[kept] = np.unique(found, return_inverse=True)[1] if not len(found) else _in_order(found)
-    return int(label.max(initial=-1)) + 1
-
-
-def _in_order(labels: Array) -> Array:
-    """Return labels renumbered by their first appearance."""
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    there = csr_array((np.ones(len(columns)), columns, starts), shape=(len(kept), n))[kept]
+    found = connected_components(there @ there.T, directed=False)[1]
+    _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    return rank[inverse]
+    label[:] = -1
+    label[kept] = rank[inverse]
+    return len(first)
 
 
-@kernel("i8(i4[::1], i4[::1], b1[::1], i8[::1])", plain=islands_plain)
-def islands(starts: Array, columns: Array, kept: Array, label: Array) -> int:
+@kernel("i8(i4[::1], i4[::1], i8, b1[::1], i8[::1])", plain=islands_plain)
+def islands(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
     """Loops of `islands_plain`."""
-    m, count = len(kept), 0
-    stack = np.empty(m, np.int64)
-    for a in range(m):
-        label[a] = -1
-    for a in range(m):
-        if label[a] >= 0 or not kept[a]:
+    parent, number = np.arange(n), np.full(n, -1)
+    for a in range(len(kept)):
+        if not kept[a]:
             continue
-        label[a], stack[0], size = count, a, 1
-        while size:
-            size -= 1
-            b = stack[size]
-            for k in range(starts[b], starts[b + 1]):
-                c = columns[k]
-                if kept[c] and label[c] < 0:
-                    label[c] = count
-                    stack[size] = c
-                    size += 1
-        count += 1
+        root = columns[starts[a]]
+        while parent[root] != root:
+            parent[root] = parent[parent[root]]
+            root = parent[root]
+        for k in range(starts[a] + 1, starts[a + 1]):
+            other = columns[k]
+            while parent[other] != other:
+                parent[other] = parent[parent[other]]
+                other = parent[other]
+            if other < root:
+                root, other = other, root
+            parent[other] = root
+    count = 0
+    for a in range(len(kept)):
+        label[a] = -1
+        if kept[a]:
+            root = columns[starts[a]]
+            while parent[root] != root:
+                root = parent[root]
+            if number[root] < 0:
+                number[root] = count
+                count += 1
+            label[a] = number[root]
     return count

@@ -168,11 +168,11 @@ class Large:
         d = (lower - speed) / unit
         largest = float(((np.abs(speed) + np.abs(lower)) / unit).max())
         u = self._carried(contacts, m) * unit
-        starts, columns, G = self._gram(U)
-        kept = (lengths > 0.0) & ~_repeated(starts, columns, G, d)
+        rows, others, G = self._gram(U)
+        kept = (lengths > 0.0) & ~_repeated(rows, others, G, d)
         label = np.empty(m, np.int64)
-        count, tried = gram.islands(starts, columns, kept, label), set[int]()
-        _solve_islands(starts, columns, G, d, label, count, _MARGIN * residual * largest, u)
+        count, tried = gram.islands(columns, starts, len(x), kept, label), set[int]()
+        _solve_islands(rows, others, G, d, label, count, _MARGIN * residual * largest, u)
         few = np.bincount(label + 1, minlength=count + 1)[label + 1] <= _SMALL
         while True:
             velocity = x + metric.unwhiten(U.T @ u)
