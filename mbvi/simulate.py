@@ -170,7 +170,9 @@ def _start(problem: Problem, projector: Projector) -> Step:
     rounding = 1e-12 * (abs(active.jacobian) @ np.abs(v))
     if (before >= -rounding).all():
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual = projector.law(v, Push(v, problem.system.metric(q)), active.jacobian, active.restitution, active.constraint)
+    v, rates, residual = projector.law(
+        v, Push(v, problem.system.metric(q)), active.jacobian, active.restitution, active.constraint
+    )
     return Step(t, q, v, active, rates, residual)
 
 

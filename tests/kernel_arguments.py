@@ -427,7 +427,10 @@ def touching(rng):
 
 def wall_contacts(rng):
     centres, radii = balls_in_a_heap(rng)
-    shapes = [HalfSpace(tuple(unit(rng)), rng.normal()), *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)])]
+    shapes = [
+        HalfSpace(tuple(unit(rng)), rng.normal()),
+        *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
+    ]
     walls = np.array([sphere_walls._numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
     kind = np.array([sphere_walls._kind(w) for w in shapes])
     return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
@@ -460,7 +463,15 @@ def delassus_of(rng):
 def gram_of(rng):
     U, columns, starts = unit_rows(rng)
     room = int(rng.choice([0, 14 * 14]))
-    return U.data, columns, starts, U.shape[1], np.zeros(len(starts), np.int32), np.zeros(room, np.int32), np.zeros(room)
+    return (
+        U.data,
+        columns,
+        starts,
+        U.shape[1],
+        np.zeros(len(starts), np.int32),
+        np.zeros(room, np.int32),
+        np.zeros(room),
+    )
 
 
 def islands(rng):
@@ -587,7 +598,11 @@ def specified(name, result, arguments):
         return [result, *(part[:result] for part in arguments[-4:])]
     if name == "gram":
         count = result[0] if isinstance(result, tuple) else result
-        return [count, *arguments[:4], *([] if count > len(arguments[-1]) else [arguments[4], *(a[:count] for a in arguments[5:])])]
+        return [
+            count,
+            *arguments[:4],
+            *([] if count > len(arguments[-1]) else [arguments[4], *(a[:count] for a in arguments[5:])]),
+        ]
     if name == "incomplete_cholesky":
         rows, places, L = arguments[-3:]
         return [result, rows, places[: rows[-1]], L[: rows[-1]]]

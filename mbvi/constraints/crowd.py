@@ -51,7 +51,9 @@ class Crowd:
         self._bound = np.array([s.shape.bound for s in shapes])
         self._turn = np.array([s.rotation for s in shapes])
         self._position = np.array([s.position for s in shapes])
-        self._half = np.array([np.array(s.shape.size) / 2 if isinstance(s.shape, Box) else [np.inf] * 3 for s in shapes])
+        self._half = np.array(
+            [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) else [np.inf] * 3 for s in shapes]
+        )
         self._neighbours = Neighbours(self._bound)
         self._geometry: dict[int, Any] = {}
         self._listed: _Listed | None = None

@@ -154,6 +154,11 @@ class Neighbours:
 
     def within(self, centres: Array, reach: float) -> Array:
         """Return at least all pairs with a gap of at most `reach`, as i n + j with i < j, ascending."""
+        if not np.isfinite(reach):
+            self.lists += 1
+            self.reach, self._where = -np.inf, np.zeros((0, 3))
+            i, j = np.triu_indices(len(centres), 1)
+            return i * len(centres) + j
         if len(self._where):
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))

@@ -136,7 +136,9 @@ class SphereContacts:
         """Return numbers, gaps, points and normals of those pairs that are within the tolerance."""
         k = len(pairs)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        count = _touching(plain_array(q[self._where].reshape(-1, 3)), self._radii, pairs, tolerance, number, gap, point, normal)
+        count = _touching(
+            plain_array(q[self._where].reshape(-1, 3)), self._radii, pairs, tolerance, number, gap, point, normal
+        )
         return number[:count], gap[:count], point[:count], normal[:count]
 
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:

@@ -37,9 +37,7 @@ def gram_plain(
 
 
 @kernel("i8(f8[::1], i4[::1], i4[::1], i8, i4[::1], i4[::1], f8[::1])", plain=gram_plain)
-def gram(
-    data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array
-) -> int:
+def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
     """Loops of `gram_plain`."""
     m, room = len(starts) - 1, len(out)
     # U column after column

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints import Constraint, Crowd, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts, SphereWalls
+from ..constraints import (
+    Constraint,
+    Crowd,
+    HalfSpaceContacts,
+    JointLimits,
+    SignedDistances,
+    SphereContacts,
+    SphereWalls,
+)
 from ..constraints.shapes import Array, Box, Capsule, Convex, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
 from ..problem import Problem

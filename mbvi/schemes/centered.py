@@ -50,7 +50,9 @@ class Centered:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
         active = _in_the_middle(problem, t, middle, ahead, half * (ahead.jacobian @ v))
-        w, rates, residual = projector.law(v, system.push(t, middle, v, h), active.jacobian, active.restitution, active.constraint)
+        w, rates, residual = projector.law(
+            v, system.push(t, middle, v, h), active.jacobian, active.restitution, active.constraint
+        )
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
         if self.project_positions:
             return settled(problem, Applied(t, middle, v, h), step, projector)

@@ -60,7 +60,9 @@ class MoreauJean:
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, _NONE, 0.0)
-        w, rates, residual = projector.law(v, system.push(t, middle, v, h), active.jacobian, active.restitution, active.constraint)
+        w, rates, residual = projector.law(
+            v, system.push(t, middle, v, h), active.jacobian, active.restitution, active.constraint
+        )
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
             return settled(problem, Applied(t, middle, v, h), step, projector)

@@ -25,7 +25,8 @@ class StewartTrinkle:
     Notes
     -----
     Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, for it is spread
-    over two steps: the first comes to touch, the second takes the rest of the velocity. Between spheres and half-spaces
+    over two steps: the first comes to touch, the second takes the rest of the velocity; the record holds the first and its
+    part of the percussion. Between spheres and half-spaces
     no gap gets smaller than its linearisation, so that the residual of the projection is all that penetrates; elsewhere
     the curvature over a step, of order h^2. Depth there is at the start stays. Reach is twice what the fastest body
     would move; where at the end something penetrates that was out of reach, the step is taken anew with a farther one. A

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..projection import BlockMetric, Push
-from .sparse_rows import side_by_side
+from .sparse_rows import MOST_DENSE, side_by_side
 from .system import Array, System
 
 
@@ -42,7 +42,7 @@ class BlockSystem:
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
         bodies = [part for part in parts if hasattr(part, "sparse")]
-        self.sparse = any(part.sparse for part in bodies)
+        self.sparse = sum(part.nv for part in bodies) > MOST_DENSE
         for part in bodies:
             # the rows of a few bodies beside many are as sparse as theirs
             part.sparse = self.sparse
@@ -95,9 +95,7 @@ class BlockSystem:
     def _inside(b: _Block, bodies: Array) -> Array:
         return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
 
-    def separation_rows(
-        self, q: Array, first: Array, second: Array, point: Array, normal: Array
-    ) -> Array | csr_array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         parts = []
         for b in self.blocks:
             sides = [np.where(self._inside(b, side), side - b.first_body, 0) for side in (first, second)]

@@ -76,9 +76,7 @@ class Spheres:
         places[:, 3] = q.reshape(-1, 3)[bodies - 1]
         return places
 
-    def separation_rows(
-        self, q: Array, first: Array, second: Array, point: Array, normal: Array
-    ) -> Array | csr_array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         if self.sparse:
             return rows_of_two(self.nv, first, second, -normal, normal)
         rows = np.zeros((len(point), self.nv))
@@ -187,9 +185,7 @@ class FreeBodies:
         places[:, 3] = poses[:, :3]
         return places
 
-    def separation_rows(
-        self, q: Array, first: Array, second: Array, point: Array, normal: Array
-    ) -> Array | csr_array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         pulls = np.zeros((2, len(point), 6))
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
             here = np.flatnonzero(side)

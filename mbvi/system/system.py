@@ -80,9 +80,7 @@ class System(Protocol):
         """
         ...
 
-    def separation_rows(
-        self, q: Array, first: Array, second: Array, point: Array, normal: Array
-    ) -> Array | csr_array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         """Return the gradient of the separation of two bodies at m contact points.
 
         Parameters
