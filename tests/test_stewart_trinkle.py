@@ -116,7 +116,7 @@ def test_restitution_is_refused():
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace((0, 0, 1))
     scene.add_sphere(0.1, position=(0, 0, 0.11))
-    with pytest.raises(mbvi.InputError, match="e = 0.5"):
+    with pytest.raises(mbvi.InputError, match=r"e = 0\.5"):
         mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=H, duration=0.1, progress=False)
 
 

@@ -1,9 +1,9 @@
 """The dual of a large projection, min u' G u / 2 - d' u over u >= 0: sweeps, and conjugate gradients on what presses.
 
 A sweep of Gauss-Seidel finds which rows press; on these the equations are solved by conjugate gradients with an
-incomplete Cholesky factor; the way there is cut where percussions would pull. That alone stalls where about as many rows
-press as there are velocities: a shift of the diagonal, raised when a way is cut and lowered when it is not, keeps the
-steps short there.
+incomplete Cholesky factor; the way there is cut where percussions would pull. That alone stalls where about as many
+rows press as there are velocities: a shift of the diagonal, raised when a way is cut and lowered when it is not, keeps
+the steps short there.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
     rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     shift, stiffer, residual, best, vain, whole = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0
-    for turn in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         # the gradient anew, for sums of changes drift
         residual = 0.0
         for a in range(m):

@@ -96,7 +96,7 @@ def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, 
 
 
 def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
-    """Number the islands of rows that share columns, in the order of their first rows; return how many there are.
+    """Write which island each row is in, of rows that share columns, numbered by first rows; return how many.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def incomplete_cholesky_plain(
             count += 1
         pivot = diagonal - full[i, :i] @ full[i, :i]
         fine = fine and bool(pivot > _LEAST)
-        full[i, i] = np.sqrt(max(pivot, _LEAST))
+        full[i, i] = np.sqrt(np.maximum(pivot, _LEAST))
         places[count], L[count] = i, full[i, i]
         count += 1
         rows[i + 1] = count

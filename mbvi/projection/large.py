@@ -1,8 +1,8 @@
 """The projection onto the rows of many bodies: sparse, island by island, started from the percussions of the last one.
 
-Rows are scaled to unit length in the metric. A small island is solved as `few_rows` solves: to rounding, by the rows that
-press. A large one whose percussions of the last step still fit is left alone; others are solved by `free_face` to the
-residual that is asked.
+Rows are scaled to unit length in the metric. A small island is solved as `few_rows` solves: to rounding, by the rows
+that press. A large one whose percussions of the last step still fit is left alone; others are solved by `free_face` to
+the residual that is asked.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ class Large:
         return velocity, percussion, reached
 
     def _solve_exactly(self, U: csr_array, d: Array, rows: Array, u: Array) -> None:
-        """Solve one island by what few rows are solved by: where masses differ by many powers of ten, G has lost them."""
+        """Solve one island as few rows are solved: where masses differ by many powers of ten, G has lost them."""
         if len(rows) > _MOST_EXACT:
             return
         part = U[rows]

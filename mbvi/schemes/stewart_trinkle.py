@@ -7,7 +7,7 @@ import numpy as np
 from ..constraints import Rows
 from ..errors import InputError
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Metric, Projector
 from ..system.system import Array
 from .step import Step
 
@@ -24,14 +24,13 @@ class StewartTrinkle:
 
     Notes
     -----
-    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, for it is spread
-    over two steps: the first comes to touch, the second takes the rest of the velocity; the record holds the first and its
-    part of the percussion. Between spheres and half-spaces
-    no gap gets smaller than its linearisation, so that the residual of the projection is all that penetrates; elsewhere
-    the curvature over a step, of order h^2. Depth there is at the start stays. Reach is twice what the fastest body
-    would move; where at the end something penetrates that was out of reach, the step is taken anew with a farther one. A
-    step takes M, g and the gradients once, the gaps twice. Its projection has more rows than that of `Paoli`, and piles
-    rearrange more from step to step.
+    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, for it is
+    spread over two steps: the first comes to touch, the second takes the rest of the velocity; the record holds the
+    first and its part of the percussion. Between spheres and half-spaces no gap gets smaller than its linearisation, so
+    that the residual of the projection is all that penetrates; elsewhere it is the curvature over a step, of order h^2,
+    and it adds up, for a depth once there stays. Reach is twice what the fastest body would move; where at the end
+    something penetrates that was out of reach, the step is taken anew with a farther one. A step takes M, g and the
+    gradients once, the gaps twice. Its projection has more rows than that of `Paoli`.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
@@ -57,14 +56,22 @@ class StewartTrinkle:
 
 
 def _stepped(
-    problem: Problem, rows: Rows, end: float, q: Array, v: Array, h: float, projector: Projector, free: Array, metric
+    problem: Problem,
+    rows: Rows,
+    end: float,
+    q: Array,
+    v: Array,
+    h: float,
+    projector: Projector,
+    free: Array,
+    metric: Metric,
 ) -> Step:
     """Return the step with the given rows."""
     if (rows.restitution > 0.0).any():
         e = float(rows.restitution.max())
         raise InputError(
-            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or Centered, or set the "
-            "restitution to 0"
+            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
+            "Centered, or set the restitution to 0"
         )
     J = rows.jacobian
     w, percussion, residual = projector.project(free, metric, J, -np.maximum(rows.gap, 0.0) / h, rows.constraint)

@@ -38,7 +38,7 @@ def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array)
 
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
-    """Return rows put together from those of several systems: which rows, from which column on, and what stands there."""
+    """Return rows put together from several systems': which rows, from which column on, and what stands there."""
     rows, columns, values = [], [], []
     for here, start, part in parts:
         block = csr_array(part).tocoo()
@@ -60,4 +60,4 @@ def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
 
 def dense(rows: Array | csr_array) -> Array:
     """Return rows as a full array."""
-    return rows.toarray() if issparse(rows) else rows
+    return rows if isinstance(rows, np.ndarray) else rows.toarray()

@@ -95,7 +95,8 @@ class System(Protocol):
         Returns
         -------
         ndarray or csr_array, shape (m, nv)
-            Sparse where the system says so by an attribute `sparse`. Rows r with r . v = normal . (velocity of second - velocity of first) at the point.
+            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse where the
+            system's attribute `sparse` says so.
         """
         ...
 
