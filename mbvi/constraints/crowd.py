@@ -32,8 +32,8 @@ class Crowd:
 
     Notes
     -----
-    Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box has
-    the other's ball near; a list lasts until shapes moved against each other by a skin.
+    Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box
+    has the other's ball near; a list lasts until shapes moved against each other by a skin.
     """
 
     def __init__(

@@ -161,34 +161,36 @@ class Large:
         if not (speed < lower).any():
             return x, np.zeros(m), 0.0
         U = metric.whiten_rows(J)
-        lengths = np.sqrt(np.bincount(np.repeat(np.arange(m), np.diff(U.indptr)), U.data**2, minlength=m))
-        unit = np.where(lengths > 0.0, lengths, 1.0)
         columns, starts = U.indices.astype(np.int32, copy=False), U.indptr.astype(np.int32, copy=False)
-        U = csr_array((U.data / np.repeat(unit, np.diff(starts)), columns, starts), shape=U.shape)
-        d = (lower - speed) / unit
+        row = np.repeat(np.arange(m), np.diff(starts))
+        lengths = np.sqrt(np.bincount(row, U.data**2, minlength=m))
+        unit = np.where(lengths > 0.0, lengths, 1.0)
+        data, d = U.data / unit[row], (lower - speed) / unit
         largest = float(((np.abs(speed) + np.abs(lower)) / unit).max())
-        u = self._carried(contacts, m) * unit
-        rows, others, G = self._gram(U)
+        keys = None if contacts is None else _keys(contacts)
+        u = self._carried(keys, m) * unit
+        rows, others, G = self._gram(data, columns, starts, len(x))
         kept = (lengths > 0.0) & ~_repeated(rows, others, G, d)
         label = np.empty(m, np.int64)
         count, tried = gram.islands(columns, starts, len(x), kept, label), set[int]()
         _solve_islands(rows, others, G, d, label, count, _MARGIN * residual * largest, u)
         few = np.bincount(label + 1, minlength=count + 1)[label + 1] <= _SMALL
+        enough = np.where(few, min(residual, _ROUNDED), residual) * largest
         while True:
-            velocity = x + metric.unwhiten(U.T @ u)
+            velocity = x + metric.unwhiten(np.bincount(columns, data * u[row], minlength=len(x)))
             # judged by the velocity itself
             off = np.abs(np.minimum(u, (J @ velocity - lower) / unit))
-            reached = float(off.max()) / largest
-            enough = np.where(few, min(residual, _ROUNDED), residual) * largest
-            bad = set(np.unique(label[(off > enough) & (label >= 0)]).tolist()) - tried
+            wrong = (off > enough) & (label >= 0)
+            bad = set(label[wrong].tolist()) - tried if wrong.any() else None
             if not bad:
                 break
+            U = csr_array((data, columns, starts), shape=J.shape)
             for island in bad:
                 self._solve_exactly(U, d, np.flatnonzero(label == island), u)
             tried |= bad
         percussion = u / unit
-        self._keep(contacts, percussion)
-        return velocity, percussion, reached
+        self._keep(keys, percussion)
+        return velocity, percussion, float(off.max()) / largest
 
     def _solve_exactly(self, U: csr_array, d: Array, rows: Array, u: Array) -> None:
         """Solve one island as few rows are solved: where masses differ by many powers of ten, G has lost them."""
@@ -203,46 +205,47 @@ class Large:
             # judged with all others
             return
 
-    def _gram(self, U: csr_array) -> tuple[Array, Array, Array]:
+    def _gram(self, data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Array, Array]:
         """Return the Delassus matrix row after row: starts, columns, values."""
-        starts = np.empty(U.shape[0] + 1, np.int32)
+        rows = np.empty(len(starts), np.int32)
         while True:
-            columns, G = np.empty(self._room, np.int32), np.empty(self._room)
-            count = gram.gram(U.data, U.indices, U.indptr, U.shape[1], starts, columns, G)
+            others, G = np.empty(self._room, np.int32), np.empty(self._room)
+            count = gram.gram(data, columns, starts, n, rows, others, G)
             if count <= self._room:
-                return starts, columns[:count], G[:count]
+                return rows, others[:count], G[:count]
             self._room = int(1.2 * count)
 
-    def _carried(self, contacts: Array | None, m: int) -> Array:
+    def _carried(self, keys: Array | None, m: int) -> Array:
         """Return the percussions of the same contacts in the last projection."""
-        if contacts is None:
+        if keys is None:
             return self._last.copy() if len(self._last) == m and not len(self._keys) else np.zeros(m)
         if not len(self._keys):
             return np.zeros(m)
-        keys = _keys(contacts)
         place = np.searchsorted(self._keys, keys)
         place[place == len(self._keys)] = 0
         return np.where(self._keys[place] == keys, self._last[place], 0.0)
 
-    def _keep(self, contacts: Array | None, percussion: Array) -> None:
-        if contacts is None:
+    def _keep(self, keys: Array | None, percussion: Array) -> None:
+        if keys is None:
             self._keys, self._last = np.zeros(0, np.int64), percussion
             return
-        keys = _keys(contacts)
-        order = np.argsort(keys, kind="stable")
-        self._keys, self._last = keys[order], percussion[order]
+        if (keys[1:] < keys[:-1]).any():
+            order = np.argsort(keys, kind="stable")
+            keys, percussion = keys[order], percussion[order]
+        self._keys, self._last = keys, percussion
 
 
 def _keys(contacts: Array) -> Array:
     """Return a number for each row that it has in the next projection too: its constraint, and which point of it."""
     m = len(contacts)
-    order = np.argsort(contacts, kind="stable")
-    sorted_numbers, place = contacts[order], np.arange(m)
-    new = np.ones(m, bool)
-    new[1:] = sorted_numbers[1:] != sorted_numbers[:-1]
-    point = place - np.maximum.accumulate(np.where(new, place, 0))
-    keys = np.empty(m, np.int64)
-    keys[order] = sorted_numbers * _POINTS + np.minimum(point, _POINTS - 1)
+    ascending = not (contacts[1:] < contacts[:-1]).any()
+    order = None if ascending else np.argsort(contacts, kind="stable")
+    numbers, place = contacts if order is None else contacts[order], np.arange(m)
+    first = place.copy()
+    first[1:][numbers[1:] == numbers[:-1]] = 0
+    keys = numbers * _POINTS + np.minimum(place - np.maximum.accumulate(first), _POINTS - 1)
+    if order is not None:
+        keys[order] = keys.copy()
     return keys
 
 

@@ -100,6 +100,13 @@ def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
     return csr_array((np.ascontiguousarray(block).ravel(), columns, np.cumsum(starts, dtype=np.int32)), shape=(m, n))
 
 
+def _like(rows: csr_array, data: Array) -> csr_array:
+    """Return rows with other numbers in the same places."""
+    out = csr_array(rows.shape)
+    out.data, out.indices, out.indptr = data, rows.indices, rows.indptr
+    return out
+
+
 def triangular(upper: Array, right: Array, transposed: int) -> Array:
     """Solve U y = right, or U' y = right; LAPACK's own routine starts threads for a handful of columns."""
     if right.ndim == 1:
@@ -132,7 +139,7 @@ class DiagonalMetric:
         return rows / self.diagonal
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
-        return csr_array((rows.data / self.root[rows.indices], rows.indices, rows.indptr), shape=rows.shape)
+        return _like(rows, rows.data / self.root[rows.indices])
 
     def dense(self) -> Array:
         return np.diag(self.diagonal)
@@ -171,7 +178,7 @@ class BodiesMetric:
     def whiten_rows(self, rows: csr_array) -> csr_array:
         # the rows of bodies hold whole blocks of six
         values = self.inverse_lower[rows.indices[::6] // 6] @ rows.data.reshape(-1, 6, 1)
-        return csr_array((values.ravel(), rows.indices, rows.indptr), shape=rows.shape)
+        return _like(rows, values.ravel())
 
     def dense(self) -> Array:
         n = 6 * len(self.blocks)

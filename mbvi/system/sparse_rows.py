@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array, issparse, vstack
+from scipy.sparse import csr_array
 
 Array = np.ndarray
 
 # [columns]; rows of more bodies than that are kept sparse
 MOST_DENSE = 100
+
+
+def rows_from(data: Array, columns: Array, starts: Array, shape: tuple[int, int]) -> csr_array:
+    """Return sparse rows of arrays that are known to fit, without scipy's checks, which cost more than a product."""
+    rows = csr_array(shape)
+    rows.data, rows.indices, rows.indptr = data, columns, starts
+    return rows
 
 
 def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array) -> csr_array:
@@ -34,7 +41,7 @@ def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array)
     else:
         np.cumsum(b * there.sum(axis=1), out=starts[1:])
         columns, values = columns[there], values[there]
-    return csr_array((values.ravel(), columns.ravel().astype(np.int32), starts), shape=(m, nv))
+    return rows_from(values.ravel(), columns.ravel().astype(np.int32), starts, (m, nv))
 
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
@@ -53,9 +60,18 @@ def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_arra
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
     """Return rows one part after the other, sparse where one of them is."""
-    if any(map(issparse, parts)):
-        return vstack([csr_array(part) for part in parts], format="csr")
-    return np.concatenate(parts)
+    full = [part for part in parts if isinstance(part, np.ndarray)]
+    if len(full) == len(parts):
+        return np.concatenate(full)
+    rows = [csr_array(part) if isinstance(part, np.ndarray) else part for part in parts]
+    ends = np.cumsum([0, *(part.nnz for part in rows)])
+    starts = [part.indptr[1:] + end for part, end in zip(rows, ends[:-1], strict=True)]
+    return rows_from(
+        np.concatenate([part.data for part in rows]),
+        np.concatenate([part.indices for part in rows]).astype(np.int32, copy=False),
+        np.concatenate([[0], *starts]).astype(np.int32),
+        (sum(part.shape[0] for part in rows), rows[0].shape[1]),
+    )
 
 
 def dense(rows: Array | csr_array) -> Array:
