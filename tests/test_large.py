@@ -152,3 +152,18 @@ def test_a_row_without_a_gradient_asks_for_nothing_or_for_too_much():
     np.testing.assert_allclose([w[1], p[0], p[1]], [0.0, 0.0, 1.0], atol=1e-12)
     with pytest.raises(mbvi.ProjectionError):
         Projector().project(x, metric, J, np.array([0.1, 0.0]))
+
+
+def test_a_user_may_give_sparse_rows_and_solve_a_failed_problem_again(rng):
+    x, metric, J = heap(rng, 60)
+    expected = Projector(1e-10).project(x, metric, J, np.zeros(J.shape[0])).velocity
+    found = mbvi.project(x, metric, J)
+    assert found.residual <= 1e-6
+    np.testing.assert_allclose(found.velocity, expected, atol=1e-4)
+    np.testing.assert_allclose(mbvi.project(x, metric.dense(), J.tocsc()).velocity, expected, atol=1e-4)
+    push = np.tile([1.0, 0.0, 0.0], (2, 1)) * np.array([[1.0], [-1.0]])
+    contradiction = rows_of_two(120, np.zeros(2, int), np.ones(2, int), -push, push)
+    with pytest.raises(mbvi.InfeasibleError) as error:
+        mbvi.project(np.zeros(120), np.eye(120), contradiction, 0.1)
+    with pytest.raises(mbvi.InfeasibleError):
+        mbvi.project(**error.value.problem)

@@ -12,13 +12,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, issparse
 
 from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from . import few_rows
-from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
+from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
 from .large import Large, contradictory
 from .metric import Array, Metric, as_metric
 from .nonnegative import ROUNDING
@@ -28,7 +27,7 @@ from .tree import TreePush
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
 _FEW = 32
-_POSITIVE, _WELL_CONDITIONED = 1e-7, 1e-3
+_POSITIVE = 1e-7
 
 
 class Projection(NamedTuple):
@@ -169,7 +168,7 @@ class Projector:
         if not (lengths > 0.0).all():
             return self._without_zero_rows(x, metric, J, lower, lengths > 0.0)
         largest = float(((np.abs(speed) + np.abs(lower)) / lengths).max())
-        guess = _press_what_is_missing(G, missing, lengths)
+        guess = press_what_is_missing(G, missing, lengths)
         if guess is not None:
             velocity = x + metric.unwhiten(columns @ guess)
             slack = J @ velocity - lower
@@ -251,25 +250,7 @@ def _stopped(rows: int, reached: float, asked: float) -> str:
     )
 
 
-def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
-    """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
-
-    Of many rows, too, it is mostly those that the forces violate that press. The residual is the judge.
-    """
-    if (missing > 0.0).all():
-        factor, p, info = lapack.dposv(G, missing)
-        pivots = factor.diagonal() / lengths
-    else:
-        index = (missing > 0.0).nonzero()[0]
-        factor, part, info = lapack.dposv(G[index[:, None], index], missing[index])
-        pivots = factor.diagonal() / lengths[index]
-        p = np.zeros(len(missing))
-        p[index] = part
-    # of dependent rows some would get all: their share is settled elsewhere
-    return None if info or pivots.min() < _WELL_CONDITIONED else p
-
-
-def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -> Projection:
+def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | float = 0.0) -> Projection:
     """Project a velocity onto {w : J w >= lower} in the kinetic metric.
 
     Parameters
@@ -278,8 +259,9 @@ def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -
         Velocity to project [m/s, rad/s].
     M : ndarray, shape (nv, nv), or Metric
         Mass matrix, symmetric positive definite.
-    J : ndarray, shape (m, nv)
-        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero.
+    J : ndarray or sparse array, shape (m, nv)
+        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero. Sparse ones are solved
+        island by island, to the residual instead of to rounding.
     lower : float or ndarray, shape (m,)
         Least rate of each constraint [m/s, rad/s]; 0 gives the projection onto the tangent cone.
 
@@ -352,7 +334,7 @@ def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array
     """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
     # a copy: where nothing is violated it is what is returned
     x = np.array(x, dtype=float)
-    J = np.ascontiguousarray(J, dtype=float)
+    J = csr_array(J, dtype=float) if issparse(J) else np.ascontiguousarray(J, dtype=float)
     if x.ndim != 1:
         raise InputError(f"the velocity has shape {x.shape}; (nv,) is asked for")
     if J.ndim != 2 or J.shape[1] != x.size:
@@ -360,7 +342,8 @@ def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array
     try:
         bound = np.broadcast_to(np.asarray(bound, dtype=float), J.shape[:1])
     except ValueError as error:
-        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({len(J)},)") from error
-    if not (np.isfinite(x).all() and np.isfinite(J).all() and np.isfinite(bound).all()):
+        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({J.shape[0]},)") from error
+    values = J if isinstance(J, np.ndarray) else J.data
+    if not (np.isfinite(x).all() and np.isfinite(values).all() and np.isfinite(bound).all()):
         raise InputError(f"x, J and {name} must be finite")
     return x, J, bound
