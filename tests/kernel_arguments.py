@@ -605,7 +605,9 @@ def specified(name, result, arguments):
         ]
     if name == "incomplete_cholesky":
         rows, places, L = arguments[-3:]
-        return [result, rows, places[: rows[-1]], L[: rows[-1]]]
+        if not (result if isinstance(result, bool) else result[0]):
+            return [False]
+        return [True, rows, places[: rows[-1]], L[: rows[-1]]]
     if name in ("relax", "_solve_islands"):
         # percussions may be shared between rows that depend on each other: what they bring about is the same
         starts, columns, G, d = arguments[:4]

@@ -118,9 +118,6 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
             while not factor.incomplete_cholesky(
                 inner_starts[: n + 1], inner_columns[:count], inner[:count], more, _DROP, rows[: n + 1], places, L
             ):
-                # a pivot that was lost to what was dropped spoils the rest
-                if more > 1.0:
-                    break
                 more = stiffer = max(3.0 * more, _STIFFER)
             last = 1.0
             for step_number in range(_STEPS):

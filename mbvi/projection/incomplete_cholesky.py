@@ -8,14 +8,14 @@ from ..compiled import kernel
 from .metric import Array
 
 # the share of what is dropped that is added to the diagonal; products smaller than the second make no new entry; pivots
-# are at least the third
+# are above the third
 _KEPT, _FILL, _LEAST = 0.2, 1e-3, 0.02
 
 
 def incomplete_cholesky_plain(
     starts: Array, columns: Array, G: Array, shift: float, drop: float, rows: Array, places: Array, L: Array
 ) -> bool:
-    """Write a lower triangular L with L L' near G + shift; tell whether all pivots were positive enough by themselves.
+    """Write a lower triangular L with L L' near G + shift; or return False at a pivot that what is dropped has spoilt.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def incomplete_cholesky_plain(
         Receive columns and values; what finds no place is dropped.
     """
     n = len(starts) - 1
-    full, count, fine = np.zeros((n, n)), 0, True
+    full, count = np.zeros((n, n)), 0
     rows[0] = 0
     for i in range(n):
         w, there = np.zeros(n), np.zeros(n, bool)
@@ -52,12 +52,13 @@ def incomplete_cholesky_plain(
             places[count], L[count] = k, full[i, k]
             count += 1
         pivot = diagonal - full[i, :i] @ full[i, :i]
-        fine = fine and bool(pivot > _LEAST)
-        full[i, i] = np.sqrt(np.maximum(pivot, _LEAST))
+        if not pivot > _LEAST:
+            return False
+        full[i, i] = np.sqrt(pivot)
         places[count], L[count] = i, full[i, i]
         count += 1
         rows[i + 1] = count
-    return fine
+    return True
 
 
 @kernel("b1(i4[::1], i4[::1], f8[::1], f8, f8, i4[::1], i4[::1], f8[::1])", plain=incomplete_cholesky_plain)
@@ -69,7 +70,7 @@ def incomplete_cholesky(
     # the entries of each column so far, linked
     head, following, owner = np.full(n, -1, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
     w, mark, pattern = np.zeros(n), np.full(n, -1, np.int32), np.empty(n, np.int32)
-    count, fine = 0, True
+    count = 0
     rows[0] = 0
     for i in range(n):
         size, first, diagonal, turn = 0, count, 1.0 + shift, 0
@@ -110,11 +111,13 @@ def incomplete_cholesky(
             owner[k] = i
             following[k] = head[places[k]]
             head[places[k]] = k
-        fine = fine and diagonal > _LEAST
-        places[count], L[count] = i, np.sqrt(max(diagonal, _LEAST))
+        # what comes after a small pivot grows, and fills the factor
+        if not diagonal > _LEAST:
+            return False
+        places[count], L[count] = i, np.sqrt(diagonal)
         count += 1
         rows[i + 1] = count
-    return fine
+    return True
 
 
 def solve_factor_plain(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
