@@ -9,7 +9,7 @@ from .metric import Array
 
 # the share of what is dropped that is added to the diagonal; products smaller than the second make no new entry; pivots
 # are above the third
-_KEPT, _FILL, _LEAST = 0.2, 1e-3, 0.02
+_KEPT, _FILL, _LEAST = 0.2, 0.02, 0.02
 
 
 def incomplete_cholesky_plain(
