@@ -1,6 +1,6 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
-from . import reference
+from . import packing, reference
 from .constraints import GapFunction
 from .diagnosis import Diagnosis
 from .errors import (
@@ -53,6 +53,7 @@ __all__ = [
     "forks",
     "impact",
     "load",
+    "packing",
     "project",
     "reference",
     "simulate",
