@@ -1,6 +1,6 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
-from . import packing, reference
+from . import motion, packing, reference, surfaces
 from .constraints import GapFunction
 from .diagnosis import Diagnosis
 from .errors import (
@@ -53,9 +53,11 @@ __all__ = [
     "forks",
     "impact",
     "load",
+    "motion",
     "packing",
     "project",
     "reference",
     "simulate",
     "steps",
+    "surfaces",
 ]

@@ -70,6 +70,9 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
                 # located impacts are jumps, and between them there are none
                 gained = 0.0
             active = problem.constraints.active(t, q, problem.tolerance)
+            if active.rate is not None:
+                pushed = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
         if run._missing:
             gained = np.nan
         energy += gained
@@ -109,7 +112,9 @@ def _states(run: Trajectory) -> Iterator[_State]:
     assert run.problem is not None
     problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
     scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
-    again = steps and scheme is not None and (jump < 1.0 or getattr(scheme, "project_positions", False))
+    # the work of walls that move is no impact's doing: only the step tells it apart
+    apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
+    again = steps and scheme is not None and (jump < 1.0 or apart)
     if hasattr(problem.system, "start"):
         problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
@@ -149,7 +154,11 @@ class _Instants:
         worst = float(against_condition_12(cosines, e, self._tolerance).max())
         found = None
         if impact and worst and not np.isfinite(self.horizon):
-            found = follow(metric, active.jacobian, state.before, e, _MOST_IMPACTS)
+            before = state.before
+            if active.rate is not None:
+                # as seen from the walls; where they move apart there is no such velocity, but nearly
+                before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
+            found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
             jump = state.v - state.before
             moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
             # rounding is no fork

@@ -6,10 +6,12 @@ from .crowd import Crowd
 from .gap_function import GapFunction
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
+from .moving import MovingWalls, SeenFrom
 from .signed_distance import SignedDistances
 from .smooth import SmoothRows
 from .sphere_walls import SphereWalls
 from .spheres import SphereContacts
+from .surface import SphereSurface, Surface
 
 __all__ = [
     "AdmissibleSet",
@@ -18,9 +20,13 @@ __all__ = [
     "GapFunction",
     "HalfSpaceContacts",
     "JointLimits",
+    "MovingWalls",
     "Rows",
+    "SeenFrom",
     "SignedDistances",
     "SmoothRows",
     "SphereContacts",
+    "SphereSurface",
     "SphereWalls",
+    "Surface",
 ]

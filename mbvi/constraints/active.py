@@ -33,6 +33,9 @@ class Rows(NamedTuple):
     point, normal : ndarray, shape (k, 3)
         Contact point and unit normal in the world, from the first body named to the second [m]; NaN where the
         constraint is no contact.
+    rate : ndarray, shape (k,), or None
+        df/dt at a fixed q, by which walls move on their own [m/s, rad/s]: a gap changes by J v + rate. None where no
+        constraint of the problem does.
     """
 
     constraint: Array
@@ -41,18 +44,36 @@ class Rows(NamedTuple):
     restitution: Array
     point: Array
     normal: Array
+    rate: Array | None = None
+
+    def speeds(self, v: Array) -> Array:
+        """Return how fast the gaps change with a velocity, shape (k,) [m/s, rad/s]."""
+        speeds: Array = self.jacobian @ v
+        return speeds if self.rate is None else speeds + self.rate
 
 
 def chosen(rows: Rows, index: Array) -> Rows:
     """Return some of the rows, by a mask or by their places."""
-    return Rows(*(part[index] for part in rows))
+    number, gap, jacobian, e, point, normal, rate = rows
+    return Rows(
+        number[index],
+        gap[index],
+        jacobian[index],
+        e[index],
+        point[index],
+        normal[index],
+        None if rate is None else rate[index],
+    )
 
 
 def stacked(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
     if len(parts) == 1:
         return parts[0]
-    number, gap, jacobian, restitution, point, normal = zip(*parts, strict=True)
+    number, gap, jacobian, restitution, point, normal, rate = zip(*parts, strict=True)
+    rates = None
+    if any(one is not None for one in rate):
+        rates = np.concatenate([np.zeros(len(part.gap)) if part.rate is None else part.rate for part in parts])
     return Rows(
         np.concatenate(number),
         np.concatenate(gap),
@@ -60,6 +81,7 @@ def stacked(parts: Sequence[Rows]) -> Rows:
         np.concatenate(restitution),
         np.concatenate(point),
         np.concatenate(normal),
+        rates,
     )
 
 
@@ -85,7 +107,9 @@ def owners(rows: Rows, others: Rows) -> Array:
 
 
 class Constraint(Protocol):
-    """What a new constraint must give; `active`, `names` and `restitution` are optional beside it.
+    """What a new constraint must give; `active`, `names`, `restitution` and `rate` are optional beside it.
+
+    `rate(t, q)` is df/dt at a fixed q, shape (m,), of one that depends on time.
 
     One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself;
     `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast

@@ -115,6 +115,11 @@ class AdmissibleSet:
         names: Any = getattr(constraint, "names", ())
         return str(names[inner]) if inner < len(names) else f"f {number}"
 
+    @property
+    def moving(self) -> bool:
+        """Whether some constraint changes with time at a fixed q."""
+        return any(hasattr(constraint, "rate") for constraint in self.constraints)
+
     def numbered(self) -> list[tuple[Constraint, int, float]]:
         """Return every constraint, the number of its first row, and e where it carries none of its own."""
         return [(constraint, start, e) for constraint, _, _, start, e in self._all]
@@ -224,6 +229,9 @@ class AdmissibleSet:
                 )
             if not np.isfinite(gradient).all():
                 raise InputError(f"{name}: the gradient at q0 is not finite")
+            rate = np.atleast_1d(constraint.rate(t, q)) if hasattr(constraint, "rate") else np.zeros_like(gap)
+            if rate.shape != gap.shape or not np.isfinite(rate).all():
+                raise InputError(f"{name}: df/dt has shape {rate.shape}; {gap.shape} finite numbers are asked for")
 
 
 def _size(constraint: Constraint) -> int:
@@ -236,11 +244,12 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     if rows is None:
         return None
     own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
-    number, gap, jacobian, _, point, normal = rows
+    number, gap, jacobian, _, point, normal, rate = rows
     # they may come from a user's code
     numbers = np.asarray(number, dtype=np.int64) + start
     gradients = plain_array(jacobian) if isinstance(jacobian, np.ndarray) else jacobian
-    return Rows(numbers, plain_array(gap), gradients, plain_array(own), plain_array(point), plain_array(normal))
+    moving = None if rate is None else plain_array(rate)
+    return Rows(numbers, plain_array(gap), gradients, plain_array(own), plain_array(point), plain_array(normal), moving)
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
@@ -251,4 +260,5 @@ def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel:
         return None
     rows = np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))[index]
     nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
-    return Rows(index, gap[index], rows, np.full(index.size, np.nan), nowhere, nowhere)
+    rate = np.atleast_1d(np.asarray(constraint.rate(t, q), dtype=float))[index] if hasattr(constraint, "rate") else None
+    return Rows(index, gap[index], rows, np.full(index.size, np.nan), nowhere, nowhere, rate)

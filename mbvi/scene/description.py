@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
+from .assembly import assemble
+from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .urdf import Robot, build_model
 
 if TYPE_CHECKING:

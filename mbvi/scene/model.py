@@ -6,13 +6,13 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from ..constraints import HalfSpaceContacts, JointLimits, MovingWalls, SignedDistances, SphereContacts, SphereSurface
 from ..constraints.shapes import HalfSpace, PlacedShape
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
 
 if TYPE_CHECKING:
     from ..problem import Problem
-    from .assembly import SceneItems
+    from .items import SceneItems
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,17 @@ class SceneModel:
         lines = ["Modelled"]
         lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
         lines.append(f"  {problem.system.nv} degrees of freedom in all")
-        for constraint in problem.constraints.constraints:
+        for given in problem.constraints.constraints:
+            moves = isinstance(given, MovingWalls)
+            constraint = given.constraint if isinstance(given, MovingWalls) else given
             if isinstance(constraint, JointLimits):
                 lines.append(f"  {len(constraint.names)} joint limits")
             elif isinstance(constraint, HalfSpaceContacts):
-                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space")
+                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space{' that moves' * moves}")
             elif isinstance(constraint, SignedDistances):
-                lines.append(f"  {len(constraint.names)} pairs of shapes")
+                lines.append(f"  {len(constraint.names)} pairs of shapes{', one of each moving as told' * moves}")
+            elif isinstance(constraint, SphereSurface):
+                lines.append(f"  {constraint.size} spheres at a mesh{' that moves' * moves}")
             elif isinstance(constraint, SphereContacts):
                 lines.append("  every pair of spheres, found when near")
         e = {self.items.restitution, *self.items.pair_restitution.values()}

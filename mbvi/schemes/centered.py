@@ -10,7 +10,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
-from .step import Step, carried
+from .step import Step, carried, law
 
 _NONE = np.zeros((4, 0))
 
@@ -49,10 +49,8 @@ class Centered:
         if not ahead.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
-        active = _in_the_middle(problem, t, middle, ahead, half * (ahead.jacobian @ v))
-        w, rates, residual = projector.law(
-            v, system.push(t, middle, v, h), active.jacobian, active.restitution, active.constraint
-        )
+        active = _in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
+        w, rates, residual = law(projector, v, system.push(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
         if self.project_positions:
             return settled(problem, Applied(t, middle, v, h), step, projector)

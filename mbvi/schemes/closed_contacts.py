@@ -12,7 +12,7 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .step import Step, carried
+from .step import Step, carried, law
 
 # linearisations of the constraints within a step
 _MOST = 20
@@ -97,7 +97,7 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
     push = problem.system.push(applied.t, applied.q, applied.v, applied.h)
-    return projector.law(applied.v, push, rows.jacobian, rows.restitution, rows.constraint)
+    return law(projector, applied.v, push, rows)
 
 
 def _tangent(
@@ -110,15 +110,17 @@ def _tangent(
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ lifted.moved)
     rows = stacked([near, chosen(rows, left)]) if left.any() else near
-    push, J = problem.system.push(applied.t, applied.q, applied.v, applied.h), rows.jacobian
-    free, before = push.free, J @ applied.v
+    push = problem.system.push(applied.t, applied.q, applied.v, applied.h)
+    free, before = push.free, rows.speeds(applied.v)
     lower = -rows.restitution * before
     # what hovers closes until the law is applied next, lest it fall
     idle = closed[owner] | (step.percussion[owner] == 0.0)
     hovers = np.flatnonzero(idle & (near.gap > problem.tolerance))
     lower[hovers] = -near.gap[hovers] / (applied.h - (step.t - applied.t))
-    w, percussion, residual = projector.project(free, push.metric, J, lower)
-    rates = np.array([percussion, J @ free, J @ w, before])
+    if rows.rate is not None:
+        lower -= rows.rate
+    w, percussion, residual = projector.project(free, push.metric, rows.jacobian, lower)
+    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), before])
     return Step(step.t, lifted.q, w, rows, rates, max(residual, lifted.residual))
 
 

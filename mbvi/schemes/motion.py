@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..constraints import SmoothRows
+from ..constraints.active import chosen
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector, Push
@@ -174,7 +175,7 @@ class Motion:
         yield stride
         self.v = step.v
         if closing.any():
-            number, _, _, _, point, normal = (part[percussion > 0.0] for part in step.active)
+            number, _, _, _, point, normal, _ = chosen(step.active, percussion > 0.0)
             rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
             yield Struck(self.t, step.q, v, step.v, number, rates, point, normal)
         return step.active.constraint
