@@ -250,3 +250,53 @@ def test_error_control_says_that_it_knows_no_moving_walls():
     scene.add_sphere(0.1, position=(0, 0, 0.2))
     with pytest.raises(mbvi.InputError, match="EventDriven does not know walls that move"):
         mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.1)
+
+
+def moving_scene(motion):
+    scene = mbvi.Scene(restitution=0.3)
+    scene.add_container((-1, -1, 0), (1, 1), motion=motion)
+    scene.add_surface([[-1, -1, 0.2], [1, -1, 0.2], [0, 1, 0.3]], [[0, 1, 2]], name="shelf", motion=motion)
+    scene.add_box((0.2, 0.2, 0.2), position=(0.5, 0.5, 0.8), name="paddle", motion=Rotation((0, 0, 1), 2.0))
+    scene.add_spheres(np.array([[0, 0, 0.6], [0.3, 0.1, 1.5]]), 0.1, density=1000.0)
+    return scene.build()
+
+
+def test_a_file_brings_moving_walls_back(tmp_path):
+    run = mbvi.simulate(moving_scene(Oscillation((0, 0, 0.05), 3.0)), step=2e-3, duration=0.5)
+    run.save(tmp_path / "run.h5")
+    back = mbvi.load(tmp_path / "run.h5")
+    again = mbvi.simulate(back.problem, step=2e-3, duration=0.5)
+    assert again.q.tobytes() == run.q.tobytes() and len(run.impacts) > 0
+    assert back.diagnosis().energy_excess == run.diagnosis().energy_excess
+
+
+class Own(Translation):
+    pass
+
+
+def test_a_file_says_that_it_lost_a_motion_of_the_users_own(tmp_path):
+    run = mbvi.simulate(moving_scene(Own((0, 0, 0.1))), step=2e-3, duration=0.2)
+    run.save(tmp_path / "run.h5")
+    back = mbvi.load(tmp_path / "run.h5")
+    assert np.isnan(back.diagnosis().energy_excess)
+    np.testing.assert_allclose(back.energy(), run.energy())
+
+
+def test_many_spheres_meet_moving_walls_in_bulk_as_few_do_one_by_one():
+    """34 spheres far apart: each as if it were alone."""
+    places = np.stack([*np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij"), np.full((6, 6), 0.4)], axis=-1)
+    places = places.reshape(-1, 3)[:34]
+    motion = Oscillation((0.02, 0.03, 0.05), 4.0)
+
+    def shaken(positions):
+        scene = mbvi.Scene(restitution=0.4)
+        scene.add_halfspace((0.1, 0, 1), motion=motion)
+        scene.add_box((20, 20, 0.1), position=(0, 0, 0.1), motion=motion)
+        scene.add_spheres(positions, 0.1, mass=1.0)
+        return mbvi.simulate(scene.build(), step=2e-3, duration=0.4)
+
+    many = shaken(places)
+    for k in (0, 17, 33):
+        one = shaken(places[k : k + 1])
+        np.testing.assert_allclose(many.q[:, 3 * k : 3 * k + 3], one.q, atol=1e-9)
+    assert len(many.impacts) > 0 and many.penetration().max() < 0.01

@@ -101,11 +101,11 @@ class Grains:
             shapes *= len(centres)
         masses = many_masses(mass, density, np.broadcast_to(edges.prod(axis=1), len(centres)))
         name = self._items.new_name(name, "boxes")
-        inertias = [shape.inertia(1.0) for shape in shapes]
         moves = _motions(len(centres), rotations, velocities, angular_velocities)
         for k, (place, turn, speed, spin) in enumerate(zip(centres, *moves, strict=True)):
             m = float(masses[k])
-            item = BodyItem(f"{name}[{k}]", shapes[k], m, m * inertias[k], np.zeros(3), place, turn, speed, spin, False)
+            inertia = shapes[k].inertia(m)
+            item = BodyItem(f"{name}[{k}]", shapes[k], m, inertia, np.zeros(3), place, turn, speed, spin, False)
             self._items.bodies.append(item)
         return name
 

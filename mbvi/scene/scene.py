@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = np.eye(3)
+# links and single bodies of many that an error names
+_MOST_NAMED = 50
 
 
 class Scene(Walls, Grains):
@@ -232,10 +234,11 @@ class Scene(Walls, Grains):
         InputError
             If a name is unknown or e is outside [0, 1].
         """
-        known = self._items.names() | self._items.parts()
+        things, parts = self._items.names(), self._items.parts()
         for name in (first, second):
-            if name not in known:
-                raise InputError(f"unknown name {name!r}; known are {', '.join(sorted(known)) or 'none yet'}")
+            if name not in things and name not in parts:
+                known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
+                raise InputError(f"unknown name {name!r}; known are {', '.join(known) or 'none yet'}")
         self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
 
     def build(self) -> Problem:
