@@ -8,7 +8,7 @@ import pinocchio as pin
 from scipy.sparse import csr_array
 from test_same_as_before import is_free, path_of
 
-from mbvi.constraints import HalfSpaceContacts, half_space, sphere_walls
+from mbvi.constraints import HalfSpaceContacts, half_space, sphere_walls, triangles
 from mbvi.constraints.balls import Balls
 from mbvi.constraints.separating_axis import SeparatingAxes
 from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
@@ -514,6 +514,15 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def near_triangles(rng):
+    corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
+    centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
+    room, tolerance = rng.integers(1, 40), rng.uniform(0.0, 0.2)
+    cells = triangles.sorted_into_cells(corners, radii.max() + tolerance)
+    outs = [np.zeros(room, np.int64) for _ in range(3)]
+    return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
+
+
 ARGUMENTS = {
     "_near_balls": near_balls,
     "_touching": touching,
@@ -524,6 +533,7 @@ ARGUMENTS = {
     "solve_factor": solve_factor,
     "relax": relax,
     "_solve_islands": solve_islands,
+    "near_triangles": near_triangles,
     "_struck": struck,
     "factor": factor,
     "_back": back,

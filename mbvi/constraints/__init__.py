@@ -9,9 +9,10 @@ from .joint_limit import JointLimits
 from .moving import MovingWalls, SeenFrom
 from .signed_distance import SignedDistances
 from .smooth import SmoothRows
+from .sphere_surface import SphereSurface
 from .sphere_walls import SphereWalls
 from .spheres import SphereContacts
-from .surface import SphereSurface, Surface
+from .triangles import Surface
 
 __all__ = [
     "AdmissibleSet",

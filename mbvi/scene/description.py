@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from ..constraints.surface import Surface
+from ..constraints.triangles import Surface
 from ..motion import Motion, Oscillation, Rotation, Translation
 from .assembly import assemble
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem

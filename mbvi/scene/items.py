@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ..constraints.shapes import Array, Convex, HalfSpace
-from ..constraints.surface import Surface
+from ..constraints.triangles import Surface
 from ..errors import InputError
 from ..motion import Motion
 from ..system.articulated import Control

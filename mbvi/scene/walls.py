@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..constraints.shapes import Array, HalfSpace
-from ..constraints.surface import Surface
+from ..constraints.triangles import Surface
 from ..errors import InputError
 from ..motion import Motion, checked_motion
 from .inputs import mesh_of, positive, rotation_matrix, vector
