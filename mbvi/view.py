@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # seconds an arrow takes to vanish, of which it stays whole at first
 _FADE, _WHOLE = 0.3, 0.08
+# length of a whole arrow in lengths of the scene, at most
+_LONGEST = 10.0
 # what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
 _SLACK = 1e-3
 # where the camera stands as seen from the middle, how much it sees, and the least width of a window [heights]
@@ -123,7 +125,9 @@ def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Anima
         node.set_object(sheet_mesh(item.placed()))
         _cast_shadow(node["<object>"], False)
     _draw_shapes(vis, scene, moves, frames, radius, animation)
-    _draw_arrows(vis, run, radius, speed, float(moves.times[-1]), animation)
+    # among many small bodies long arrows would hide them
+    length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
+    _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
     return animation
 
 
@@ -172,7 +176,7 @@ def _draw_shapes(
 
 
 def _draw_arrows(
-    vis: meshcat.Visualizer, run: Trajectory, radius: float, speed: float, end: float, animation: Animation
+    vis: meshcat.Visualizer, run: Trajectory, length: float, speed: float, end: float, animation: Animation
 ) -> None:
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]
@@ -185,7 +189,7 @@ def _draw_arrows(
         fade = [shown, shown + _WHOLE, shown + _FADE]
         keys = np.unique(np.minimum(fade, end))
         thick = np.interp(keys, fade, [1.0, 1.0, 0.0])
-        size = arrow.length * radius * np.stack([thick, thick, np.ones_like(keys)], axis=1)
+        size = arrow.length * length * np.stack([thick, thick, np.ones_like(keys)], axis=1)
         # every clip ends with the run: one that ended before would not start again when played from earlier
         seen = {0.0: False, shown: True, min(fade[2], end): False, end: fade[2] > end}
         tracks = {
