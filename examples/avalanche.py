@@ -35,4 +35,6 @@ def main(page: str | None = None) -> float:
 
 if __name__ == "__main__":
     slid = main(*sys.argv[1:])
-    print(f"the centre of mass slid {slid:.4f} m; g sin(angle) T^2 / 2 is {0.5 * 9.81 * np.sin(ANGLE) * DURATION**2:.4f}")
+    print(
+        f"the centre of mass slid {slid:.4f} m; g sin(angle) T^2 / 2 is {0.5 * 9.81 * np.sin(ANGLE) * DURATION**2:.4f}"
+    )

@@ -15,16 +15,25 @@ THIRD_BOUNCE = np.sqrt(2 / G) * (1 + 2 * 0.8 + 2 * 0.64)
 NUMBERS = {
     # the limit of finer steps
     "arm_joint_limit": (9.7355, 2.5e-2),
+    # g sin(angle) T^2 / 2, which Paoli's scheme meets to h T g sin(angle) / 2
+    "avalanche": (0.5 * G * np.sin(np.radians(25)) * 0.8**2, 2e-3),
     # the ball against the box that it hits square: (1 + e) 6 / (1 / 1 + 1 / 2)
     "boxes_hit_by_ball": (4.8, 1e-2),
     # the foot's clearance at the start, fallen through
     "drop_robot": (np.sqrt(2 * G * 0.52937537), 1e-2),
+    # the balance of energies, an identity of the scheme
+    "drum": (1.0, 1e-9),
     # the same at tolerances 1e-9 to 1e-11
     "error_control": (0.189962172, 1e-8),
     # straight lines reflected by hand: one wall, and one wall after the other
     "figure_1": (0.7071421356417671, 5e-4),
+    # the limit of finer steps
+    "foot_in_gravel": (1.8774, 3e-3),
     # DOP853 at 1e-12 with its event
     "given_functions": (0.8010761557844351, 2e-4),
+    "hourglass": (120, 0),
+    # the flight of a bed that leaves the floor where that falls with g
+    "shaker": (0.206329, 1e-3),
     "step_by_hand": (THIRD_BOUNCE, 2e-3),
 }
 

@@ -54,8 +54,9 @@ def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_arra
         values.append(block.data)
     if not rows:
         return csr_array((m, nv))
-    together = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return csr_array(together, shape=(m, nv))
+    # narrow, as kernels ask
+    places = np.concatenate(rows).astype(np.int32), np.concatenate(columns).astype(np.int32)
+    return csr_array((np.concatenate(values), places), shape=(m, nv))
 
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
