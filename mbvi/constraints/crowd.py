@@ -104,6 +104,10 @@ class Crowd:
         e = np.array([self._restitution_of(a.name, b.name) for a, b in zip(first, second, strict=True)])
         return _Listed(self.system, first, second, i * len(self._shapes) + j, e, self._geometry)
 
+    def nearest(self, q: Array, pairs: Array) -> Contacts:
+        """Return the nearest contact of each pair that is looked at, in the order of `gap`, whatever is asked."""
+        return self._every(q)[0]
+
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair that is looked at, shape (m,) [m]."""
         return self._every(q)[0].gap

@@ -30,6 +30,8 @@ from .model import SceneModel
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
+# more pairs with shapes that move on their own are found when near
+_MANY_PAIRS = 300
 # more other shapes than these have their pairs listed when near
 _FEW_SHAPES = 60
 _PALETTE = (
@@ -187,7 +189,10 @@ class _Builder:
             pairs = [(a, b) for a in shapes for b in (single if a in solid else moving)]
             found = [*self._at_walls(seen, walls, single)]
             found += self._at_surfaces(seen, [s for s in self.items.surfaces if s.motion is motion], moving)
-            found += [self._distances(seen, pairs)] if pairs else []
+            if len(pairs) > _MANY_PAIRS:
+                found.append(self._crowd_around(seen, shapes, solid, single, moving))
+            elif pairs:
+                found.append(self._distances(seen, pairs))
             found += self._sphere_walls(seen, walls, solid) if bulk else []
             yield from (MovingWalls(seen, constraint) for constraint in found)
 
@@ -226,6 +231,24 @@ class _Builder:
             return sphere[i] & sphere[j] | closed[i] & sphere[j] | driven[i] | driven[j] | apart
 
         return Crowd(system, self.shapes, left_out, self.items.restitution_of)
+
+    def _crowd_around(
+        self,
+        seen: Any,
+        shapes: list[PlacedShape],
+        solid: list[PlacedShape],
+        single: list[PlacedShape],
+        moving: list[PlacedShape],
+    ) -> Crowd:
+        """Return the pairs of some shapes of the world with all that are moving; solid ones meet single ones only."""
+        everything, alone = shapes + moving, {id(s) for s in single}
+        closed = np.array([any(s is one for one in solid) for s in everything])
+        sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
+
+        def left_out(i: Array, j: Array) -> Array:
+            return (i >= len(shapes)) | closed[i] & sphere[j]
+
+        return Crowd(seen, everything, left_out, self.items.restitution_of)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""

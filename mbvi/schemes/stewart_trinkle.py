@@ -73,10 +73,14 @@ def _stepped(
             f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
             "Centered, or set the restitution to 0"
         )
-    J = rows.jacobian
-    w, percussion, residual = projector.project(free, metric, J, -np.maximum(rows.gap, 0.0) / h, rows.constraint)
-    rates = np.array([percussion, J @ free, J @ w, J @ v])
-    rows = rows._replace(gap=rows.gap + h * rates[2])
+    # gaps of walls that move were asked where these will be
+    gap = rows.gap if rows.rate is None else rows.gap - h * rows.rate
+    lower = -np.maximum(gap, 0.0) / h
+    if rows.rate is not None:
+        lower -= rows.rate
+    w, percussion, residual = projector.project(free, metric, rows.jacobian, lower, rows.constraint)
+    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(v)])
+    rows = rows._replace(gap=gap + h * rates[2])
     return Step(end, problem.system.integrate(q, h * w), w, rows, rates, residual)
 
 
