@@ -87,6 +87,30 @@ def test_ten_thousand_spheres_of_1_to_20():
     assert len(pack.radii) == 10_000 and least_gap(pack) >= 0.0
 
 
+def test_what_was_poured_lies_in_the_box_and_starts_a_scene():
+    low, high, sizes = (-0.1, -0.1, 0.2), (0.1, 0.1), packing.uniform(0.015, 0.02)
+    pack = packing.poured(low, high, sizes, count=150, seed=5)
+    loose = packing.layers(low, high, sizes, count=150, seed=5)
+    assert least_gap(pack) >= -1e-15
+    assert (pack.positions - pack.radii[:, None] >= np.array(low) - 1e-15).all()
+    assert (pack.positions[:, :2] + pack.radii[:, None] <= np.array(high) + 1e-15).all()
+    np.testing.assert_allclose(pack.radii, loose.radii, rtol=1e-4)
+    # a dense packing under its own top: most of a random close one, that is 0.64 without walls
+    top = np.quantile(pack.positions[:, 2], 0.9)
+    below = pack.positions[:, 2] < top
+    fraction = 4 / 3 * np.pi * (pack.radii[below] ** 3).sum() / (0.04 * (top - 0.2))
+    assert 0.5 < fraction < 0.64
+    scene = mbvi.Scene()
+    scene.add_container(low, high)
+    scene.add_spheres(*pack, density=2500.0)
+    problem = scene.build()
+    again = packing.poured(low, high, sizes, count=150, seed=5)
+    assert [a.tobytes() for a in again] == [a.tobytes() for a in pack]
+    # it stays where it is but for the last of its sloshing
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=2e-3, duration=0.1)
+    assert np.abs(run.q[-1] - run.q[0]).max() < 0.01
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
