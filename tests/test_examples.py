@@ -62,20 +62,20 @@ def test_in_a_right_corner_what_starts_near_stays_near():
     assert example.fly_into_corner(130.0, 0.0).diagnosis().horizon == pytest.approx(0.5, abs=2e-4)
 
 
-def shown_in_readme(number):
-    """The code of a block of Python in the README, and what is said to be its output."""
-    text = (EXAMPLES.parent / "README.md").read_text()
+def shown(page, number):
+    """The code of a block of Python in a page, and what is said to be its output."""
+    text = (EXAMPLES.parent / page).read_text()
     blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
     printed = [part.split("```")[0] for part in text.split("prints\n\n```\n")[1:]]
     return [block for block in blocks if "print(" in block][number], printed[number]
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_the_readme_prints_what_it_shows(number, tmp_path, monkeypatch, capsys):
-    code, shown = shown_in_readme(number)
+@pytest.mark.parametrize(("page", "number"), [("README.md", 0), ("README.md", 1), ("docs/granular.md", 0)])
+def test_a_page_prints_what_it_shows(page, number, tmp_path, monkeypatch, capsys):
+    code, output = shown(page, number)
     (tmp_path / "robots").symlink_to(EXAMPLES.parent / "robots")
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {"mbvi": mbvi})
-    assert capsys.readouterr().out == shown
-    if number == 0:
+    exec(compile(code, page, "exec"), {"mbvi": mbvi})
+    assert capsys.readouterr().out == output
+    if (page, number) == ("README.md", 0):
         assert (tmp_path / "hopper.html").stat().st_size > 500_000

@@ -149,7 +149,8 @@ def test_a_ball_rests_on_a_table_that_accelerates_gently(name):
     table = np.array([motion.pose(t)[1][2] for t in run.t])
     # largest acceleration 3.2 m/s^2
     assert np.abs(run.q[:, 2] - 0.1 - table).max() < 2e-3
-    assert run.penetration().max() < 2e-3
+    # the scheme for piles keeps gaps to second order
+    assert run.penetration().max() < (1e-6 if name == "Stewart-Trinkle" else 2e-3)
 
 
 def test_a_turning_wall_gives_only_its_normal_motion():

@@ -44,7 +44,7 @@ class StewartTrinkle:
         free, metric = push.free, push.metric
         reach = _reach(problem, q, h * free)
         for _ in range(_MOST):
-            rows = problem.constraints.near(end, q, reach)
+            rows = problem.constraints.near(t + 0.5 * h, q, reach)
             if not rows.gap.size:
                 step = Step(end, system.integrate(q, h * free), free, rows, _NONE, 0.0)
             else:
@@ -73,8 +73,8 @@ def _stepped(
             f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
             "Centered, or set the restitution to 0"
         )
-    # gaps of walls that move were asked where these will be
-    gap = rows.gap if rows.rate is None else rows.gap - h * rows.rate
+    # walls that move were asked where they are half-way
+    gap = rows.gap if rows.rate is None else rows.gap - 0.5 * h * rows.rate
     lower = -np.maximum(gap, 0.0) / h
     if rows.rate is not None:
         lower -= rows.rate
