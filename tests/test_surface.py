@@ -140,6 +140,19 @@ def test_a_ball_larger_than_the_neck_plugs_the_funnel_at_the_exact_height():
     np.testing.assert_allclose(run.q[-1], [0, 0, exact], atol=1e-6)
 
 
+def test_error_control_goes_on_by_steps_where_a_mesh_is_struck_and_says_so():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_surface(*surfaces.funnel(0.5, 0.1, 0.4, segments=24), name="funnel")
+    scene.add_sphere(0.25, position=(0.1, 0.02, 0.5))
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.25)
+    fine = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=0.25)
+    assert len(run.notes) == 1 and "steps of 1e-4 s" in run.notes[0]
+    assert run.impacts[0].constraints == ("sphere | funnel",)
+    assert run.impacts[0].time == pytest.approx(fine.impacts[0].time, abs=1e-3)
+    assert np.abs(run.q[-1] - fine.q[-1]).max() < 0.02
+
+
 def test_a_small_ball_falls_through():
     scene = mbvi.Scene(restitution=0.3)
     scene.add_surface(*surfaces.funnel(0.5, 0.1, 0.4, pipe=0.2), name="funnel")

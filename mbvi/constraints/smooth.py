@@ -12,6 +12,7 @@ from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .pairs import Pairs
 from .signed_distance import SignedDistances
+from .sphere_surface import SphereSurface
 from .spheres import SphereContacts
 
 
@@ -111,6 +112,10 @@ def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[A
     if isinstance(constraint, SignedDistances):
         pair = np.arange(len(constraint.names))
         return pair, constraint.restitution, constraint.round, constraint.reach
+    if isinstance(constraint, SphereSurface):
+        # which feature is nearest changes
+        number = np.arange(constraint.size)
+        return number, constraint.restitution, np.zeros(len(number), bool), np.full((len(number), nv), np.inf)
     size = len(np.atleast_1d(constraint.gap(t, q)))
     own = np.broadcast_to(np.asarray(getattr(constraint, "restitution", e), dtype=float), (size,))
     known = isinstance(constraint, JointLimits)
