@@ -23,7 +23,7 @@ def main(page: str | None = None) -> float:
     top = -3.0 * along
     positions = top + heap.positions @ np.array([along, [0, 1, 0], up])
     scene.add_spheres(positions, heap.radii, density=2500.0, name="grains")
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=DURATION, every=10)
+    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=DURATION, every=10)
     mass = heap.radii**3
     centre = mass @ (run.q.reshape(len(run.t), -1, 3) @ along).T / mass.sum()
     front = (run.q[-1].reshape(-1, 3) @ along).max() - (run.q[0].reshape(-1, 3) @ along).max()

@@ -17,7 +17,7 @@ def main(page: str | None = None) -> float:
     scene.add_surface(*surfaces.hourglass(radius=0.2, neck=0.03, height=0.34, segments=32), name="glass")
     sand = packing.layers((-0.07, -0.07, 0.15), (0.07, 0.07), packing.uniform(0.008, 0.011), count=120, seed=2)
     scene.add_spheres(*sand, density=2500.0, name="sand")
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=1.6, every=5)
+    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=1.0, every=5)
     heights = run.q.reshape(len(run.t), -1, 3)[:, :, 2]
     below = (heights < 0.0).sum(axis=1)
     half = run.t[np.argmax(below >= 60)]

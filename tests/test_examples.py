@@ -15,7 +15,7 @@ THIRD_BOUNCE = np.sqrt(2 / G) * (1 + 2 * 0.8 + 2 * 0.64)
 NUMBERS = {
     # the limit of finer steps
     "arm_joint_limit": (9.7355, 2.5e-2),
-    # g sin(angle) T^2 / 2, which Paoli's scheme meets to h T g sin(angle) / 2
+    # g sin(angle) T^2 / 2, which the scheme meets to h T g sin(angle) / 2
     "avalanche": (0.5 * G * np.sin(np.radians(25)) * 0.8**2, 2e-3),
     # the ball against the box that it hits square: (1 + e) 6 / (1 / 1 + 1 / 2)
     "boxes_hit_by_ball": (4.8, 1e-2),

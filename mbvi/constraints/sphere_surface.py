@@ -14,8 +14,8 @@ from .active import Array, Rows
 from .pairs import Contacts
 from .shapes import PlacedShape
 
-# room for tolerances that grow, in largest radii
-_MARGIN = 0.1
+# cells are made for tolerances of so many largest radii at least, and of so many times what was asked
+_MARGIN, _ROOM = 0.1, 1.5
 _ROUNDING = 1e-12
 
 
@@ -140,7 +140,8 @@ class SphereSurface:
         # all that have a feature see its nearest point at one distance but for rounding
         tolerance += _ROUNDING * (self._largest + self._surface.bound)
         if self._cells is None or tolerance > self._reach:
-            self._reach = max(tolerance, _MARGIN * self._largest)
+            # with room, for reach grows with speeds
+            self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
             self._cells = triangles.sorted_into_cells(self._corners, self._largest + self._reach)
         centres = plain_array(centres)
         while True:
