@@ -1,5 +1,8 @@
 """Many bodies under one name, and containers around them."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -73,6 +76,21 @@ def test_a_thousand_boxes_are_added_by_one_call_with_one_name():
         scene.add_spheres(pack.positions, 0.1, mass=1.0, name="boxes")
     with pytest.raises(mbvi.InputError, match="unknown name 'boxes\\[1000\\]'"):
         scene.set_restitution("boxes[1000]", "floor", 0.5)
+
+
+def test_ten_thousand_spheres_are_built_without_a_list_of_their_pairs():
+    """In a process of its own, where no kernel is loaded before."""
+    code = """
+import resource, mbvi
+scene = mbvi.Scene()
+scene.add_container((0, 0, 0), (1, 1))
+scene.add_spheres(*mbvi.packing.layers((0, 0, 0), (1, 1), 0.01, count=10_000), density=1000.0)
+scene.build()
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True).stdout
+    # [kB]; three numbers for each pair would be 1.2 GB
+    assert int(told) < 600_000
 
 
 def test_a_container_is_a_floor_and_four_walls():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ..compiled import load
 from ..constraints import (
     Constraint,
     Crowd,
@@ -295,6 +296,9 @@ def assemble(items: SceneItems) -> Problem:
     builder.add_spheres(items.spheres)
     if not builder.systems:
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
+    if len(builder.spheres) > _FEW_SPHERES:
+        # the plain forms of their kernels take all pairs at once
+        load()
     system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
     constraints = list(builder.constraints(system))
     sizes = [s.shape.bound for s in builder.shapes if s.body]
