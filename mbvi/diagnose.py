@@ -12,6 +12,7 @@ from .diagnosis import Array, Diagnosis, Instant
 from .errors import InputError
 from .projection import Projector, against_condition_12, cosines_between, follow, independent, unit_gradients
 from .schemes import EventDriven
+from .system.sparse_rows import dense
 
 if TYPE_CHECKING:
     from .constraints import Rows
@@ -26,6 +27,8 @@ _MOST_IMPACTS = 2_000
 _DEPENDENT = 1e-6
 # times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
 _INSTANT, _ROUNDING = 1e-6, 1e-10
+# numbers of all gradients and angles at one time
+_MOST_ENTRIES = 30_000_000
 # gradients shorter than this are none
 _VANISHING = 1e-12
 
@@ -60,7 +63,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         metric = system.metric(q)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
-            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), step.active
+            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
         else:
             # the same by the balance of percussions: the work of the forces within the step is no impact's doing
             gained = 0.5 * float((v - before) @ metric.apply(v + before))
@@ -69,7 +72,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
             elif h > 0.0:
                 # located impacts are jumps, and between them there are none
                 gained = 0.0
-            active = problem.constraints.active(t, q, problem.tolerance)
+            active = _dense(problem.constraints.active(t, q, problem.tolerance))
             if active.rate is not None:
                 pushed = metric.apply(v - before) - h * system.force(t, q, before)
                 gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
@@ -97,6 +100,14 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         tuple(vanishing),
         unseen,
     )
+
+
+def _dense(active: Rows) -> Rows:
+    """Return rows with full gradients."""
+    rows, columns = active.jacobian.shape
+    if rows * (rows + columns) > _MOST_ENTRIES:
+        raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
+    return active._replace(jacobian=dense(active.jacobian))
 
 
 def _can_step(run: Trajectory) -> bool:

@@ -54,7 +54,16 @@ def test_a_gripper_presses_on_a_row_of_spheres_with_its_force_at_every_contact(s
     np.testing.assert_allclose(step.v, 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.StewartTrinkle()], ids=["Paoli", "StewartTrinkle"])
+SCHEMES = {
+    "Paoli": mbvi.Paoli(),
+    "Paoli lifted": mbvi.Paoli(project_positions=True),
+    "Centered lifted": mbvi.Centered(project_positions=True),
+    "SchatzmanPaoli": mbvi.SchatzmanPaoli(),
+    "StewartTrinkle": mbvi.StewartTrinkle(),
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
 def test_spheres_far_away_change_nothing_for_a_hopper_in_gravel(scheme):
     """Beyond 33 spheres rows are sparse and the projection another one: the same motion, to what it was asked for."""
 
@@ -72,6 +81,9 @@ def test_spheres_far_away_change_nothing_for_a_hopper_in_gravel(scheme):
     count = near.q.shape[1]
     assert any("hopper" in name and "gravel" in name for i in near.impacts for name in i.constraints)
     np.testing.assert_allclose(both.q[:, :count], near.q, atol=1e-6)
+    if isinstance(scheme, mbvi.Paoli):
+        one, other = near.diagnosis(), both.diagnosis()
+        assert one.horizon == other.horizon and other.energy_excess == pytest.approx(one.energy_excess, abs=1e-9)
 
 
 def test_a_robot_on_a_lift_at_constant_speed_is_one_on_the_ground():

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from ..constraints import Rows
 from ..constraints.active import chosen, owners, stacked
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Metric, Projector
 from ..system.system import Array
 from .step import Step, carried, law
 
@@ -141,11 +142,24 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         # to lift one side of what still bounces at another would set it rocking
         metric, J = problem.system.metric(applied.q), rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (rows.gap < -problem.tolerance))
-        lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
-        cosines = np.abs(J[closed] @ metric.solve_rows(J[bounces]).T)
-        seen = cosines > _UNRELATED * lengths[closed][:, None] * lengths[bounces]
-        closed[closed] = ~seen.any(axis=1)
+        closed[closed] = ~_seen(metric, J, closed, bounces)
     return closed
+
+
+def _seen(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
+    """Return which of some rows see any of the others in the kinetic metric, shape (k,)."""
+    if isinstance(J, np.ndarray):
+        lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
+        cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
+        return np.asarray((cosines > _UNRELATED * lengths[some][:, None] * lengths[others]).any(axis=1))
+    U = metric.whiten_rows(J)
+    lengths = np.sqrt((U * U).sum(axis=1))
+    unit = diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ U
+    # as many numbers as there are rows that touch the same bodies
+    cosines = abs(unit[some] @ unit[others].T).tocoo()
+    found = np.zeros(int(some.sum()), bool)
+    found[cosines.coords[0][cosines.data > _UNRELATED]] = True
+    return found
 
 
 def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Lifted | None:
