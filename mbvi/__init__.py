@@ -1,6 +1,6 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
-from . import reference
+from . import motion, packing, reference, surfaces
 from .constraints import GapFunction
 from .diagnosis import Diagnosis
 from .errors import (
@@ -17,7 +17,7 @@ from .errors import (
 from .problem import Problem
 from .projection import Forks, Projection, forks, impact, project
 from .scene import Scene
-from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
+from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from .simulate import simulate, steps
 from .system import LagrangianSystem
 from .trajectory import Impact, Trajectory
@@ -46,14 +46,18 @@ __all__ = [
     "ProjectionError",
     "Scene",
     "SchatzmanPaoli",
+    "StewartTrinkle",
     "Trajectory",
     "TrajectoryFileError",
     "UrdfError",
     "forks",
     "impact",
     "load",
+    "motion",
+    "packing",
     "project",
     "reference",
     "simulate",
     "steps",
+    "surfaces",
 ]

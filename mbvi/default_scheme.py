@@ -70,6 +70,8 @@ def _against_error_control(problem: Problem) -> str | None:
         if isinstance(constraint, SignedDistances) and not constraint.round.all():
             jumping = constraint.names[int(np.flatnonzero(~constraint.round)[0])]
             return f"the gradient of {jumping} jumps"
+    if problem.constraints.moving:
+        return "walls move on their own"
     count = _count(problem)
     if count > _FEW:
         return f"{count} constraints are many"

@@ -12,6 +12,7 @@ from .diagnosis import Array, Diagnosis, Instant
 from .errors import InputError
 from .projection import Projector, against_condition_12, cosines_between, follow, independent, unit_gradients
 from .schemes import EventDriven
+from .system.sparse_rows import dense
 
 if TYPE_CHECKING:
     from .constraints import Rows
@@ -26,6 +27,8 @@ _MOST_IMPACTS = 2_000
 _DEPENDENT = 1e-6
 # times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
 _INSTANT, _ROUNDING = 1e-6, 1e-10
+# numbers of all gradients and angles at one time
+_MOST_ENTRIES = 30_000_000
 # gradients shorter than this are none
 _VANISHING = 1e-12
 
@@ -60,7 +63,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         metric = system.metric(q)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
-            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), step.active
+            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
         else:
             # the same by the balance of percussions: the work of the forces within the step is no impact's doing
             gained = 0.5 * float((v - before) @ metric.apply(v + before))
@@ -69,7 +72,10 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
             elif h > 0.0:
                 # located impacts are jumps, and between them there are none
                 gained = 0.0
-            active = problem.constraints.active(t, q, problem.tolerance)
+            active = _dense(problem.constraints.active(t, q, problem.tolerance))
+            if active.rate is not None:
+                pushed = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
         if run._missing:
             gained = np.nan
         energy += gained
@@ -96,6 +102,14 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
     )
 
 
+def _dense(active: Rows) -> Rows:
+    """Return rows with full gradients."""
+    rows, columns = active.jacobian.shape
+    if rows * (rows + columns) > _MOST_ENTRIES:
+        raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
+    return active._replace(jacobian=dense(active.jacobian))
+
+
 def _can_step(run: Trajectory) -> bool:
     return run.step > 0.0 and run._scheme is not None and not run._missing
 
@@ -109,7 +123,9 @@ def _states(run: Trajectory) -> Iterator[_State]:
     assert run.problem is not None
     problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
     scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
-    again = steps and scheme is not None and (jump < 1.0 or getattr(scheme, "project_positions", False))
+    # the work of walls that move is no impact's doing: only the step tells it apart
+    apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
+    again = steps and scheme is not None and (jump < 1.0 or apart)
     if hasattr(problem.system, "start"):
         problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
@@ -149,7 +165,11 @@ class _Instants:
         worst = float(against_condition_12(cosines, e, self._tolerance).max())
         found = None
         if impact and worst and not np.isfinite(self.horizon):
-            found = follow(metric, active.jacobian, state.before, e, _MOST_IMPACTS)
+            before = state.before
+            if active.rate is not None:
+                # as seen from the walls; where they move apart there is no such velocity, but nearly
+                before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
+            found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
             jump = state.v - state.before
             moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
             # rounding is no fork

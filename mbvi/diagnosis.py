@@ -78,9 +78,9 @@ class Diagnosis:
     largest_percussion : float
         Largest percussion of an impact (Lemma 3.3) [N s, N m s].
     energy_excess : float
-        Largest excess of the kinetic energy over its value at the start, the work of the forces and the part of a
-        changing M: at most rounding where the energy estimate holds (before Proposition 3.1) [J]; nan where a file
-        lacks the control that did work.
+        Largest excess of the kinetic energy over its value at the start, the work of the forces and of walls that move
+        on their own, and the part of a changing M: at most rounding where the energy estimate holds (before
+        Proposition 3.1) [J]; nan where a file lacks the control that did work.
     vanishing : tuple of str
         Constraints whose gradient vanished while they were active, against assumption (H3): nothing holds those.
     unseen : bool

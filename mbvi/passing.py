@@ -50,6 +50,10 @@ class Guard:
         # how far each velocity takes any two bodies in a step, in units of the thinnest
         self._share = np.zeros(problem.system.nv)
         for constraint in self._watched:
+            if not hasattr(constraint, "envelope"):
+                # of many bodies each is looked at
+                self._share = np.full(problem.system.nv, np.inf)
+                break
             np.maximum(self._share, h * constraint.envelope / constraint.thickness.min(), out=self._share)
         reach = float(self._share.dot(self._share))
         if reach > 0.0:
@@ -60,8 +64,9 @@ class Guard:
         rest = h
         for _ in range(_MOST_CUTS):
             self._check(new, h)
-            if self._share.dot(np.maximum(np.abs(state.v), np.abs(new.v))) < 1.0:
-                break
+            with np.errstate(invalid="ignore"):
+                if self._share.dot(np.maximum(np.abs(state.v), np.abs(new.v))) < 1.0:
+                    break
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _REST * h:
                 break

@@ -16,8 +16,6 @@ from .trajectory import Array, Impact, Trajectory
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
 _SAME_POINT = 0.1
-# pairs of rows up to which all are compared
-_MANY = 100_000
 # the rows before the first step: numbers, points, rates
 _NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
 # a run may repeat itself at every step
@@ -69,7 +67,7 @@ def _struck_plain(
     number, point, rates, e
         Constraints, contact points, rates and restitution of a step's rows.
     last_number, last_point, last_rates
-        Those of the step before.
+        Those of the step before, numbers ascending.
     far : float
         Points of one constraint farther apart than this are not the same [m].
     chosen : ndarray of bool, shape (k,)
@@ -113,8 +111,10 @@ def _struck(
         energy += 0.5 * percussion * (before + after + (free - before) * (1.0 - e[a]) / (1.0 + e[a]))
         pressed = 0.0
         if percussion > 0.0:
-            for b in range(len(last_number)):
-                if last_number[b] == number[a] and last_rates[0, b] > 0.0:
+            for b in range(np.searchsorted(last_number, number[a]), len(last_number)):
+                if last_number[b] != number[a]:
+                    break
+                if last_rates[0, b] > 0.0:
                     apart = 0.0
                     for c in range(3):
                         apart += (last_point[b, c] - point[a, c]) ** 2
@@ -200,10 +200,11 @@ class Recorder:
         number, point, e = active.constraint, active.point, active.restitution
         chosen = np.empty(len(number), bool)
         before, places, pressed = _NOTHING if last is None else (last.active.constraint, last.active.point, last.rates)
-        # every row is compared with every one before: for many, by sorting them
-        struck = _struck if len(number) * len(before) < _MANY else _struck_plain
+        if (before[1:] < before[:-1]).any():
+            order = np.argsort(before, kind="stable")
+            before, places, pressed = before[order], places[order], np.ascontiguousarray(pressed[:, order])
         far = _SAME_POINT * self.problem.length
-        count, energy = struck(number, point, rates, e, before, places, pressed, far, chosen)
+        count, energy = _struck(number, point, rates, e, before, places, pressed, far, chosen)
         if not count:
             return
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))

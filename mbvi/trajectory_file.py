@@ -16,7 +16,7 @@ import numpy as np
 
 from .errors import MbviError, TrajectoryFileError
 from .scene.description import describe, lost, restore
-from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, Scheme
+from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, Scheme, StewartTrinkle
 from .trajectory import Impact, Trajectory, energies
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _FORMAT = "mbvi trajectory 1"
 _INTERVAL = 0.5
 _CHUNK = 256
 _SCHEMES: dict[str, type] = {
-    scheme.__name__: scheme for scheme in (Paoli, MoreauJean, Centered, SchatzmanPaoli, EventDriven)
+    scheme.__name__: scheme for scheme in (Paoli, MoreauJean, Centered, SchatzmanPaoli, StewartTrinkle, EventDriven)
 }
 _STATES = {
     "t": ("s", "time"),

@@ -15,8 +15,8 @@ from meshcat.geometry import pack_numpy_array
 from scipy.spatial.transform import Rotation
 
 from .errors import InputError, TrajectoryFileError
-from .view_meshes import arrow_mesh, plate_mesh, shape_mesh
-from .view_motion import Array, Motion, arrows, bounds, motion, scene_of
+from .view_meshes import arrow_mesh, plate_mesh, shape_mesh, sheet_mesh
+from .view_motion import Array, Motion, arrows, bounds, carried, motion, scene_of
 from .view_page import Page
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # seconds an arrow takes to vanish, of which it stays whole at first
 _FADE, _WHOLE = 0.3, 0.08
+# length of a whole arrow in lengths of the scene, at most
+_LONGEST = 10.0
 # what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
 _SLACK = 1e-3
 # where the camera stands as seen from the middle, how much it sees, and the least width of a window [heights]
@@ -110,43 +112,71 @@ def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Anima
     lower, upper = bounds(scene, moves)
     radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
     _light(vis, 0.5 * (lower + upper), radius, upper - lower)
+    animation = Animation(default_framerate=1)
+    frames = _frames(vis, scene, moves, radius, animation)
     for k, (name, wall) in enumerate(scene.walls.items()):
-        node = vis["walls"][_label(k, name)]
-        others = [w for w in scene.walls.values() if w is not wall]
+        node = frames[id(wall.motion)]["walls"][_label(k, name)]
+        others = [w for w in scene.walls.values() if w is not wall and w.motion is wall.motion]
         node.set_object(plate_mesh(wall, others, lower, upper))
         # it is drawn from its free side only, and must not take the light from behind either
         _cast_shadow(node["<object>"], False)
-    animation = Animation(default_framerate=1)
-    _draw_shapes(vis, scene, moves, radius, animation)
-    _draw_arrows(vis, run, radius, speed, float(moves.times[-1]), animation)
+    for k, item in enumerate(scene.surfaces):
+        node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
+        node.set_object(sheet_mesh(item.placed()))
+        _cast_shadow(node["<object>"], False)
+    _draw_shapes(vis, scene, moves, frames, radius, animation)
+    # among many small bodies long arrows would hide them
+    length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
+    _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
     return animation
 
 
-def _draw_shapes(
+def _frames(
     vis: meshcat.Visualizer, scene: SceneModel, moves: Motion, radius: float, animation: Animation
+) -> dict[int, meshcat.Visualizer]:
+    """Return the node of what stands still, by the id of None, and one for each motion of what moves on its own."""
+    frames = {id(None): vis}
+    for k, drive in enumerate(scene.motions):
+        node = frames[id(drive)] = vis["driven"][str(k)]
+        _animate(node, moves, *carried(drive, moves.instants), radius, animation)
+    return frames
+
+
+def _animate(
+    node: meshcat.Visualizer, moves: Motion, position: Array, quaternion: Array, radius: float, animation: Animation
 ) -> None:
-    parts = {0: vis["fixed"]}
+    """Place a node and let it move."""
+    node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
+    tracks = {
+        "position": _track("position", "vector3", moves, position, _SLACK * radius),
+        "quaternion": _track("quaternion", "quaternion", moves, quaternion, _SLACK),
+    }
+    moving = {name: track for name, track in tracks.items() if track is not None}
+    if moving:
+        animation.clips[node.path] = AnimationClip(moving, fps=1)
+
+
+def _draw_shapes(
+    vis: meshcat.Visualizer,
+    scene: SceneModel,
+    moves: Motion,
+    frames: dict[int, meshcat.Visualizer],
+    radius: float,
+    animation: Animation,
+) -> None:
+    parts, names = {}, {s.body: s.name for s in reversed(scene.shapes)}
     for b, body in enumerate(moves.bodies):
-        name = next(s.name for s in scene.shapes if s.body == body)
-        node = parts[body] = vis["bodies"][_label(body, name)]
-        position, quaternion = moves.position[:, b], moves.quaternion[:, b]
-        node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
-        tracks = {
-            "position": _track("position", "vector3", moves, position, _SLACK * radius),
-            "quaternion": _track("quaternion", "quaternion", moves, quaternion, _SLACK),
-        }
-        moving = {name: track for name, track in tracks.items() if track is not None}
-        if moving:
-            animation.clips[node.path] = AnimationClip(moving, fps=1)
+        node = parts[body] = vis["bodies"][_label(body, names[body])]
+        _animate(node, moves, moves.position[:, b], moves.quaternion[:, b], radius, animation)
     for k, placed in enumerate(scene.shapes):
         mesh, turn = shape_mesh(placed)
-        node = parts[placed.body][_label(k, placed.name)]
+        node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[_label(k, placed.name)]
         node.set_object(mesh)
         node.set_transform(_pose(placed.rotation @ turn, placed.position))
 
 
 def _draw_arrows(
-    vis: meshcat.Visualizer, run: Trajectory, radius: float, speed: float, end: float, animation: Animation
+    vis: meshcat.Visualizer, run: Trajectory, length: float, speed: float, end: float, animation: Animation
 ) -> None:
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]
@@ -159,7 +189,7 @@ def _draw_arrows(
         fade = [shown, shown + _WHOLE, shown + _FADE]
         keys = np.unique(np.minimum(fade, end))
         thick = np.interp(keys, fade, [1.0, 1.0, 0.0])
-        size = arrow.length * radius * np.stack([thick, thick, np.ones_like(keys)], axis=1)
+        size = arrow.length * length * np.stack([thick, thick, np.ones_like(keys)], axis=1)
         # every clip ends with the run: one that ended before would not start again when played from earlier
         seen = {0.0: False, shown: True, min(fade[2], end): False, end: fade[2] > end}
         tracks = {

@@ -8,6 +8,7 @@ from typing import Any
 import meshcat.geometry as g
 import numpy as np
 
+from .constraints import Surface
 from .constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 
 Array = np.ndarray
@@ -18,7 +19,8 @@ _CHECKER = np.array([[0.80, 0.83, 0.85], [0.70, 0.74, 0.77]])
 # cells along the longer side of the motion, and how far a wall reaches beyond it, in longer sides
 _CELLS, _BEYOND = 12, 0.4
 # three.js numbers the sides that are drawn
-_FRONT = 0
+_FRONT, _BOTH = 0, 2
+_SHEET_COLOR = 0x5A7D9A
 # three.js cylinders lie along y
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
@@ -104,6 +106,14 @@ def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper
         np.reshape(points, (-1, 3)), np.reshape(triangles, (-1, 3)), np.reshape(colors, (-1, 3))
     )
     return g.Mesh(geometry, g.MeshLambertMaterial(side=_FRONT, vertexColors=True))
+
+
+def sheet_mesh(surface: Surface) -> g.Mesh:
+    """Return a mesh as it is, seen from both sides and through."""
+    material = g.MeshPhongMaterial(
+        color=_SHEET_COLOR, opacity=0.3, transparent=True, side=_BOTH, depthWrite=False, flatShading=True
+    )
+    return g.Mesh(g.TriangularMeshGeometry(surface.vertices, surface.triangles), material)
 
 
 def _cut(polygon: Array, wall: HalfSpace) -> Array:

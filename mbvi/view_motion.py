@@ -12,6 +12,7 @@ from .constraints.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Spher
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from .motion import Motion as Drive
     from .scene.model import SceneModel
     from .trajectory import Trajectory
 
@@ -20,6 +21,7 @@ Array = np.ndarray
 _FRAMES = 60.0
 _MOST_INSTANTS = 2000
 _MOST_ARROWS = 300
+_MOST_POSES = 60
 
 
 def scene_of(run: Trajectory) -> SceneModel:
@@ -52,6 +54,8 @@ class Motion:
         The bodies.
     times : ndarray, shape (n,)
         Key times since the start of the replay [s].
+    instants : ndarray, shape (n,)
+        The same in the run's own time [s].
     frame : ndarray of bool, shape (n,)
         Which of them are frames; the others are impacts.
     position, quaternion : ndarray, shape (n, bodies, 3) and (n, bodies, 4)
@@ -60,6 +64,7 @@ class Motion:
 
     bodies: list[int]
     times: Array
+    instants: Array
     frame: Array
     position: Array
     quaternion: Array
@@ -85,14 +90,24 @@ def motion(run: Trajectory, speed: float = 1.0) -> Motion:
     instants = np.round([(i.time - start) / speed for i in strongest], 6)
     times = np.unique(np.concatenate([frames, instants]))
     position, quaternion = np.empty((len(times), len(bodies), 3)), np.empty((len(times), len(bodies), 4))
-    for k, t in enumerate(np.clip(start + speed * times, start, end)):
+    at = np.clip(start + speed * times, start, end)
+    for k, t in enumerate(at):
         places = run.problem.system.placements(run.at(float(t))[0], np.array(bodies))
         position[k] = places[:, 3]
         quaternion[k] = Rotation.from_matrix(places[:, :3].transpose(0, 2, 1)).as_quat()
     # of the two quaternions of a rotation, the one nearer to the last
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
     quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
-    return Motion(bodies, times, np.isin(times, frames), position, quaternion)
+    return Motion(bodies, times, at, np.isin(times, frames), position, quaternion)
+
+
+def carried(drive: Drive, times: Array) -> tuple[Array, Array]:
+    """Return where a prescribed motion takes the origin, shape (n, 3) [m], and rotations (x, y, z, w), shape (n, 4)."""
+    poses = [drive.pose(float(t)) for t in times]
+    quaternion = Rotation.from_matrix(np.array([turn for turn, _ in poses])).as_quat()
+    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0.0
+    quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+    return np.array([place for _, place in poses]), quaternion
 
 
 @dataclass(frozen=True)
@@ -122,7 +137,7 @@ def arrows(run: Trajectory) -> list[Arrow]:
 
 
 def bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
-    """Return two corners, shape (3,) [m], of a box that holds all motion, and of fixed shapes what is near it."""
+    """Return two corners, shape (3,) [m], of a box that holds all motion, and of what is fixed what is near it."""
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
     turns = [Rotation.from_quat(moves.quaternion[:, b]) for b in range(len(moves.bodies))]
     for placed in scene.shapes:
@@ -138,10 +153,25 @@ def bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
     first, last = lower - near, upper + near
     for placed in scene.shapes:
         if not placed.body:
-            reach = _reach(placed.shape, placed.rotation)
-            lower = np.minimum(lower, np.maximum(placed.position - reach, first))
-            upper = np.maximum(upper, np.minimum(placed.position + reach, last))
+            for turn, place in _poses(placed.motion, moves.instants):
+                reach = _reach(placed.shape, turn @ placed.rotation)
+                centre = turn @ placed.position + place
+                lower = np.minimum(lower, np.maximum(centre - reach, first))
+                upper = np.maximum(upper, np.minimum(centre + reach, last))
+    for item in scene.surfaces:
+        vertices = item.placed().vertices
+        for turn, place in _poses(item.motion, moves.instants):
+            points = vertices @ turn.T + place
+            lower = np.minimum(lower, np.maximum(points.min(axis=0), first))
+            upper = np.maximum(upper, np.minimum(points.max(axis=0), last))
     return lower, upper
+
+
+def _poses(drive: Drive | None, times: Array) -> list[tuple[Array, Array]]:
+    """Return some poses of what moves on its own, the one of what does not."""
+    if drive is None:
+        return [(np.eye(3), np.zeros(3))]
+    return [drive.pose(float(t)) for t in times[:: max(1, len(times) // _MOST_POSES)]]
 
 
 def _reach(shape: Convex, rotation: Array) -> Array:

@@ -5,12 +5,15 @@ from functools import cache
 
 import numpy as np
 import pinocchio as pin
+from scipy.sparse import csr_array
 from test_same_as_before import is_free, path_of
 
-from mbvi.constraints import HalfSpaceContacts, half_space
+from mbvi.constraints import HalfSpaceContacts, half_space, sphere_walls, triangles
 from mbvi.constraints.balls import Balls
 from mbvi.constraints.separating_axis import SeparatingAxes
 from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.projection import gram
+from mbvi.projection import incomplete_cholesky as factor_of_rows
 from mbvi.system import ArticulatedSystem
 
 SEEDS = range(20)
@@ -393,14 +396,154 @@ def struck(rng):
     point, last_point = rng.normal(size=(m, 3)), rng.normal(size=(k, 3))
     # a limit has no point; every other contact stays near
     point[rng.random(m) < 0.2] = np.nan
-    numbers, last_numbers = rng.integers(0, 4, m), rng.integers(0, 4, k)
+    numbers, last_numbers = rng.integers(0, 4, m), np.sort(rng.integers(0, 4, k))
     for a in range(min(m, k)):
         if rng.random() < 0.5:
             last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
+    order = np.argsort(last_numbers, kind="stable")
+    last_numbers, last_point, last = last_numbers[order], last_point[order], np.ascontiguousarray(last[:, order])
     return numbers, point, rates, rng.random(m), last_numbers, last_point, last, 0.1, np.zeros(m, bool)
 
 
+def balls_in_a_heap(rng):
+    """Centres and radii over two powers of ten; now and then two coincide."""
+    n = int(rng.integers(2, 40))
+    centres, radii = rng.normal(size=(n, 3)), 0.3 * 10.0 ** rng.uniform(-2.0, 0.0, n)
+    if rng.random() < 0.2:
+        centres[1] = centres[0]
+    return centres, radii
+
+
+def near_balls(rng):
+    centres, radii = balls_in_a_heap(rng)
+    level = np.log2(radii / radii.min()).astype(np.int64)
+    largest = np.zeros(level.max() + 1)
+    np.maximum.at(largest, level, radii)
+    reach = 0.5 * rng.random()
+    return centres, radii, level, 2.0 * largest + reach, reach, np.full(len(radii) ** 2, -1)
+
+
+def room_for(k):
+    return np.full(k, -1), np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+
+
+def touching(rng):
+    centres, radii = balls_in_a_heap(rng)
+    i, j = np.triu_indices(len(radii), 1)
+    chosen = rng.random(len(i)) < 0.5
+    pairs = (i * len(radii) + j)[chosen]
+    return centres, radii, pairs, rng.choice([0.0, 0.5, np.inf]), *room_for(len(pairs))
+
+
+def wall_contacts(rng):
+    centres, radii = balls_in_a_heap(rng)
+    shapes = [
+        HalfSpace(tuple(unit(rng)), rng.normal()),
+        *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
+    ]
+    walls = np.array([sphere_walls._numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
+    kind = np.array([sphere_walls._kind(w) for w in shapes])
+    return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
+
+
+def unit_rows(rng):
+    """Sparse unit rows between bodies of three velocities each and one of two that is dense; some stand twice."""
+    n, m = int(rng.integers(2, 7)), int(rng.integers(1, 14))
+    rows = np.zeros((m, 3 * n + 2))
+    for row in rows:
+        for body in rng.choice(n, size=2, replace=False) if rng.random() < 0.8 else rng.choice(n, size=1):
+            row[3 * body : 3 * body + 3] = rng.normal(size=3)
+        if rng.random() < 0.2:
+            row[-2:] = rng.normal(size=2)
+    for a in range(1, m):
+        if rng.random() < 0.1:
+            rows[a] = rows[a - 1]
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    U = csr_array(rows)
+    return U, U.indices.astype(np.int32), U.indptr.astype(np.int32)
+
+
+def delassus_of(rng):
+    U, _, _ = unit_rows(rng)
+    G = csr_array(U @ U.T)
+    G.sort_indices()
+    return U, G, G.indptr.astype(np.int32), G.indices.astype(np.int32)
+
+
+def gram_of(rng):
+    U, columns, starts = unit_rows(rng)
+    room = int(rng.choice([0, 14 * 14]))
+    return (
+        U.data,
+        columns,
+        starts,
+        U.shape[1],
+        np.zeros(len(starts), np.int32),
+        np.zeros(room, np.int32),
+        np.zeros(room),
+    )
+
+
+def islands(rng):
+    U, columns, starts = unit_rows(rng)
+    kept = rng.random(U.shape[0]) < 0.8
+    kept[0] = True
+    return columns, starts, U.shape[1], kept, np.full(len(kept), -2)
+
+
+def missing_rates(rng, U):
+    """What some velocity can meet."""
+    return U @ rng.normal(size=U.shape[1]) - rng.random(U.shape[0])
+
+
+def incomplete_cholesky(rng):
+    _, G, starts, columns = delassus_of(rng)
+    room = 3 * len(columns) + 20
+    written = np.zeros(len(starts), np.int32), np.zeros(room, np.int32), np.zeros(room)
+    return starts, columns, G.data, rng.choice([1e-4, 0.1]), rng.choice([0.0, 0.1]), *written
+
+
+def solve_factor(rng):
+    starts, columns, data, _, drop, rows, places, L = incomplete_cholesky(rng)
+    factor_of_rows.incomplete_cholesky_plain(starts, columns, data, 0.1, drop, rows, places, L)
+    return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
+
+
+def relax(rng):
+    U, G, starts, columns = delassus_of(rng)
+    start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return starts, columns, G.data, missing_rates(rng, U), 1e-11, start
+
+
+def solve_islands(rng):
+    U, G, starts, columns = delassus_of(rng)
+    kept, label = rng.random(U.shape[0]) < 0.9, np.empty(U.shape[0], np.int64)
+    kept[0] = True
+    count = gram.islands_plain(U.indices.astype(np.int32), U.indptr.astype(np.int32), U.shape[1], kept, label)
+    start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
+
+
+def near_triangles(rng):
+    corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
+    centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
+    room, tolerance = rng.integers(1, 40), rng.uniform(0.0, 0.2)
+    cells = triangles.sorted_into_cells(corners, radii.max() + tolerance)
+    outs = [np.zeros(room, np.int64) for _ in range(3)]
+    return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
+
+
 ARGUMENTS = {
+    "_near_balls": near_balls,
+    "_touching": touching,
+    "_wall_contacts": wall_contacts,
+    "gram": gram_of,
+    "islands": islands,
+    "incomplete_cholesky": incomplete_cholesky,
+    "solve_factor": solve_factor,
+    "relax": relax,
+    "_solve_islands": solve_islands,
+    "near_triangles": near_triangles,
     "_struck": struck,
     "factor": factor,
     "_back": back,
@@ -469,6 +612,29 @@ def specified(name, result, arguments):
             G, d, chosen = arguments
             arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
+    if name == "_near_balls":
+        return [result, np.sort(arguments[-1][:result])]
+    if name in ("_touching", "_wall_contacts"):
+        # in their first places only
+        return [result, *(part[:result] for part in arguments[-4:])]
+    if name == "gram":
+        count = result[0] if isinstance(result, tuple) else result
+        return [
+            count,
+            *arguments[:4],
+            *([] if count > len(arguments[-1]) else [arguments[4], *(a[:count] for a in arguments[5:])]),
+        ]
+    if name == "incomplete_cholesky":
+        rows, places, L = arguments[-3:]
+        if not (result if isinstance(result, bool) else result[0]):
+            return [False]
+        return [True, rows, places[: rows[-1]], L[: rows[-1]]]
+    if name in ("relax", "_solve_islands"):
+        # percussions may be shared between rows that depend on each other: what they bring about is the same
+        starts, columns, G, d = arguments[:4]
+        full = csr_array((G, columns, starts), shape=(len(d), len(d)))
+        label = arguments[4] if name == "_solve_islands" else np.zeros(len(d), int)
+        return [bool(result <= 1e-11), np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name in ("_spend", "sift", "_clear"):
         # in its first places only
         count = result if name == "_clear" else result[0]

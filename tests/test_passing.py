@@ -77,3 +77,35 @@ def test_what_slides_fast_along_a_plate_is_not_cut():
     run = mbvi.simulate(scene.build(), mbvi.Centered(), step=1e-2, duration=1.0)
     assert run.notes == ()
     np.testing.assert_allclose(run.q[-1], (10, 0, 0.003), atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [2, 40], ids=["pairs", "bulk"])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: type(s).__name__)
+def test_spheres_pass_neither_each_other_nor_a_plate(scheme, count):
+    """In the first row one is shot at the next; all are shot at a plate, by far more than they are thick a step."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
+    scene.add_box((50.0, 2.0, 0.01), position=(0, 0, -1.0), fixed=True)
+    place = np.zeros((count, 3))
+    place[:, 0] = np.arange(count) - 0.5 * count
+    ids = [scene.add_sphere(0.01, position=p, velocity=(0, 0, -300.0)) for p in place[1:]]
+    scene.add_sphere(0.01, position=place[0] - (5.0, 0, 0), velocity=(900.0, 0, 0))
+    scene.add_sphere(0.01, position=place[0], velocity=(0, 0, 0))
+    assert ids
+    problem = scene.build()
+    run = mbvi.simulate(problem, scheme, step=1e-2, duration=0.02)
+    v = run.v[-1].reshape(-1, 3)
+    np.testing.assert_allclose(v[:-2], np.tile((0, 0, 300.0), (count - 1, 1)), rtol=1e-4)
+    assert run.q[-1].reshape(-1, 3)[:-2, 2].min() > -1.0
+    # `SchatzmanPaoli` tells velocities from positions, whose steps are not of one length
+    # the one that rested took all of the other's speed
+    np.testing.assert_allclose(v[-2:, 0].tolist(), (0.0, 900.0), rtol=1e-5, atol=1e-2)
+
+
+def test_many_boxes_pass_through_nothing():
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.0)
+    scene.add_box((50.0, 2.0, 0.01), position=(0, 0, -1.0), fixed=True)
+    for k in range(70):
+        scene.add_box((0.02, 0.02, 0.02), position=(0.5 * k - 17.0, 0, 0), velocity=(0, 0, -300.0 - k))
+    run = mbvi.simulate(scene.build(), mbvi.Centered(), step=1e-2, duration=0.02)
+    assert run.q[-1].reshape(-1, 7)[:, 2].min() > -1.0
+    np.testing.assert_allclose(run.v[-1].reshape(-1, 6)[:, 2], 0.0, atol=1e-6)

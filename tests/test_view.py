@@ -195,6 +195,42 @@ def test_walls_are_cut_where_others_begin():
             assert (points @ np.array(other.normal)).min() >= other.offset - 1e-6
 
 
+@pytest.fixture(scope="module")
+def driven():
+    """A crate, a mesh and a paddle that move on their own, and grains among them."""
+    scene = mbvi.Scene(restitution=0.3)
+    shaking = mbvi.motion.Oscillation((0, 0, 0.1), 1.0)
+    scene.add_container((-1, -1, 0), (1, 1), motion=shaking)
+    scene.add_box((0.8, 0.1, 0.2), position=(0, 0, 0.4), name="paddle", motion=mbvi.motion.Rotation((0, 0, 1), 4.0))
+    scene.add_surface(*mbvi.surfaces.funnel(0.5, 0.15, 0.3), position=(0, 0, 0.8), name="funnel")
+    scene.add_halfspace((0, 0, 1), offset=-0.5, name="ground")
+    scene.add_spheres(np.array([[0.3, 0, 1.2], [-0.3, 0.1, 1.3]]), 0.1, mass=1.0)
+    return mbvi.simulate(scene.build(), step=2e-3, duration=0.5)
+
+
+def test_what_moves_on_its_own_moves_in_the_replay(driven):
+    page = Page()
+    vis = meshcat.Visualizer(window=page)
+    vis.set_animation(stage(vis, driven))
+    animation = next(c for c in page.commands if c["type"] == "set_animation")
+    clips = {clip["path"]: clip["clip"] for clip in animation["animations"]}
+    tracks = {path: {t["name"]: t for t in clip["tracks"]} for path, clip in clips.items() if "driven" in path}
+    crate, paddle = (next(p for p in sorted(tracks) if p.endswith(end)) for end in ("driven/0", "driven/1"))
+    times, places = (numbers(tracks[crate][".position"][part]) for part in ("times", "values"))
+    np.testing.assert_allclose(places.reshape(-1, 3)[:, 2], 0.1 * np.sin(2 * np.pi * times), atol=2e-3)
+    times, turns = (numbers(tracks[paddle][".quaternion"][part]) for part in ("times", "values"))
+    np.testing.assert_allclose(turns.reshape(-1, 4)[:, 2], np.sin(2.0 * times), atol=2e-3)
+    drawn = {c["path"] for c in page.commands if c["type"] == "set_object"}
+    assert sum(path.startswith(f"{crate}/walls") for path in drawn) == 5
+    assert sum(path.startswith(f"{paddle}/fixed") for path in drawn) == 1
+    assert {"0 funnel", "5 ground"} <= {path.split("/")[-1] for path in drawn if "driven" not in path}
+
+
+def test_meshes_and_what_moves_are_inside_the_frame(driven):
+    lower, upper = bounds(driven.problem.scene, motion(driven))
+    assert upper[2] >= 1.3 and (lower[:2] <= -0.5).all() and (upper[:2] >= 0.5).all()
+
+
 def every_shape_scene(mesh):
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace((0, 0, 1), name="floor")

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
+
+from ..system.sparse_rows import stack_rows
 
 Array = np.ndarray
 
@@ -23,31 +26,63 @@ class Rows(NamedTuple):
         Which constraint each row belongs to; a flat face gives several rows of one.
     gap : ndarray, shape (k,)
         f, negative where penetrated [m or rad].
-    jacobian : ndarray, shape (k, nv)
-        grad f in the tangent space.
+    jacobian : ndarray or csr_array, shape (k, nv)
+        grad f in the tangent space; sparse where there are many bodies.
     restitution : ndarray, shape (k,)
         e of each row; NaN where the problem's own applies.
     point, normal : ndarray, shape (k, 3)
         Contact point and unit normal in the world, from the first body named to the second [m]; NaN where the
         constraint is no contact.
+    rate : ndarray, shape (k,), or None
+        df/dt at a fixed q, by which walls move on their own [m/s, rad/s]: a gap changes by J v + rate. None where no
+        constraint of the problem does.
     """
 
     constraint: Array
     gap: Array
-    jacobian: Array
+    jacobian: Array | csr_array
     restitution: Array
     point: Array
     normal: Array
+    rate: Array | None = None
+
+    def speeds(self, v: Array) -> Array:
+        """Return how fast the gaps change with a velocity, shape (k,) [m/s, rad/s]."""
+        speeds: Array = self.jacobian @ v
+        return speeds if self.rate is None else speeds + self.rate
 
 
 def chosen(rows: Rows, index: Array) -> Rows:
     """Return some of the rows, by a mask or by their places."""
-    return Rows(*(part[index] for part in rows))
+    number, gap, jacobian, e, point, normal, rate = rows
+    return Rows(
+        number[index],
+        gap[index],
+        jacobian[index],
+        e[index],
+        point[index],
+        normal[index],
+        None if rate is None else rate[index],
+    )
 
 
 def stacked(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
-    return parts[0] if len(parts) == 1 else Rows(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    if len(parts) == 1:
+        return parts[0]
+    number, gap, jacobian, restitution, point, normal, rate = zip(*parts, strict=True)
+    rates = None
+    if any(one is not None for one in rate):
+        rates = np.concatenate([np.zeros(len(part.gap)) if part.rate is None else part.rate for part in parts])
+    return Rows(
+        np.concatenate(number),
+        np.concatenate(gap),
+        stack_rows(list(jacobian)),
+        np.concatenate(restitution),
+        np.concatenate(point),
+        np.concatenate(normal),
+        rates,
+    )
 
 
 def owners(rows: Rows, others: Rows) -> Array:
@@ -74,7 +109,9 @@ def owners(rows: Rows, others: Rows) -> Array:
 
 
 class Constraint(Protocol):
-    """What a new constraint must give; `active`, `names` and `restitution` are optional beside it.
+    """What a new constraint must give; `active`, `names`, `restitution` and `rate` are optional beside it.
+
+    `rate(t, q)` is df/dt at a fixed q, shape (m,), of one that depends on time.
 
     One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself;
     `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast

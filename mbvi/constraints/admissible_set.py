@@ -12,7 +12,7 @@ import numpy as np
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..system import System
-from .active import NOWHERE, STILL, Array, Constraint, Rows
+from .active import NOWHERE, STILL, Array, Constraint, Rows, stacked
 
 # one bit each; more of them are asked at every step
 _MOST_REMEMBERING = 60
@@ -91,6 +91,7 @@ class AdmissibleSet:
         self._travels = list(self._travel)
         # of these, one bit for each that is asked at every step
         self._busy = self._epoch = 0
+        self._names: dict[int, str] = {}
         self._last: Array | None = None
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
@@ -101,12 +102,23 @@ class AdmissibleSet:
 
     def name(self, number: int) -> str:
         """Return the name of a constraint: "hopper/foot | floor", "hopper/knee lower limit", "f 0"."""
+        known = self._names.get(number)
+        if known is None:
+            known = self._names[number] = self._name(number)
+        return known
+
+    def _name(self, number: int) -> str:
         k = bisect_right(self._starts, number) - 1
         constraint, inner = self.constraints[k], number - self._starts[k]
         if hasattr(constraint, "name"):
             return str(constraint.name(inner))
         names: Any = getattr(constraint, "names", ())
         return str(names[inner]) if inner < len(names) else f"f {number}"
+
+    @property
+    def moving(self) -> bool:
+        """Whether some constraint changes with time at a fixed q."""
+        return any(hasattr(constraint, "rate") for constraint in self.constraints)
 
     def numbered(self) -> list[tuple[Constraint, int, float]]:
         """Return every constraint, the number of its first row, and e where it carries none of its own."""
@@ -150,9 +162,7 @@ class AdmissibleSet:
                 found.append(rows)
         if not found:
             return self.empty
-        if len(found) == 1:
-            return found[0]
-        return Rows(*(np.ascontiguousarray(np.concatenate(parts)) for parts in zip(*found, strict=True)))
+        return stacked(found)
 
     def near(self, t: float, q: Array, reach: float) -> Rows:
         """Return the rows with f_a(q) <= reach, which may be more than the tolerance asked with before.
@@ -219,6 +229,9 @@ class AdmissibleSet:
                 )
             if not np.isfinite(gradient).all():
                 raise InputError(f"{name}: the gradient at q0 is not finite")
+            rate = np.atleast_1d(constraint.rate(t, q)) if hasattr(constraint, "rate") else np.zeros_like(gap)
+            if rate.shape != gap.shape or not np.isfinite(rate).all():
+                raise InputError(f"{name}: df/dt has shape {rate.shape}; {gap.shape} finite numbers are asked for")
 
 
 def _size(constraint: Constraint) -> int:
@@ -231,12 +244,12 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     if rows is None:
         return None
     own = np.full(len(rows.gap), e) if np.isnan(rows.restitution[0]) else rows.restitution
-    number, gap, jacobian, _, point, normal = rows
+    number, gap, jacobian, _, point, normal, rate = rows
     # they may come from a user's code
     numbers = np.asarray(number, dtype=np.int64) + start
-    return Rows(
-        numbers, plain_array(gap), plain_array(jacobian), plain_array(own), plain_array(point), plain_array(normal)
-    )
+    gradients = plain_array(jacobian) if isinstance(jacobian, np.ndarray) else jacobian
+    moving = None if rate is None else plain_array(rate)
+    return Rows(numbers, plain_array(gap), gradients, plain_array(own), plain_array(point), plain_array(normal), moving)
 
 
 def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
@@ -247,4 +260,5 @@ def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel:
         return None
     rows = np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))[index]
     nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
-    return Rows(index, gap[index], rows, np.full(index.size, np.nan), nowhere, nowhere)
+    rate = np.atleast_1d(np.asarray(constraint.rate(t, q), dtype=float))[index] if hasattr(constraint, "rate") else None
+    return Rows(index, gap[index], rows, np.full(index.size, np.nan), nowhere, nowhere, rate)

@@ -163,6 +163,13 @@ class Pairs:
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
         self._pair: Array | None = None
+        self._budget = np.full(len(self.names), -np.inf)
+        self._reckon(first, second)
+        self.forget()
+
+    def _reckon(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
+        """Find out how fast each velocity can bring each pair nearer."""
+        system = self.system
         reaches: dict[str, Array] = {}
         rows, envelope = [], np.zeros(system.nv)
         dense = len(second) * system.nv <= _DENSE_REACH
@@ -177,11 +184,9 @@ class Pairs:
         self.thickness = np.array(
             [np.inf if a is None else a.shape.inner + b.shape.inner for a, b in zip(first, second, strict=True)]
         )
-        self._budget = np.full(len(self.names), -np.inf)
         # no pair nears faster than the envelope says: while that has not used up the least budget of the pairs that
         # are not due, the same pairs are asked again and no budget is looked at
         self.envelope = envelope
-        self.forget()
 
     def forget(self) -> None:
         """Ask every pair next time."""

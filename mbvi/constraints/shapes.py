@@ -13,6 +13,7 @@ import coal
 import numpy as np
 
 from ..errors import InputError
+from ..motion import Motion
 from .faces import FACING, leave
 
 Array = np.ndarray
@@ -181,6 +182,12 @@ class Hull(_Polyhedron):
         triangles.extend([coal.Triangle(*map(int, t)) for t in self.triangles])
         return coal.Convex(points, triangles)
 
+    @property
+    def volume(self) -> float:
+        """Volume [m^3]."""
+        corner = self.vertices[self.triangles]
+        return float(np.vecdot(corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
+
     def mass_properties(self, mass: float) -> tuple[Array, Array]:
         """Return centre of mass, shape (3,), and inertia about it, shape (3, 3), at constant density."""
         # tetrahedra from the origin, signed by the outward triangles
@@ -318,10 +325,11 @@ def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """What a wall or floor leaves free: normal . x >= offset in the world [m]."""
+    """What a wall or floor leaves free: normal . x >= offset in the world [m], displaced by its motion if any."""
 
     normal: tuple[float, float, float]
     offset: float
+    motion: Motion | None = None
 
 
 Convex = Sphere | Ellipsoid | Box | Hull | Capsule | Cylinder
@@ -344,6 +352,8 @@ class PlacedShape:
         Where the shape's frame stands in the body's [m].
     color : tuple of float
         Red, green, blue, opacity in [0, 1].
+    motion : Motion, optional
+        How a shape of the world moves, if it does.
     """
 
     name: str
@@ -352,3 +362,4 @@ class PlacedShape:
     rotation: Array
     position: Array
     color: tuple[float, float, float, float] = (0.6, 0.65, 0.72, 1.0)
+    motion: Motion | None = None

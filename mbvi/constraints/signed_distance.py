@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos
+from typing import Any
 
 import coal
 import numpy as np
@@ -55,7 +56,7 @@ class SignedDistances(Pairs):
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
         self._sides = [(number[a.name], number[b.name]) for a, b in zip(first, second, strict=True)]
-        self._geometry = [s.shape.coal() for s in self._placed]
+        self._geometry = [self._coal(s) for s in self._placed]
         self._distance = [coal.ComputeDistance(self._geometry[a], self._geometry[b]) for a, b in self._sides]
         self._bound = [min(a.shape.bound, b.shape.bound) for a, b in zip(first, second, strict=True)]
         self._requests, self._results = [], [coal.DistanceResult(), coal.DistanceResult()]
@@ -78,6 +79,9 @@ class SignedDistances(Pairs):
         for placed_shape, pose in zip(self._placed, self._pose, strict=True):
             if placed_shape.body == 0:
                 pose.setTransform(placed_shape.rotation, placed_shape.position)
+
+    def _coal(self, placed: PlacedShape) -> Any:
+        return placed.shape.coal()
 
     @property
     def round(self) -> Array:

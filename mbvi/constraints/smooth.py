@@ -12,6 +12,7 @@ from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .pairs import Contacts, Pairs
 from .signed_distance import SignedDistances
+from .sphere_surface import SphereSurface
 from .spheres import SphereContacts
 
 _MOST_SETS = 1000
@@ -160,6 +161,11 @@ def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[A
     if isinstance(constraint, SignedDistances):
         pair = np.arange(len(constraint.names))
         return pair, constraint.restitution, constraint.round, constraint.reach, constraint.thickness
+    if isinstance(constraint, SphereSurface):
+        # which feature is nearest changes
+        number = np.arange(constraint.size)
+        jumping, reach = np.zeros(len(number), bool), np.full((len(number), nv), np.inf)
+        return number, constraint.restitution, jumping, reach, np.full(len(number), np.inf)
     size = len(np.atleast_1d(constraint.gap(t, q)))
     own = np.broadcast_to(np.asarray(getattr(constraint, "restitution", e), dtype=float), (size,))
     known = isinstance(constraint, JointLimits)

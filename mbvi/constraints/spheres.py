@@ -4,12 +4,77 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..compiled import kernel, plain_array
 from ..system import System
+from ..system.sparse_rows import dense
 from .active import Array, Rows
+from .neighbours import Neighbours
+
+
+def _touching_plain(
+    centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
+) -> int:
+    """Write the pairs of spheres within the tolerance; return how many there are.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (n, 3)
+        Centres [m].
+    radii : ndarray, shape (n,)
+        Radii [m].
+    pairs : ndarray of int, shape (k,)
+        Pairs i n + j, i < j.
+    tolerance : float
+        Gap at and below which a pair is written [m].
+    number, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
+        Receive, in their first places, the pair, its signed distance, the point midway between the surfaces, and the
+        unit normal from i to j.
+    """
+    i, j = np.divmod(pairs, len(radii))
+    apart = centres[j] - centres[i]
+    length = np.sqrt(np.vecdot(apart, apart))
+    gaps = length - radii[i] - radii[j]
+    near = gaps <= tolerance
+    count, length, i = int(near.sum()), length[near, None], i[near]
+    number[:count], gap[:count] = pairs[near], gaps[near]
+    # coinciding centres have no direction; any will do to push them apart
+    normal[:count] = np.where(length > 0.0, apart[near] / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
+    point[:count] = centres[i] + (radii[i] + 0.5 * gap[:count])[:, None] * normal[:count]
+    return count
+
+
+@kernel(
+    "i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
+    plain=_touching_plain,
+)
+def _touching(
+    centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
+) -> int:
+    n, count = len(radii), 0
+    for k in range(len(pairs)):
+        i = pairs[k] // n
+        j = pairs[k] - i * n
+        x, y, z = centres[j, 0] - centres[i, 0], centres[j, 1] - centres[i, 1], centres[j, 2] - centres[i, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        g = length - radii[i] - radii[j]
+        if not g <= tolerance:
+            continue
+        if length > 0.0:
+            x, y, z = x / length, y / length, z / length
+        else:
+            x, y, z = 0.0, 0.0, 1.0
+        far = radii[i] + 0.5 * g
+        number[count], gap[count] = pairs[k], g
+        normal[count, 0], normal[count, 1], normal[count, 2] = x, y, z
+        point[count, 0] = centres[i, 0] + far * x
+        point[count, 1] = centres[i, 1] + far * y
+        point[count, 2] = centres[i, 2] + far * z
+        count += 1
+    return count
 
 
 class SphereContacts:
-    """Every pair of the free spheres; neighbours are found by a tree, so that no list of pairs is kept.
+    """Every pair of the free spheres; only neighbours are listed.
 
     Parameters
     ----------
@@ -44,9 +109,9 @@ class SphereContacts:
         group_restitution: Array,
     ) -> None:
         self.system, self._where, self._first_body = system, where, first_body
-        self._radii, self._sphere_names = radii, names
+        self._radii, self._sphere_names = plain_array(radii), names
         self._group, self._e = group, group_restitution
-        self._largest = 2.0 * float(radii.max())
+        self._neighbours = Neighbours(radii)
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
@@ -75,42 +140,71 @@ class SphereContacts:
             rows[here[(i == body) | (j == body)]] += reach
         return rows
 
+    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that come to touch on a way longer than both are thick, their ways, and how thick they are.
+
+        Parameters
+        ----------
+        q, way : ndarray, shapes (nq,) and (nv,)
+            Configuration, and the tangent vector that leads on from it.
+        """
+        centres, n = q[self._where].reshape(-1, 3), len(self._radii)
+        moved = self.system.integrate(q, way)[self._where].reshape(-1, 3) - centres
+        # of two of which none travels its own radius none passes the other
+        fast = np.flatnonzero(np.einsum("ij,ij->i", moved, moved) > self._radii**2)
+        found: list[tuple[Array, Array, Array]] = []
+        for i in fast.tolist():
+            apart, way_apart, thick = centres - centres[i], moved - moved[i], self._radii + self._radii[i]
+            square = np.einsum("ij,ij->i", way_apart, way_apart)
+            share = np.clip(-np.einsum("ij,ij->i", apart, way_apart) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+            least = apart + share[:, None] * way_apart
+            meets = (square > thick**2) & (np.einsum("ij,ij->i", least, least) < thick**2)
+            meets[i] = False
+            j = np.flatnonzero(meets)
+            found.append((np.minimum(i, j) * n + np.maximum(i, j), np.sqrt(square[j]), thick[j]))
+        if not found:
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        number, way_of, thickness = (np.concatenate(column) for column in zip(*found, strict=True))
+        number, first = np.unique(number, return_index=True)
+        return number, way_of[first], thickness[first]
+
+    def gaps(self, q: Array, pairs: Array) -> Array:
+        """Return the gaps of some pairs, shape (k,) [m]."""
+        return self._near(q, pairs, np.inf)[1]
+
     def thickness_of(self, i: Array, j: Array) -> Array:
         """Return what pairs of spheres travel at least in passing through each other [m]."""
         return np.asarray(self._radii[i] + self._radii[j])
 
-    def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        # imported here for its weight: only scenes of spheres need it
-        from scipy.spatial import cKDTree
-
-        centres = q[self._where].reshape(-1, 3)
-        pairs = cKDTree(centres).query_pairs(self._largest + max(tolerance, 0.0), output_type="ndarray")
-        i, j = pairs[:, 0], pairs[:, 1]
-        apart = centres[j] - centres[i]
-        length = np.sqrt(np.einsum("ij,ij->i", apart, apart))
-        near = np.flatnonzero(length - self._radii[i] - self._radii[j] <= tolerance)
-        near = near[np.lexsort((j[near], i[near]))]
-        i, j, length = i[near], j[near], length[near]
-        # coinciding centres have no direction; any will do to push them apart
-        normal = np.where(
-            length[:, None] > 0.0, apart[near] / np.where(length > 0.0, length, 1.0)[:, None], [0, 0, 1.0]
+    def _near(self, q: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
+        """Return numbers, gaps, points and normals of those pairs that are within the tolerance."""
+        k = len(pairs)
+        number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
+        count = _touching(
+            plain_array(q[self._where].reshape(-1, 3)), self._radii, pairs, tolerance, number, gap, point, normal
         )
-        return i, j, length - self._radii[i] - self._radii[j], normal
+        return number[:count], gap[:count], point[:count], normal[:count]
 
     def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        i, j, gap, normal = self._near(q, tolerance)
-        if not i.size:
+        centres = plain_array(q[self._where]).reshape(-1, 3)
+        number, gap, point, normal = self._near(q, self._neighbours.within(centres, max(tolerance, 0.0)), tolerance)
+        if not number.size:
             return None
-        point = q[self._where].reshape(-1, 3)[i] + (self._radii[i] + 0.5 * gap)[:, None] * normal
+        i, j = np.divmod(number, len(self._radii))
         rows = self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal)
-        return Rows(i * len(self._radii) + j, gap, rows, self._e[self._group[i], self._group[j]], point, normal)
+        return Rows(number, gap, rows, self._e[self._group[i], self._group[j]], point, normal)
+
+    def _all(self) -> Array:
+        i, j = np.triu_indices(len(self._radii), 1)
+        return i * len(self._radii) + j
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the gap of every pair i < j, shape (n (n - 1) / 2,) [m]."""
-        return self._near(q, np.inf)[2]
+        return self._near(q, self._all(), np.inf)[1]
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair i < j, shape (n (n - 1) / 2, nv)."""
-        rows = self.active(t, q, np.inf, None)
-        return np.zeros((0, self.system.nv)) if rows is None else rows.jacobian
+        number, _, point, normal = self._near(q, self._all(), np.inf)
+        i, j = np.divmod(number, len(self._radii))
+        return dense(self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal))

@@ -93,6 +93,33 @@ def _refined(G: Array, right: Array, base: Array) -> Array:
     return p
 
 
+def press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
+    """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
+
+    Of many rows, too, it is mostly those that the forces violate that press. The residual is the judge.
+
+    Parameters
+    ----------
+    G : ndarray, shape (m, m)
+        Delassus matrix.
+    missing : ndarray, shape (m,)
+        Missing rates.
+    lengths : ndarray, shape (m,)
+        Roots of the diagonal of G.
+    """
+    if (missing > 0.0).all():
+        factor, p, info = lapack.dposv(G, missing)
+        pivots = factor.diagonal() / lengths
+    else:
+        index = (missing > 0.0).nonzero()[0]
+        factor, part, info = lapack.dposv(G[index[:, None], index], missing[index])
+        pivots = factor.diagonal() / lengths[index]
+        p = np.zeros(len(missing))
+        p[index] = part
+    # of dependent rows some would get all: their share is settled elsewhere
+    return None if info or pivots.min() < _WELL_CONDITIONED else p
+
+
 def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:
     """Solve min |z|^2, A' z >= d by the dual active-set method, on QR factors made anew at each exchange.
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import blas, lapack
+from scipy.sparse import csr_array, hstack
 
 from ..errors import InputError
 
@@ -33,6 +34,10 @@ class Metric(Protocol):
 
     def solve_rows(self, rows: Array) -> Array:
         """Return M^-1 r of every row r, shape (m, nv)."""
+        ...
+
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        """Return L^-1 r of every row r of a sparse matrix, shape (m, nv)."""
         ...
 
     def dense(self) -> Array:
@@ -76,9 +81,30 @@ class DenseMetric:
     def solve_rows(self, rows: Array) -> Array:
         return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
 
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        return whiten_full(self, rows)
+
     def dense(self) -> Array:
         upper = np.triu(self.matrix)
         return upper + np.triu(upper, 1).T
+
+
+def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
+    """Return L^-1 r of every row r, by way of a full matrix of those that are not zero."""
+    here = np.flatnonzero(np.diff(rows.indptr))
+    block = metric.whiten(rows[here].toarray().T).T
+    m, n = rows.shape
+    starts = np.zeros(m + 1, np.int32)
+    starts[1 + here] = n
+    columns = np.tile(np.arange(n, dtype=np.int32), len(here))
+    return csr_array((np.ascontiguousarray(block).ravel(), columns, np.cumsum(starts, dtype=np.int32)), shape=(m, n))
+
+
+def _like(rows: csr_array, data: Array) -> csr_array:
+    """Return rows with other numbers in the same places."""
+    out = csr_array(rows.shape)
+    out.data, out.indices, out.indptr = data, rows.indices, rows.indptr
+    return out
 
 
 def triangular(upper: Array, right: Array, transposed: int) -> Array:
@@ -111,6 +137,9 @@ class DiagonalMetric:
 
     def solve_rows(self, rows: Array) -> Array:
         return rows / self.diagonal
+
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        return _like(rows, rows.data / self.root[rows.indices])
 
     def dense(self) -> Array:
         return np.diag(self.diagonal)
@@ -145,6 +174,11 @@ class BodiesMetric:
 
     def solve_rows(self, rows: Array) -> Array:
         return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
+
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        # the rows of bodies hold whole blocks of six
+        values = self.inverse_lower[rows.indices[::6] // 6] @ rows.data.reshape(-1, 6, 1)
+        return _like(rows, values.ravel())
 
     def dense(self) -> Array:
         n = 6 * len(self.blocks)
@@ -181,6 +215,10 @@ class BlockMetric:
     def solve_rows(self, rows: Array) -> Array:
         pieces = [np.ascontiguousarray(rows[:, s]) for s in self.slices]
         return np.concatenate([p.solve_rows(r) for p, r in zip(self.parts, pieces, strict=True)], axis=1)
+
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        parts = [p.whiten_rows(rows[:, s]) for p, s in zip(self.parts, self.slices, strict=True)]
+        return hstack(parts, format="csr")
 
     def dense(self) -> Array:
         n = self.slices[-1].stop

@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.sparse import csr_array, issparse
 
 from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from . import few_rows
-from .active_set import Candidate, dual_active_set, kkt_residual, solve_on
+from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
+from .large import Large, contradictory
 from .metric import Array, Metric, as_metric
 from .nonnegative import ROUNDING
 from .proxqp import ProxQP
@@ -26,7 +27,7 @@ from .tree import TreePush
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
 _FEW = 32
-_POSITIVE, _WELL_CONDITIONED = 1e-7, 1e-3
+_POSITIVE = 1e-7
 
 
 class Projection(NamedTuple):
@@ -74,12 +75,20 @@ class Projector:
         load()
         self.residual = residual
         self._solver = ProxQP()
+        self._large: Large | None = None
         self._contradiction = False
         # percussions of the last projection
         self._last = np.zeros(0)
 
-    def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
-        """Project x; see `project`, whose checks this leaves out."""
+    def project(
+        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
+    ) -> Projection:
+        """Project x; see `project`, whose checks this leaves out.
+
+        `contacts`, shape (m,), numbers that name the rows from one projection to the next, may speed up sparse ones.
+        """
+        if not isinstance(J, np.ndarray):
+            return self._sparse(x, metric, J, lower, contacts)
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
@@ -90,7 +99,9 @@ class Projector:
                 return Projection(velocity, rates[0], residual)
         return self._many(x, metric, J, lower)
 
-    def law(self, v: Array, push: Push | TreePush, J: Array, e: Array) -> tuple[Array, Array, float]:
+    def law(
+        self, v: Array, push: Push | TreePush, J: Array | csr_array, e: Array, contacts: Array | None = None
+    ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
         Parameters
@@ -103,6 +114,8 @@ class Projector:
             Gradients of the active constraints.
         e : ndarray, shape (m,)
             Restitution of each.
+        contacts : ndarray of int, shape (m,), optional
+            As of `project`.
 
         Returns
         -------
@@ -115,7 +128,7 @@ class Projector:
         """
         m = len(e)
         rates = np.empty((4, m))
-        if m <= _FEW:
+        if m <= _FEW and isinstance(J, np.ndarray):
             velocity = np.empty(len(v))
             if type(push) is TreePush:
                 residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
@@ -127,9 +140,25 @@ class Projector:
                 return velocity, rates, residual
         x = push.free
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._many(x, push.metric, J, -e * rates[3])
+        lower = -e * rates[3]
+        if isinstance(J, np.ndarray):
+            velocity, rates[0], residual = self._many(x, push.metric, J, lower)
+        else:
+            velocity, rates[0], residual = self._sparse(x, push.metric, J, lower, contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
+
+    def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
+        """Project onto rows of many bodies."""
+        if self._large is None:
+            self._large = Large(Projector(0.1 * self.residual).project)
+        found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
+        if found.residual <= self.residual:
+            return found
+        problem = {"x": x, "M": metric, "J": J, "lower": lower}
+        if contradictory(metric, J, lower, found.percussion):
+            raise InfeasibleError("no velocity w meets J w >= lower: rows contradict each other", problem)
+        raise ProjectionError(_stopped(len(lower), found.residual, self.residual), problem, found.residual)
 
     def _many(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
         """Project onto many rows, or onto few that are not settled yet."""
@@ -143,7 +172,7 @@ class Projector:
         if not (lengths > 0.0).all():
             return self._without_zero_rows(x, metric, J, lower, lengths > 0.0)
         largest = float(((np.abs(speed) + np.abs(lower)) / lengths).max())
-        guess = _press_what_is_missing(G, missing, lengths)
+        guess = press_what_is_missing(G, missing, lengths)
         if guess is not None:
             velocity = x + metric.unwhiten(columns @ guess)
             slack = J @ velocity - lower
@@ -215,33 +244,17 @@ class Projector:
         problem = {"x": x, "M": metric.dense(), "J": J, "lower": lower}
         if self._contradiction:
             return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
-        return ProjectionError(
-            f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "
-            f"above {self.residual:.1e}; the problem is in `.problem`",
-            problem,
-            float(residual),
-        )
+        return ProjectionError(_stopped(len(lower), residual, self.residual), problem, float(residual))
 
 
-def _press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
-    """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
-
-    Of many rows, too, it is mostly those that the forces violate that press. The residual is the judge.
-    """
-    if (missing > 0.0).all():
-        factor, p, info = lapack.dposv(G, missing)
-        pivots = factor.diagonal() / lengths
-    else:
-        index = (missing > 0.0).nonzero()[0]
-        factor, part, info = lapack.dposv(G[index[:, None], index], missing[index])
-        pivots = factor.diagonal() / lengths[index]
-        p = np.zeros(len(missing))
-        p[index] = part
-    # of dependent rows some would get all: their share is settled elsewhere
-    return None if info or pivots.min() < _WELL_CONDITIONED else p
+def _stopped(rows: int, reached: float, asked: float) -> str:
+    return (
+        f"the projection onto {rows} constraints stopped at the relative KKT residual {reached:.1e}, "
+        f"above {asked:.1e}; the problem is in `.problem`"
+    )
 
 
-def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -> Projection:
+def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | float = 0.0) -> Projection:
     """Project a velocity onto {w : J w >= lower} in the kinetic metric.
 
     Parameters
@@ -250,8 +263,9 @@ def project(x: Array, M: Array | Metric, J: Array, lower: Array | float = 0.0) -
         Velocity to project [m/s, rad/s].
     M : ndarray, shape (nv, nv), or Metric
         Mass matrix, symmetric positive definite.
-    J : ndarray, shape (m, nv)
-        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero.
+    J : ndarray or sparse array, shape (m, nv)
+        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero. Sparse ones are solved
+        island by island, to the residual instead of to rounding.
     lower : float or ndarray, shape (m,)
         Least rate of each constraint [m/s, rad/s]; 0 gives the projection onto the tangent cone.
 
@@ -324,7 +338,7 @@ def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array
     """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
     # a copy: where nothing is violated it is what is returned
     x = np.array(x, dtype=float)
-    J = np.ascontiguousarray(J, dtype=float)
+    J = csr_array(J, dtype=float) if issparse(J) else np.ascontiguousarray(J, dtype=float)
     if x.ndim != 1:
         raise InputError(f"the velocity has shape {x.shape}; (nv,) is asked for")
     if J.ndim != 2 or J.shape[1] != x.size:
@@ -332,7 +346,8 @@ def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array
     try:
         bound = np.broadcast_to(np.asarray(bound, dtype=float), J.shape[:1])
     except ValueError as error:
-        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({len(J)},)") from error
-    if not (np.isfinite(x).all() and np.isfinite(J).all() and np.isfinite(bound).all()):
+        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({J.shape[0]},)") from error
+    values = J if isinstance(J, np.ndarray) else J.data
+    if not (np.isfinite(x).all() and np.isfinite(values).all() and np.isfinite(bound).all()):
         raise InputError(f"x, J and {name} must be finite")
     return x, J, bound

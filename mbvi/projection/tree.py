@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
 from ..errors import InputError
-from .metric import Array, triangular
+from .metric import Array, triangular, whiten_full
 
 
 def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
@@ -236,6 +237,9 @@ class TreeMetric:
         out = np.empty(rows.shape)
         solve(self.lower, self.parent, rows, out)
         return out
+
+    def whiten_rows(self, rows: csr_array) -> csr_array:
+        return whiten_full(self, rows)
 
     def dense(self) -> Array:
         return self.lower.T @ self.lower

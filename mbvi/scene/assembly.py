@@ -9,15 +9,32 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints import Constraint, HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
-from ..constraints.shapes import Array, Convex, HalfSpace, PlacedShape, Sphere
+from ..compiled import load
+from ..constraints import (
+    Constraint,
+    Crowd,
+    HalfSpaceContacts,
+    JointLimits,
+    MovingWalls,
+    SeenFrom,
+    SignedDistances,
+    SphereContacts,
+    SphereSurface,
+    SphereWalls,
+)
+from ..constraints.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
 from ..problem import Problem
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
-from ..system.articulated import Control
+from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from .model import SceneModel
-from .urdf import Robot
 
+# more spheres than these meet their walls in bulk
+_FEW_SPHERES = 33
+# more pairs with shapes that move on their own are found when near
+_MANY_PAIRS = 300
+# more other shapes than these have their pairs listed when near
+_FEW_SHAPES = 60
 _PALETTE = (
     (0.20, 0.45, 0.70, 1.0),
     (0.90, 0.55, 0.20, 1.0),
@@ -26,83 +43,7 @@ _PALETTE = (
     (0.50, 0.45, 0.70, 1.0),
     (0.85, 0.75, 0.35, 1.0),
 )
-
-
-@dataclass(frozen=True)
-class RobotItem:
-    """A robot, where it stands, and how it starts."""
-
-    robot: Robot
-    base: str
-    position: Array
-    rotation: Array
-    q0: Array
-    v0: Array
-    control: Control | None
-
-
-@dataclass(frozen=True)
-class BodyItem:
-    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame."""
-
-    name: str
-    shape: Convex
-    mass: float
-    inertia: Array
-    centre: Array
-    position: Array
-    rotation: Array
-    velocity: Array
-    angular_velocity: Array
-    fixed: bool
-
-
-@dataclass(frozen=True)
-class SphereItem:
-    """Frictionless spheres under one name."""
-
-    name: str
-    positions: Array
-    radii: Array
-    masses: Array
-    velocities: Array
-
-    def names(self) -> list[str]:
-        """Return one name a sphere."""
-        if len(self.radii) == 1:
-            return [self.name]
-        return [f"{self.name}[{k}]" for k in range(len(self.radii))]
-
-
-@dataclass
-class SceneItems:
-    """All that was added to a scene, in its order."""
-
-    gravity: Array
-    restitution: float
-    walls: dict[str, HalfSpace] = field(default_factory=dict)
-    robots: list[RobotItem] = field(default_factory=list)
-    bodies: list[BodyItem] = field(default_factory=list)
-    spheres: list[SphereItem] = field(default_factory=list)
-    pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
-
-    def names(self) -> set[str]:
-        """Return the names that are taken."""
-        return {
-            *self.walls,
-            *(r.robot.name for r in self.robots),
-            *(b.name for b in self.bodies),
-            *(s.name for s in self.spheres),
-        }
-
-    def restitution_of(self, a: str, b: str) -> float:
-        """Return e between two shapes: a shape's own setting goes before its entity's."""
-        for first in (a, _entity(a)):
-            for second in (b, _entity(b)):
-                e = self.pair_restitution.get(frozenset((first, second)))
-                if e is not None:
-                    return e
-        return self.restitution
+_GREY = (0.7, 0.7, 0.72, 1.0)
 
 
 @dataclass
@@ -149,13 +90,13 @@ class _Builder:
 
     def add_bodies(self, bodies: list[BodyItem]) -> None:
         moving = [b for b in bodies if not b.fixed]
-        nb = self.counts()[2]
+        body = self.counts()[2]
         for k, b in enumerate(bodies):
-            color = _PALETTE[k % len(_PALETTE)] if not b.fixed else (0.7, 0.7, 0.72, 1.0)
-            placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, color)
-            if not b.fixed:
-                body = nb + moving.index(b) + 1
-                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, color)
+            if b.fixed:
+                placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, _GREY, b.motion)
+            else:
+                body += 1
+                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
             self.shapes.append(placed)
         if not moving:
             return
@@ -188,40 +129,154 @@ class _Builder:
         items = self.items
         for here, rate, lower, upper, names in self.limits:
             yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution)
+        bulk = self._bulk()
+        single = [s for k, s in enumerate(self.shapes) if s.body and k not in bulk]
         moving = [s for s in self.shapes if s.body]
-        wall_pairs = [(name, wall, s) for name, wall in items.walls.items() for s in moving]
-        if wall_pairs:
-            labels = [f"{s.name} | {name}" for name, _, s in wall_pairs]
-            e = np.array([items.restitution_of(name, s.name) for name, _, s in wall_pairs])
-            walls, shapes = [w for _, w, _ in wall_pairs], [s for _, _, s in wall_pairs]
-            yield HalfSpaceContacts(system, walls, shapes, labels, e)
-        pairs = list(self._shape_pairs())
+        still = {name: wall for name, wall in items.walls.items() if wall.motion is None}
+        yield from self._at_walls(system, still, single)
+        yield from self._at_surfaces(system, [s for s in items.surfaces if s.motion is None], moving)
+        if len(self.shapes) - len(self.spheres) > _FEW_SHAPES or (bulk and len(self.shapes) > len(bulk)):
+            yield self._crowd(system)
+            pairs = []
+        else:
+            pairs = list(self._shape_pairs())
         if pairs:
-            first, second = [a for a, _ in pairs], [b for _, b in pairs]
-            e = np.array([items.restitution_of(a.name, b.name) for a, b in pairs])
-            yield SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e)
+            yield self._distances(system, pairs)
+        if bulk:
+            solid = [s for s in self.shapes if isinstance(s.shape, Box | Capsule) and s.motion is None]
+            yield from self._sphere_walls(system, still, solid)
         if len(self.spheres) > 1:
             yield self._sphere_contacts(system)
+        yield from self._moving_walls(system, single, moving)
+
+    def _at_walls(self, system: Any, walls: dict[str, HalfSpace], shapes: list[PlacedShape]) -> Iterator[Any]:
+        pairs = [(name, wall, s) for name, wall in walls.items() for s in shapes]
+        if pairs:
+            labels = [f"{s.name} | {name}" for name, _, s in pairs]
+            e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
+            yield HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e)
+
+    def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:
+        for item in surfaces:
+            others = [s.name for s in shapes if not isinstance(s.shape, Sphere)]
+            if others:
+                raise InputError(
+                    f"{others[0]} would meet {item.name}, but a mesh as it is meets spheres only: take its hull by "
+                    "add_mesh(..., fixed=True), several of these, or boxes"
+                )
+            e = np.array([self.items.restitution_of(item.name, s.name) for s in shapes])
+            yield SphereSurface(system, shapes, item.placed(), item.name, e)
+
+    def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
+        first, second = [a for a, _ in pairs], [b for _, b in pairs]
+        e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
+        return SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e)
+
+    def _moving_walls(
+        self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
+    ) -> Iterator[Constraint]:
+        """Yield what meets walls that move on their own, those of one motion together.
+
+        `single` are the shapes that meet walls and shapes one by one, of all that are moving.
+        """
+        fixed, bulk = [s for s in self.shapes if not s.body], len(single) < len(moving)
+        given = [wall.motion for wall in self.items.walls.values()]
+        given += [item.motion for item in self.items.surfaces] + [shape.motion for shape in fixed]
+        for motion in {id(motion): motion for motion in given if motion is not None}.values():
+            seen: Any = SeenFrom(system, motion, self._where_spheres(system))
+            walls = {name: wall for name, wall in self.items.walls.items() if wall.motion is motion}
+            shapes = [s for s in fixed if s.motion is motion]
+            solid = [s for s in shapes if bulk and isinstance(s.shape, Box | Capsule)]
+            pairs = [(a, b) for a in shapes for b in (single if a in solid else moving)]
+            found = [*self._at_walls(seen, walls, single)]
+            found += self._at_surfaces(seen, [s for s in self.items.surfaces if s.motion is motion], moving)
+            if len(pairs) > _MANY_PAIRS:
+                found.append(self._crowd_around(seen, shapes, solid, single, moving))
+            elif pairs:
+                found.append(self._distances(seen, pairs))
+            found += self._sphere_walls(seen, walls, solid) if bulk else []
+            yield from (MovingWalls(seen, constraint) for constraint in found)
+
+    def _bulk(self) -> set[int]:
+        """Return the spheres, if they are many: these meet walls, boxes and capsules in bulk."""
+        return set(self.spheres) if len(self.spheres) > _FEW_SPHERES else set()
 
     def _shape_pairs(self) -> Iterator[tuple[PlacedShape, PlacedShape]]:
-        spheres = set(self.spheres)
+        spheres, bulk = set(self.spheres), self._bulk()
+        closed = {k for k, s in enumerate(self.shapes) if bulk and isinstance(s.shape, Box | Capsule)}
         for i, a in enumerate(self.shapes):
+            if i in spheres:
+                # they come last, and two of them are found in bulk
+                continue
             for j in range(i + 1, len(self.shapes)):
                 b = self.shapes[j]
-                # two spheres are found in bulk; nothing of the world moves against the world
-                if a.body == b.body or (i in spheres and j in spheres):
+                # nothing of the world moves against the world
+                if a.body == b.body or (i in closed and j in bulk) or a.motion or b.motion:
                     continue
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
-    def _sphere_contacts(self, system: System) -> SphereContacts:
+    def _crowd(self, system: System) -> Crowd:
+        """Return the pairs of shapes that are no two spheres, none of them listed."""
+        number = {s.name: k for k, s in enumerate(self.shapes)}
+        apart = {(number[a], number[b]) for a, b in self.apart}
+        n = len(self.shapes)
+        known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
+        sphere, bulk = np.zeros(n, bool), self._bulk()
+        sphere[self.spheres] = True
+        closed = np.array([bool(bulk) and isinstance(s.shape, Box | Capsule) for s in self.shapes])
+        driven = np.array([s.motion is not None for s in self.shapes])
+
+        def left_out(i: Array, j: Array) -> Array:
+            apart = np.isin(i * n + j, known)
+            return sphere[i] & sphere[j] | closed[i] & sphere[j] | driven[i] | driven[j] | apart
+
+        return Crowd(system, self.shapes, left_out, self.items.restitution_of)
+
+    def _crowd_around(
+        self,
+        seen: Any,
+        shapes: list[PlacedShape],
+        solid: list[PlacedShape],
+        single: list[PlacedShape],
+        moving: list[PlacedShape],
+    ) -> Crowd:
+        """Return the pairs of some shapes of the world with all that are moving; solid ones meet single ones only."""
+        everything, alone = shapes + moving, {id(s) for s in single}
+        closed = np.array([any(s is one for one in solid) for s in everything])
+        sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
+
+        def left_out(i: Array, j: Array) -> Array:
+            return (i >= len(shapes)) | closed[i] & sphere[j]
+
+        return Crowd(seen, everything, left_out, self.items.restitution_of)
+
+    def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
+        """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
         items = self.items.spheres
         group = np.repeat(np.arange(len(items)), [len(s.radii) for s in items])
-        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
-        first = self.shapes[self.spheres[0]].body
         radii = np.concatenate([s.radii for s in items])
         names = tuple(n for s in items for n in s.names())
-        return SphereContacts(system, slice(system.nq - 3 * len(radii), system.nq), first, radii, names, group, e)
+        return self._where_spheres(system), self.shapes[self.spheres[0]].body, radii, names, group
+
+    def _where_spheres(self, system: System) -> slice:
+        return slice(system.nq - 3 * len(self.spheres), system.nq)
+
+    def _sphere_contacts(self, system: System) -> SphereContacts:
+        where, first, radii, names, group = self._all_spheres(system)
+        items = self.items.spheres
+        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
+        return SphereContacts(system, where, first, radii, names, group, e)
+
+    def _sphere_walls(
+        self, system: Any, halfspaces: dict[str, HalfSpace], solid: list[PlacedShape]
+    ) -> Iterator[SphereWalls]:
+        walls: dict[str, HalfSpace | PlacedShape] = {**halfspaces, **{s.name: s for s in solid}}
+        if not walls:
+            return
+        where, first, radii, names, group = self._all_spheres(system)
+        e = np.array([[self.items.restitution_of(w, s.name) for w in walls] for s in self.items.spheres])
+        yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
 
 
 def assemble(items: SceneItems) -> Problem:
@@ -241,6 +296,9 @@ def assemble(items: SceneItems) -> Problem:
     builder.add_spheres(items.spheres)
     if not builder.systems:
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
+    if len(builder.spheres) > _FEW_SPHERES:
+        # the plain forms of their kernels take all pairs at once
+        load()
     system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
     constraints = list(builder.constraints(system))
     sizes = [s.shape.bound for s in builder.shapes if s.body]
@@ -254,7 +312,3 @@ def assemble(items: SceneItems) -> Problem:
         length=float(np.median(sizes)) if sizes else 1.0,
         scene=model,
     )
-
-
-def _entity(name: str) -> str:
-    return name.split("/", 1)[0].split("[", 1)[0]

@@ -6,13 +6,22 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from ..constraints import (
+    HalfSpaceContacts,
+    JointLimits,
+    MovingWalls,
+    SignedDistances,
+    SphereContacts,
+    SphereSurface,
+    SphereWalls,
+)
 from ..constraints.shapes import HalfSpace, PlacedShape
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
 
 if TYPE_CHECKING:
+    from ..motion import Motion
     from ..problem import Problem
-    from .assembly import SceneItems
+    from .items import SceneItems, SurfaceItem
 
 
 @dataclass(frozen=True)
@@ -38,18 +47,36 @@ class SceneModel:
         """Half-spaces by name."""
         return self.items.walls
 
+    @property
+    def surfaces(self) -> list[SurfaceItem]:
+        """Meshes as they are."""
+        return self.items.surfaces
+
+    @property
+    def motions(self) -> list[Motion]:
+        """How what stands in the world moves, each motion once."""
+        given = [w.motion for w in self.walls.values()]
+        given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
+        return list({id(motion): motion for motion in given if motion is not None}.values())
+
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
         lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
         lines.append(f"  {problem.system.nv} degrees of freedom in all")
-        for constraint in problem.constraints.constraints:
+        for given in problem.constraints.constraints:
+            moves = isinstance(given, MovingWalls)
+            constraint = given.constraint if isinstance(given, MovingWalls) else given
             if isinstance(constraint, JointLimits):
                 lines.append(f"  {len(constraint.names)} joint limits")
             elif isinstance(constraint, HalfSpaceContacts):
-                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space")
+                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space{' that moves' * moves}")
             elif isinstance(constraint, SignedDistances):
-                lines.append(f"  {len(constraint.names)} pairs of shapes")
+                lines.append(f"  {len(constraint.names)} pairs of shapes{', one of each moving as told' * moves}")
+            elif isinstance(constraint, SphereWalls):
+                lines.append(f"  {constraint.size} pairs of a sphere and a wall{' that moves' * moves}, in bulk")
+            elif isinstance(constraint, SphereSurface):
+                lines.append(f"  {constraint.size} spheres at a mesh{' that moves' * moves}")
             elif isinstance(constraint, SphereContacts):
                 lines.append("  every pair of spheres, found when near")
         e = {self.items.restitution, *self.items.pair_restitution.values()}

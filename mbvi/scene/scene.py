@@ -9,22 +9,28 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, Sphere
+from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..errors import InputError
+from ..motion import Motion, checked_motion
 from ..problem import check_restitution
 from ..system.articulated import Control
-from .assembly import BodyItem, RobotItem, SceneItems, SphereItem, assemble
-from .inputs import BodyArguments, mesh_vertices, positive, rotation_matrix, vector
+from .assembly import assemble
+from .grains import Grains
+from .inputs import BodyArguments, mesh_of, positive, rotation_matrix, vector
+from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .urdf import initial_state, load_robot
+from .walls import Walls
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = np.eye(3)
+# links and single bodies of many that an error names
+_MOST_NAMED = 50
 
 
-class Scene:
+class Scene(Walls, Grains):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -44,33 +50,6 @@ class Scene:
         self._items = SceneItems(
             gravity=vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
         )
-
-    def add_halfspace(self, normal: Sequence[float] | Array, offset: float = 0.0, name: str | None = None) -> str:
-        """Add a wall or floor: free where normal . x >= offset.
-
-        Parameters
-        ----------
-        normal : array_like, shape (3,)
-            Direction into the free side; its length does not matter to the wall, but divides the offset with it.
-        offset : float
-            Signed distance of the wall from the origin along a unit normal [m].
-        name : str, optional
-            "floor" for the first by default.
-
-        Raises
-        ------
-        InputError
-            If the normal is zero or the name is taken.
-        """
-        n = vector(normal, "normal")
-        length = float(np.linalg.norm(n))
-        if length == 0.0:
-            raise InputError("the normal of a half-space must not be zero")
-        if not np.isfinite(offset):
-            raise InputError(f"offset must be finite; got {offset}")
-        name = self._new_name(name, "floor")
-        self._items.walls[name] = HalfSpace(tuple(n / length), float(offset) / length)
-        return name
 
     def add_urdf(
         self,
@@ -118,9 +97,9 @@ class Scene:
         place, turn = vector(position, "position"), rotation_matrix(rotation)
         robot = load_robot(path, base, turn, place, name, srdf)
         if name is None and robot.name in self._items.names():
-            name = self._new_name(None, robot.name)
+            name = self._items.new_name(None, robot.name)
             robot = load_robot(path, base, turn, place, name, srdf)
-        self._new_name(robot.name, robot.name)
+        self._items.new_name(robot.name, robot.name)
         q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control))
         return robot.name
@@ -133,6 +112,7 @@ class Scene:
         velocity: Sequence[float] | Array = _ORIGIN,
         name: str | None = None,
         fixed: bool = False,
+        motion: Motion | None = None,
     ) -> str:
         """Add one frictionless sphere: three degrees of freedom, its centre.
 
@@ -146,6 +126,8 @@ class Scene:
             "sphere", then numbered, by default.
         fixed : bool
             Whether it is part of the world.
+        motion : Motion, optional
+            How it moves, whatever pushes on it; such a sphere is part of the world.
 
         Raises
         ------
@@ -153,60 +135,14 @@ class Scene:
             On a radius or mass that is not positive, or a wrong shape.
         """
         radius = positive(radius, "radius")
-        if fixed:
-            return self._add_body(Sphere(radius), mass, "sphere", position=position, name=name, fixed=True)
-        name = self._new_name(name, "sphere")
+        if fixed or motion is not None:
+            body: BodyArguments = {"position": position, "name": name, "fixed": True, "motion": motion}
+            return self._add_body(Sphere(radius), mass, "sphere", **body)
+        name = self._items.new_name(name, "sphere")
         centre, speed = vector(position, "position"), vector(velocity, "velocity")
         self._items.spheres.append(
             SphereItem(name, centre[None], np.array([radius]), np.array([positive(mass, "mass")]), speed[None])
         )
-        return name
-
-    def add_spheres(
-        self,
-        positions: Array,
-        radius: float | Array,
-        mass: float | Array,
-        velocities: Array | None = None,
-        name: str | None = None,
-    ) -> str:
-        """Add many frictionless spheres.
-
-        Parameters
-        ----------
-        positions : array_like, shape (n, 3)
-            Centres [m].
-        radius, mass : float or array_like, shape (n,)
-            Radii [m] and masses [kg].
-        velocities : array_like, shape (n, 3), optional
-            Velocities of the centres [m/s]; at rest by default.
-        name : str, optional
-            "spheres" by default; the k-th is "spheres[k]".
-
-        Raises
-        ------
-        InputError
-            On wrong shapes, or a radius or mass that is not positive.
-        """
-        centres = np.array(positions, dtype=float)
-        if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres):
-            raise InputError(f"positions has shape {centres.shape}; (n, 3) is asked for")
-        speeds = np.zeros_like(centres) if velocities is None else np.array(velocities, dtype=float)
-        if speeds.shape != centres.shape:
-            raise InputError(f"velocities has shape {speeds.shape}; positions ask for {centres.shape}")
-        if not (np.isfinite(centres).all() and np.isfinite(speeds).all()):
-            raise InputError("positions and velocities must be finite")
-        sizes = []
-        for values, what in ((radius, "radius"), (mass, "mass")):
-            try:
-                each = np.broadcast_to(np.asarray(values, dtype=float), (len(centres),)).copy()
-            except ValueError as error:
-                raise InputError(f"{what} has shape {np.shape(values)}; one or {len(centres)} are asked for") from error
-            if not ((each > 0.0) & np.isfinite(each)).all():
-                raise InputError(f"every {what} must be positive")
-            sizes.append(each)
-        name = self._new_name(name, "spheres")
-        self._items.spheres.append(SphereItem(name, centres, sizes[0], sizes[1], speeds))
         return name
 
     def add_box(
@@ -224,7 +160,7 @@ class Scene:
         mass : float
             Mass [kg].
         **body
-            `position`, `rotation`, `velocity`, `angular_velocity`, `name`, `fixed`: see `BodyArguments`.
+            `position`, `rotation`, `velocity`, `angular_velocity`, `name`, `fixed`, `motion`: see `BodyArguments`.
 
         Raises
         ------
@@ -280,7 +216,7 @@ class Scene:
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
         file's coordinates [m per unit].
         """
-        hull = Hull(positive(scale, "scale") * mesh_vertices(Path(path)))
+        hull = Hull(positive(scale, "scale") * mesh_of(Path(path))[0])
         return self._add_body(hull, mass, Path(path).stem, **body)
 
     def set_restitution(self, first: str, second: str, e: float) -> None:
@@ -298,10 +234,11 @@ class Scene:
         InputError
             If a name is unknown or e is outside [0, 1].
         """
-        known = self._items.names() | {s.name for r in self._items.robots for s in r.robot.shapes}
+        things, parts = self._items.names(), self._items.parts()
         for name in (first, second):
-            if name not in known:
-                raise InputError(f"unknown name {name!r}; known are {', '.join(sorted(known)) or 'none yet'}")
+            if name not in things and name not in parts:
+                known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
+                raise InputError(f"unknown name {name!r}; known are {', '.join(known) or 'none yet'}")
         self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
 
     def build(self) -> Problem:
@@ -316,20 +253,6 @@ class Scene:
         """
         return assemble(self._items)
 
-    def _new_name(self, name: str | None, default: str) -> str:
-        taken = self._items.names()
-        if name is not None:
-            if set("/[|") & set(name):
-                raise InputError(f"the name {name!r} holds one of / [ |, which part a thing from its pieces")
-            if name in taken:
-                raise InputError(f"the name {name!r} is taken; give another one")
-            return name
-        number = 1
-        while default in taken:
-            number += 1
-            default = f"{default.removesuffix(f'_{number - 1}')}_{number}"
-        return default
-
     def _add_body(self, shape: Convex, mass: float, default: str, **body: Unpack[BodyArguments]) -> str:
         unknown = set(body) - set(BodyArguments.__annotations__)
         if unknown:
@@ -341,10 +264,11 @@ class Scene:
         turn = rotation_matrix(body.get("rotation", _UPRIGHT))
         speed = vector(body.get("velocity", _ORIGIN), "velocity")
         spin = vector(body.get("angular_velocity", _ORIGIN), "angular_velocity")
-        name = self._new_name(body.get("name"), default)
+        motion = checked_motion(body.get("motion"))
+        name = self._items.new_name(body.get("name"), default)
         centre, inertia = np.zeros(3), shape.inertia(mass)
         if isinstance(shape, Hull):
             centre, inertia = shape.mass_properties(mass)
-        fixed = bool(body.get("fixed", False))
-        self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed))
+        fixed = bool(body.get("fixed", False)) or motion is not None
+        self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion))
         return name

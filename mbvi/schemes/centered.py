@@ -10,7 +10,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
-from .step import Step, carried
+from .step import Step, carried, law
 
 _NONE = np.zeros((4, 0))
 
@@ -53,8 +53,8 @@ class Centered:
             w = w if at is v else v + (w - at)
             return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
         applied = Applied(t, middle, v, h, at)
-        active = _in_the_middle(problem, t, middle, ahead, half * (ahead.jacobian @ v))
-        w, rates, residual = projector.law(v, applied.push(system), active.jacobian, active.restitution)
+        active = _in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
+        w, rates, residual = law(projector, v, applied.push(system), active)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
         return settled(problem, applied, step, projector) if self.project_positions else carried(step, half)
 

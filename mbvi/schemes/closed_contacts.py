@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from ..constraints import Rows
 from ..constraints.active import chosen, owners, stacked
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import Projector, Push, TreePush
+from ..projection import Metric, Projector, Push, TreePush
 from ..system import System
 from ..system.system import Array
-from .step import Step, carried
+from .step import Step, carried, law
 
 # linearisations of the constraints within a step
 _MOST = 20
@@ -103,8 +104,7 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
 
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
-    push = applied.push(problem.system)
-    return projector.law(applied.v, push, rows.jacobian, rows.restitution)
+    return law(projector, applied.v, applied.push(problem.system), rows)
 
 
 def _tangent(
@@ -117,15 +117,17 @@ def _tangent(
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ lifted.moved)
     rows = stacked([near, chosen(rows, left)]) if left.any() else near
-    push, J = applied.push(problem.system), rows.jacobian
-    free, before = push.free, J @ applied.v
+    push = applied.push(problem.system)
+    free, before = push.free, rows.speeds(applied.v)
     lower = -rows.restitution * before
     # what hovers closes until the law is applied next, lest it fall
     idle = closed[owner] | (step.percussion[owner] == 0.0)
     hovers = np.flatnonzero(idle & (near.gap > problem.tolerance))
     lower[hovers] = -near.gap[hovers] / (applied.h - (step.t - applied.t))
-    w, percussion, residual = projector.project(free, push.metric, J, lower)
-    rates = np.array([percussion, J @ free, J @ w, before])
+    if rows.rate is not None:
+        lower -= rows.rate
+    w, percussion, residual = projector.project(free, push.metric, rows.jacobian, lower)
+    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), before])
     return Step(step.t, lifted.q, w, rows, rates, max(residual, lifted.residual))
 
 
@@ -146,11 +148,24 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         # to lift one side of what still bounces at another would set it rocking
         metric, J = problem.system.metric(applied.q), rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (rows.gap < -problem.tolerance))
-        lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
-        cosines = np.abs(J[closed] @ metric.solve_rows(J[bounces]).T)
-        seen = cosines > _UNRELATED * lengths[closed][:, None] * lengths[bounces]
-        closed[closed] = ~seen.any(axis=1)
+        closed[closed] = ~_seen(metric, J, closed, bounces)
     return closed
+
+
+def _seen(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
+    """Return which of some rows see any of the others in the kinetic metric, shape (k,)."""
+    if isinstance(J, np.ndarray):
+        lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
+        cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
+        return np.asarray((cosines > _UNRELATED * lengths[some][:, None] * lengths[others]).any(axis=1))
+    U = metric.whiten_rows(J)
+    lengths = np.sqrt((U * U).sum(axis=1))
+    unit = diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ U
+    # as many numbers as there are rows that touch the same bodies
+    cosines = abs(unit[some] @ unit[others].T).tocoo()
+    found = np.zeros(int(some.sum()), bool)
+    found[cosines.coords[0][cosines.data > _UNRELATED]] = True
+    return found
 
 
 def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Lifted | None:

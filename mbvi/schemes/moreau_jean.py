@@ -9,7 +9,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
-from .step import Step, carried
+from .step import Step, carried, law
 
 _NONE = np.zeros((4, 0))
 
@@ -60,7 +60,7 @@ class MoreauJean:
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, _NONE, 0.0)
-        w, rates, residual = projector.law(v, system.push(t, middle, v, h), active.jacobian, active.restitution)
+        w, rates, residual = law(projector, v, system.push(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
             return settled(problem, Applied(t, middle, v, h, v), step, projector)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..constraints import SmoothRows
+from ..constraints.active import chosen
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector, Push
@@ -157,7 +158,7 @@ class Motion:
         """Apply the law (8) where a gradient jumps; return whether all are off then for long enough."""
         q, v = self.q, self.v
         active = self.problem.constraints.active(self.t, q, self.problem.tolerance)
-        number, _, J, e, point, normal = active
+        number, _, J, e, point, normal, _ = active
         before = J @ v
         if (before < -_moves(J, v)).any():
             self.v, rates, self.residual = self.projector.law(v, Push(v, self.system.metric(q)), J, e)
@@ -198,7 +199,7 @@ class Motion:
         yield stride
         self.v = step.v
         if closing.any():
-            number, _, _, _, point, normal = (part[percussion > 0.0] for part in step.active)
+            number, _, _, _, point, normal, _ = chosen(step.active, percussion > 0.0)
             rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
             yield Struck(self.t, step.q, v, step.v, number, rates, point, normal)
         return step.active.constraint

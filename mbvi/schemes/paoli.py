@@ -8,7 +8,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
-from .step import Step
+from .step import Step, law
 
 _NONE = np.zeros((4, 0))
 
@@ -45,6 +45,6 @@ class Paoli:
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
         push = system.push(t, q, v, h)
-        velocity, rates, residual = projector.law(v, push, active.jacobian, active.restitution)
+        velocity, rates, residual = law(projector, v, push, active)
         step = Step(t, q, velocity, active, rates, residual)
         return settled(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step

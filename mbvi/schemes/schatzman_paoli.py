@@ -69,10 +69,10 @@ class SchatzmanPaoli:
                 left / deepest,
             )
         J, e = rows.jacobian, rows.restitution
-        free_rate, after, before = J @ free, J @ w, J @ v
+        after, before = rows.speeds(w), rows.speeds(v)
         # of the state that is reached: the bounds are those of p(w)
-        gap = h * (after - lower) / (1.0 + e) + h * e * (after + before) / (1.0 + e)
-        rates = np.array([percussion, free_rate, after, before])
+        gap = h * (J @ w - lower) / (1.0 + e) + h * e * (after + before) / (1.0 + e)
+        rates = np.array([percussion, rows.speeds(free), after, before])
         return Step(t + h, system.integrate(q, h * w), w, rows._replace(gap=gap), rates, residual)
 
 
@@ -80,8 +80,9 @@ def _beyond(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, 
     """Return the rows with f(p(w)) <= least, each at the p(w) of its own e."""
 
     def at(e: float) -> Rows:
+        # p(w) is a mean of configurations at t and, with weight e, at t - 2 h
         place = problem.system.integrate(q, h / (1.0 + e) * (w - e * v))
-        return problem.constraints.active(t, place, problem.tolerance)
+        return problem.constraints.active(t - 2.0 * h * e / (1.0 + e), place, problem.tolerance)
 
     # p(w) of any e lies between those of 0 and 1
     ends = {e: at(e) for e in (0.0, 1.0)}

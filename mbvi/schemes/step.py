@@ -8,7 +8,7 @@ import numpy as np
 
 from ..constraints import Rows
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Projector, Push, TreePush
 from ..system.system import Array
 
 
@@ -46,18 +46,42 @@ class Step(NamedTuple):
 
     @property
     def free(self) -> Array:
-        """J v as the forces alone would leave it, shape (k,) [m/s, rad/s]."""
+        """Rate of the gap, J v + df/dt, as the forces alone would leave it, shape (k,) [m/s, rad/s]."""
         return self.rates[1]
 
     @property
     def after(self) -> Array:
-        """J v after the step, shape (k,) [m/s, rad/s]."""
+        """Rate of the gap after the step, shape (k,) [m/s, rad/s]."""
         return self.rates[2]
 
     @property
     def before(self) -> Array:
-        """J v before the step, shape (k,) [m/s, rad/s]."""
+        """Rate of the gap before the step, shape (k,) [m/s, rad/s]."""
         return self.rates[3]
+
+
+def law(projector: Projector, v: Array, push: Push | TreePush, rows: Rows) -> tuple[Array, Array, float]:
+    """Return the velocity after the law (8), the rates of the rows, and the relative KKT residual.
+
+    e acts on what the gap does: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
+
+    Parameters
+    ----------
+    projector : Projector
+        Solves the projection.
+    v : ndarray, shape (nv,)
+        Velocity before.
+    push : Push
+        The velocity x as the forces alone would leave it, and M.
+    rows : Rows
+        The active constraints.
+    """
+    if rows.rate is None:
+        return projector.law(v, push, rows.jacobian, rows.restitution, rows.constraint)
+    x, before = push.free, rows.speeds(v)
+    lower = -rows.restitution * before - rows.rate
+    w, percussion, residual = projector.project(x, push.metric, rows.jacobian, lower, rows.constraint)
+    return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
 
 
 # [m/s, rad/s]; what approaches more slowly does not close

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..projection import BlockMetric, Push
+from .sparse_rows import MOST_DENSE, side_by_side
 from .system import Array, System
 
 
@@ -42,6 +44,11 @@ class BlockSystem:
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
+        bodies = [part for part in parts if hasattr(part, "sparse")]
+        self.sparse = sum(part.nv for part in bodies) > MOST_DENSE
+        for part in bodies:
+            # the rows of a few bodies beside many are as sparse as theirs
+            part.sparse = self.sparse
 
     def start(self) -> None:
         for part in self.parts:
@@ -91,14 +98,19 @@ class BlockSystem:
     def _inside(b: _Block, bodies: Array) -> Array:
         return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
-        rows = np.zeros((len(point), self.nv))
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        parts = []
         for b in self.blocks:
             sides = [np.where(self._inside(b, side), side - b.first_body, 0) for side in (first, second)]
             here = np.flatnonzero(sides[0] | sides[1])
             if here.size:
                 part = b.system.separation_rows(q[b.q], sides[0][here], sides[1][here], point[here], normal[here])
-                rows[here, b.v] = part
+                parts.append((here, b.v, part))
+        if self.sparse:
+            return side_by_side(self.nv, len(point), [(here, v.start, part) for here, v, part in parts])
+        rows = np.zeros((len(point), self.nv))
+        for here, v, part in parts:
+            rows[here, v] = part
         return rows
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..projection import BodiesMetric, DiagonalMetric, Metric, Push
 from . import rotations
+from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
 
 
@@ -21,6 +23,11 @@ class Spheres:
     names : sequence of str
         One a sphere.
 
+    Attributes
+    ----------
+    sparse : bool
+        Whether its rows are: where it has many bodies, or a system that it is part of has.
+
     Notes
     -----
     q holds the centres, v their velocities, in the world.
@@ -29,6 +36,7 @@ class Spheres:
     def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
         self.nq = self.nv = 3 * len(masses)
         self.velocity_dependent = False
+        self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
         self._metric = DiagonalMetric(np.repeat(masses, 3))
         self._gravity = np.tile(gravity, len(masses))
@@ -69,7 +77,9 @@ class Spheres:
         places[:, 3] = q.reshape(-1, 3)[bodies - 1]
         return places
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        if self.sparse:
+            return rows_of_two(self.nv, first, second, -normal, normal)
         rows = np.zeros((len(point), self.nv))
         for side, sign in ((first, -1.0), (second, 1.0)):
             here = np.flatnonzero(side)
@@ -100,6 +110,11 @@ class FreeBodies:
     names : sequence of str
         One a body.
 
+    Attributes
+    ----------
+    sparse : bool
+        Whether its rows are: where it has many bodies, or a system that it is part of has.
+
     Notes
     -----
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
@@ -113,6 +128,7 @@ class FreeBodies:
         # a body whose moments of inertia are equal turns on as it does
         moments = np.linalg.eigvalsh(inertias)
         self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
+        self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
         self._masses, self._inertias, self._gravity = masses, inertias, gravity
         blocks = np.zeros((n, 6, 6))
@@ -176,14 +192,19 @@ class FreeBodies:
         places[:, 3] = poses[:, :3]
         return places
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
-        rows = np.zeros((len(point), self.nv))
-        for side, sign in ((first, -1.0), (second, 1.0)):
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        pulls = np.zeros((2, len(point), 6))
+        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
             here = np.flatnonzero(side)
             places = self.placements(q, side[here])
             torque = np.cross(point[here] - places[:, 3], normal[here])
-            pull = np.concatenate([normal[here], np.einsum("kij,kj->ki", places[:, :3], torque)], axis=1)
-            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += sign * pull
+            pull[here, :3], pull[here, 3:] = sign * normal[here], sign * np.einsum("kij,kj->ki", places[:, :3], torque)
+        if self.sparse:
+            return rows_of_two(self.nv, first, second, *pulls)
+        rows = np.zeros((len(point), self.nv))
+        for side, pull in zip((first, second), pulls, strict=True):
+            here = np.flatnonzero(side)
+            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += pull[here]
         return rows
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..projection import Metric, Push, TreePush
 
@@ -82,7 +83,7 @@ class System(Protocol):
         """
         ...
 
-    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         """Return the gradient of the separation of two bodies at m contact points.
 
         Parameters
@@ -96,8 +97,9 @@ class System(Protocol):
 
         Returns
         -------
-        ndarray, shape (m, nv)
-            Rows r with r . v = normal . (velocity of second - velocity of first) at the point.
+        ndarray or csr_array, shape (m, nv)
+            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse where the
+            system's attribute `sparse` says so.
         """
         ...
 

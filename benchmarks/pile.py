@@ -1,0 +1,160 @@
+"""Spheres poured into a box: time, accuracy and penetration over their number, beside MuJoCo's CG; and an elastic gas.
+
+python benchmarks/pile.py [--sizes 216 1000 3375] [--duration 1.5] [--residuals 1e-5 1e-8] [--no-gas]
+
+The pile: spheres of 0.02 m and 1 kg on a lattice of spacing 0.044 m with a jitter of 1e-3 m, the lowest 0.1 m above the
+floor of an open box as wide as the lattice; e = 0, no friction, h = 2e-3 s. Times are of the thread, whole steps of
+`mbvi.simulate` with all it records. Penetration is that of the configurations, in radii, at every step.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import mbvi
+
+RADIUS, STEP = 0.02, 2e-3
+
+
+def lattice(count: int) -> tuple[np.ndarray, float]:
+    """Return centres, shape (count, 3), and the width of the box [m]."""
+    n = int(np.ceil(count ** (1 / 3)))
+    grid = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    grid = grid[np.argsort(grid[:, 2], kind="stable")][:count]
+    spacing = 2.2 * RADIUS
+    centres = spacing * (grid + 0.5) + 1e-3 * (2.0 * np.random.default_rng(0).random((count, 3)) - 1.0)
+    centres[:, 2] += 0.1
+    return centres, n * spacing
+
+
+def box(scene: mbvi.Scene, low: float, high: float, floor: float = 0.0) -> None:
+    """Add a floor and four walls."""
+    scene.add_halfspace((0, 0, 1), floor, name="floor")
+    for axis, name in enumerate("xy"):
+        scene.add_halfspace(np.eye(3)[axis], low, name=f"{name} low")
+        scene.add_halfspace(-np.eye(3)[axis], -high, name=f"{name} high")
+
+
+def depth(centres: np.ndarray, width: float) -> float:
+    """Return the deepest penetration of spheres in their box, in radii."""
+    near = cKDTree(centres).query_pairs(2.0 * RADIUS, output_type="ndarray")
+    apart = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1)
+    gaps = [
+        apart.min(initial=2.0 * RADIUS) - 2.0 * RADIUS,
+        centres.min() - RADIUS,
+        width - RADIUS - centres[:, :2].max(),
+    ]
+    return max(0.0, -float(min(gaps))) / RADIUS
+
+
+def ours(count: int, residual: float, duration: float) -> dict[str, float]:
+    """Run the pile and return milliseconds a step, penetration in radii, the residual reached."""
+    centres, width = lattice(count)
+    scene = mbvi.Scene()
+    box(scene, 0.0, width)
+    scene.add_spheres(centres, RADIUS, 1.0, name="grain")
+    problem = scene.build()
+    start = time.thread_time()
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=STEP, duration=duration, residual=residual, progress=False)
+    spent = time.thread_time() - start
+    worst = max(depth(q.reshape(-1, 3), width) for q in run.q)
+    return {
+        "ms": 1e3 * spent / (len(run.t) - 1),
+        "depth": worst,
+        "end": depth(run.q[-1].reshape(-1, 3), width),
+        "residual": float(run.residual.max()),
+    }
+
+
+def mujoco_cg(count: int, duration: float) -> dict[str, float]:
+    """Run the same pile in MuJoCo: three slides a sphere, contacts without friction, its CG solver as it comes."""
+    import mujoco
+
+    centres, width = lattice(count)
+    planes = [((0, 0, 0), (0, 0, 1))]
+    for axis in range(2):
+        planes += [((0, 0, 0), tuple(np.eye(3)[axis])), (tuple(width * np.eye(3)[axis]), tuple(-np.eye(3)[axis]))]
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.solver = STEP, mujoco.mjtSolver.mjSOL_CG
+    spec.memory = 2 << 30
+    for place, normal in planes:
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE, pos=place, size=[0, 0, 1], condim=1,
+            quat=turn_to(np.array(normal, float)),
+        )  # fmt: skip
+    for centre in centres:
+        body = spec.worldbody.add_body(pos=centre)
+        for axis in np.eye(3):
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=1.0, condim=1)
+    model = spec.compile()
+    data, spent, worst = mujoco.MjData(model), 0.0, 0.0
+    steps = round(duration / STEP)
+    for _ in range(steps):
+        start = time.thread_time()
+        mujoco.mj_step(model, data)
+        spent += time.thread_time() - start
+        worst = max(worst, depth(centres + data.qpos.reshape(-1, 3), width))
+    end = depth(centres + data.qpos.reshape(-1, 3), width)
+    return {"ms": 1e3 * spent / steps, "depth": worst, "end": end, "residual": float("nan")}
+
+
+def turn_to(normal: np.ndarray) -> np.ndarray:
+    """Return the quaternion (w, x, y, z) that turns z to a unit normal."""
+    axis = np.cross([0.0, 0.0, 1.0], normal)
+    quaternion = np.array([1.0 + normal[2], *axis])
+    return quaternion / np.linalg.norm(quaternion)
+
+
+def gas(duration: float = 10.0) -> tuple[float, float, int]:
+    """Run 216 elastic spheres in a box; return the relative drift of energy, microseconds a step, and impacts."""
+    grid = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    centres = 0.21 * grid + 1e-3 * np.random.default_rng(42).standard_normal((216, 3))
+    centres[:, 2] += 1.101 - centres[:, 2].min()
+    scene = mbvi.Scene(restitution=1.0)
+    box(scene, -0.3, 1.35)
+    scene.add_spheres(centres, 0.1, 10.0, name="ball")
+    problem = scene.build()
+    start = time.thread_time()
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=duration, progress=False)
+    spent = time.thread_time() - start
+    energy = run.energy()
+    return float(np.abs(energy / energy[0] - 1.0).max()), 1e6 * spent / (len(run.t) - 1), len(run.impacts)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--sizes", type=int, nargs="*", default=[216, 1000, 3375])
+    parser.add_argument("--duration", type=float, default=1.5)
+    parser.add_argument("--residuals", type=float, nargs="*", default=[1e-5, 1e-8])
+    parser.add_argument("--no-gas", action="store_true")
+    asked = parser.parse_args()
+    ours(27, 1e-5, 0.02)
+    print(
+        "| spheres | solver | residual reached | ms a step | over MuJoCo's | worst depth [radii] | depth at the end |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for count in asked.sizes:
+        peer = mujoco_cg(count, asked.duration)
+        rows = [("MuJoCo CG", peer)]
+        rows += [(f"StewartTrinkle, {r:g}", ours(count, r, asked.duration)) for r in asked.residuals]
+        for name, row in rows:
+            print(
+                f"| {count} | {name} | {row['residual']:.1e} | {row['ms']:.2f} | {row['ms'] / peer['ms']:.2f} "
+                f"| {row['depth']:.1e} | {row['end']:.1e} |",
+                flush=True,
+            )
+    print(f"\nlargest memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+    if not asked.no_gas:
+        drift, spent, impacts = gas()
+        print(f"elastic gas of 216: energy drift {drift:.1e}, {spent:.0f} us a step, {impacts} impacts")
+
+
+if __name__ == "__main__":
+    main()

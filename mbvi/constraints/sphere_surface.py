@@ -1,0 +1,156 @@
+"""Triangle meshes as they are, hollows and all, against frictionless spheres in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..compiled import plain_array
+from ..system import System
+from . import triangles
+from .active import Array, Rows
+from .pairs import Contacts
+from .shapes import PlacedShape
+
+# cells are made for tolerances of so many largest radii at least, and of so many times what was asked
+_MARGIN, _ROOM = 0.1, 1.5
+_ROUNDING = 1e-12
+
+
+class SphereSurface:
+    """A mesh of the world (first) against many spheres (second).
+
+    Parameters
+    ----------
+    system : System
+        What moves the spheres.
+    spheres : sequence of PlacedShape
+        Spheres on their bodies.
+    surface : Surface
+        The mesh, in the world's frame.
+    name : str
+        The mesh's.
+    restitution : ndarray, shape (n,)
+        e of each sphere with it.
+
+    Notes
+    -----
+    Constraint i is sphere i. Its rows are the points of the mesh that are nearer to its centre than all about them: on
+    an edge or at a corner only where every triangle that has it says so, for else a sphere that has sunk in by a hair
+    would catch at the edges between coplanar triangles. A centre that has passed the sheet is pushed on: steps are to
+    be shorter than a radius.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        spheres: Sequence[PlacedShape],
+        surface: triangles.Surface,
+        name: str,
+        restitution: Array,
+    ) -> None:
+        self.system, self._surface, self.restitution = system, surface, restitution
+        self._names, self._surface_name = [s.name for s in spheres], name
+        self._bodies = np.array([s.body for s in spheres], dtype=np.int64)
+        self._local = np.array([s.position for s in spheres])
+        self._radii = np.array([s.shape.bound for s in spheres])
+        self._corners = surface.vertices[surface.triangles]
+        self._largest = float(self._radii.max())
+        self._reach, self._room = -np.inf, 4 * len(spheres)
+        self._cells: triangles.Cells | None = None
+
+    @property
+    def size(self) -> int:
+        """How many spheres there are."""
+        return len(self._radii)
+
+    def name(self, constraint: int) -> str:
+        """Return the name of one pair."""
+        return f"{self._names[constraint]} | {self._surface_name}"
+
+    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+        """Return the rows within the tolerance, or None."""
+        found = self._contacts(q, tolerance)
+        near = np.flatnonzero(found.gap <= tolerance)
+        if not near.size:
+            return None
+        sphere, gap, point, normal = (part[near] for part in found)
+        rows = self._gradients(q, sphere, point, normal)
+        return Rows(sphere, gap, rows, self.restitution[sphere], point, normal)
+
+    def nearest(self, q: Array, spheres: Array) -> Contacts:
+        """Return the nearest contact of each of some spheres in ascending order."""
+        found = self._contacts(q, np.inf)
+        order = np.lexsort((found.gap, found.pair))
+        first = order[np.searchsorted(found.pair[order], spheres)]
+        return Contacts(*(part[first] for part in found))
+
+    def gap(self, t: float, q: Array) -> Array:
+        """Return the distance of every sphere, shape (n,) [m]."""
+        return self.nearest(q, np.arange(self.size)).gap
+
+    def gradient(self, t: float, q: Array) -> Any:
+        """Return the gradient of every sphere's distance, shape (n, nv)."""
+        sphere, _, point, normal = self.nearest(q, np.arange(self.size))
+        return self._gradients(q, sphere, point, normal)
+
+    def _gradients(self, q: Array, sphere: Array, point: Array, normal: Array) -> Any:
+        bodies = self._bodies[sphere]
+        return self.system.separation_rows(q, np.zeros_like(bodies), bodies, point, normal)
+
+    def _contacts(self, q: Array, tolerance: float) -> Contacts:
+        """Return the points that are nearest among those about them, of all within the tolerance at least."""
+        places = self.system.placements(q, self._bodies)
+        centres = np.vecmat(self._local, places[:, :3]) + places[:, 3]
+        sphere, triangle, feature, foot = self._near(centres, tolerance)
+        away = centres[sphere] - foot
+        distance = np.sqrt(np.vecdot(away, away))
+        number = self._surface.features[triangle, feature]
+        # one row a feature; the nearest of all has nothing nearer about it, whatever the rounding
+        order = np.lexsort((distance, number, sphere))
+        key = sphere[order] * len(self._surface.sharers) + number[order]
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        kept = order[first]
+        closest = np.full(self.size, np.inf)
+        np.minimum.at(closest, sphere, distance)
+        kept = kept[(count >= self._surface.sharers[number[kept]]) | (distance[kept] == closest[sphere[kept]])]
+        sphere, away, distance, triangle = sphere[kept], away[kept], distance[kept], triangle[kept]
+        a, b, c = self._corners[triangle].transpose(1, 0, 2)
+        face = np.cross(b - a, c - a)
+        face /= np.linalg.norm(face, axis=1)[:, None]
+        apart = distance > 0.0
+        normal = np.where(apart[:, None], away / np.where(apart, distance, 1.0)[:, None], face)
+        gap = distance - self._radii[sphere]
+        point = centres[sphere] - (self._radii[sphere] + 0.5 * gap)[:, None] * normal
+        return Contacts(sphere, gap, point, normal)
+
+    def _near(self, centres: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
+        """Return spheres and triangles within the tolerance of each other, features and nearest points.
+
+        Those that share a feature with one of them are among them.
+        """
+        count = len(self._corners)
+        if not np.isfinite(tolerance):
+            sphere, triangle = np.repeat(np.arange(self.size), count), np.tile(np.arange(count), self.size)
+            a, b, c = self._corners[triangle].transpose(1, 0, 2)
+            foot, feature = triangles.nearest_on_triangles(a, b, c, centres[sphere])
+            return sphere, triangle, feature, foot
+        # all that have a feature see its nearest point at one distance but for rounding
+        tolerance += _ROUNDING * (self._largest + self._surface.bound)
+        if self._cells is None or tolerance > self._reach:
+            # with room, for reach grows with speeds
+            self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
+            self._cells = triangles.sorted_into_cells(self._corners, self._largest + self._reach)
+        centres = plain_array(centres)
+        while True:
+            k = self._room
+            sphere, triangle, feature = np.empty(k, np.int64), np.empty(k, np.int64), np.empty(k, np.int64)
+            foot = np.empty((k, 3))
+            found = triangles.near_triangles(
+                centres, self._radii, self._corners, *self._cells, tolerance, sphere, triangle, feature, foot
+            )
+            if found <= k:
+                return sphere[:found], triangle[:found], feature[:found], foot[:found]
+            self._room = 2 * found

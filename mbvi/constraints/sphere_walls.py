@@ -1,0 +1,282 @@
+"""Many spheres against half-spaces, boxes and capsules, in closed form and in bulk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..compiled import kernel, plain_array
+from ..system import System
+from ..system.sparse_rows import dense
+from .active import Array, Rows
+from .shapes import Box, Capsule, HalfSpace, PlacedShape
+
+_PLANE, _BOX, _CAPSULE = range(3)
+
+
+def _wall_contacts_plain(
+    centres: Array, radii: Array, kind: Array, walls: Array, tolerance: float, number: Array, gap: Array, point: Array,
+    normal: Array,
+) -> int:  # fmt: skip
+    """Write the contacts of spheres with walls that are within the tolerance; return how many there are.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (n, 3)
+        Centres [m].
+    radii : ndarray, shape (n,)
+        Radii [m].
+    kind : ndarray of int, shape (w,)
+        0 a half-space, 1 a box, 2 a capsule.
+    walls : ndarray, shape (w, 15)
+        Of a half-space, normal and offset; of a box, its axes one after the other, its centre and half its edges; of a
+        capsule, the ends of its axis and its radius.
+    tolerance : float
+        Gap at and below which a contact is written [m].
+    number, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
+        Receive, in their first places, sphere times w plus wall, the signed distance, the point midway between the
+        surfaces, and the unit normal from the wall to the sphere; there is room for all.
+    """
+    n, w = len(radii), len(kind)
+    far, out = np.empty((n, w)), np.empty((n, w, 3))
+    for a in range(w):
+        if kind[a] == _PLANE:
+            far[:, a], out[:, a] = centres @ walls[a, :3] - walls[a, 3], walls[a, :3]
+        elif kind[a] == _BOX:
+            axes, half = walls[a, :9].reshape(3, 3), walls[a, 12:15]
+            local = (centres - walls[a, 9:12]) @ axes.T
+            away = local - np.clip(local, -half, half)
+            outside = np.linalg.norm(away, axis=1)
+            # from inside, straight out of the nearest face
+            depth = half - np.abs(local)
+            face = np.argmin(depth, axis=1)
+            way = np.eye(3)[face] * np.where(local >= 0.0, 1.0, -1.0)
+            inside = outside == 0.0
+            far[:, a] = np.where(inside, -depth[np.arange(n), face], outside)
+            out[:, a] = np.where(inside[:, None], way, away / np.where(inside, 1.0, outside)[:, None]) @ axes
+        else:
+            axis = walls[a, 3:6] - walls[a, :3]
+            square = axis @ axis
+            along = np.clip((centres - walls[a, :3]) @ axis / (square if square > 0.0 else 1.0), 0.0, 1.0)
+            away = centres - walls[a, :3] - along[:, None] * axis
+            outside = np.linalg.norm(away, axis=1)
+            far[:, a] = outside - walls[a, 6]
+            upright = np.array([0.0, 0.0, 1.0])
+            out[:, a] = np.where(outside[:, None] > 0.0, away / np.where(outside > 0.0, outside, 1.0)[:, None], upright)
+    distance = far - radii[:, None]
+    near = np.flatnonzero(distance <= tolerance)
+    count, sphere = len(near), near // w
+    number[:count], gap[:count], normal[:count] = near, distance.ravel()[near], out.reshape(-1, 3)[near]
+    point[:count] = centres[sphere] - (radii[sphere] + 0.5 * gap[:count])[:, None] * normal[:count]
+    return count
+
+
+@kernel(
+    "i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
+    plain=_wall_contacts_plain,
+)
+def _wall_contacts(
+    centres: Array, radii: Array, kind: Array, walls: Array, tolerance: float, number: Array, gap: Array, point: Array,
+    normal: Array,
+) -> int:  # fmt: skip
+    w, count = len(kind), 0
+    for i in range(len(radii)):
+        x, y, z = centres[i, 0], centres[i, 1], centres[i, 2]
+        for a in range(w):
+            if kind[a] == _PLANE:
+                u, v, t = walls[a, 0], walls[a, 1], walls[a, 2]
+                far = x * u + y * v + z * t - walls[a, 3]
+                if far - radii[i] > tolerance:
+                    continue
+            elif kind[a] == _BOX:
+                square, deepest, face, side = 0.0, np.inf, 0, 1.0
+                u = v = t = 0.0
+                for c in range(3):
+                    local = (
+                        walls[a, 3 * c] * (x - walls[a, 9])
+                        + walls[a, 3 * c + 1] * (y - walls[a, 10])
+                        + walls[a, 3 * c + 2] * (z - walls[a, 11])
+                    )
+                    half = walls[a, 12 + c]
+                    if half - abs(local) < deepest:
+                        deepest, face, side = half - abs(local), c, 1.0 if local >= 0.0 else -1.0
+                    away = local - min(max(local, -half), half)
+                    square += away * away
+                    u += away * walls[a, 3 * c]
+                    v += away * walls[a, 3 * c + 1]
+                    t += away * walls[a, 3 * c + 2]
+                far = np.sqrt(square)
+                if far - radii[i] > tolerance:
+                    continue
+                if far > 0.0:
+                    u, v, t = u / far, v / far, t / far
+                else:
+                    far = -deepest
+                    u, v, t = side * walls[a, 3 * face], side * walls[a, 3 * face + 1], side * walls[a, 3 * face + 2]
+            else:
+                p, q, r = walls[a, 3] - walls[a, 0], walls[a, 4] - walls[a, 1], walls[a, 5] - walls[a, 2]
+                u, v, t = x - walls[a, 0], y - walls[a, 1], z - walls[a, 2]
+                square = p * p + q * q + r * r
+                along = (u * p + v * q + t * r) / square if square > 0.0 else 0.0
+                along = min(max(along, 0.0), 1.0)
+                u, v, t = u - along * p, v - along * q, t - along * r
+                far = np.sqrt(u * u + v * v + t * t)
+                if far - walls[a, 6] - radii[i] > tolerance:
+                    continue
+                if far > 0.0:
+                    u, v, t = u / far, v / far, t / far
+                else:
+                    u, v, t = 0.0, 0.0, 1.0
+                far -= walls[a, 6]
+            g = far - radii[i]
+            if not g <= tolerance:
+                continue
+            back = radii[i] + 0.5 * g
+            number[count], gap[count] = i * w + a, g
+            normal[count, 0], normal[count, 1], normal[count, 2] = u, v, t
+            point[count, 0], point[count, 1], point[count, 2] = x - back * u, y - back * v, z - back * t
+            count += 1
+    return count
+
+
+class SphereWalls:
+    """Half-spaces of the world, boxes and capsules on any body (first) against many free spheres (second).
+
+    Parameters
+    ----------
+    system : System
+        What moves the spheres and the walls.
+    where : slice
+        The part of q that holds the spheres' centres.
+    first_body : int
+        Body of the first sphere; the others follow.
+    radii : ndarray, shape (n,)
+        Radii [m].
+    walls : sequence of HalfSpace or PlacedShape
+        Half-spaces, and boxes or capsules on their bodies.
+    names : sequence of str
+        One a sphere.
+    wall_names : sequence of str
+        One a wall.
+    group : ndarray of int, shape (n,)
+        Which entity each sphere belongs to.
+    group_restitution : ndarray, shape (g, w)
+        e between the entities and the walls.
+
+    Notes
+    -----
+    Constraint i w + a is the pair of sphere i and wall a.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        where: slice,
+        first_body: int,
+        radii: Array,
+        walls: Sequence[HalfSpace | PlacedShape],
+        names: Sequence[str],
+        wall_names: Sequence[str],
+        group: Array,
+        group_restitution: Array,
+    ) -> None:
+        self.system, self._where, self._first_body = system, where, first_body
+        self._radii, self._sphere_names, self._wall_names = plain_array(radii), names, wall_names
+        self._group, self._e = group, group_restitution
+        self._bodies = np.array([0 if isinstance(w, HalfSpace) else w.body for w in walls], dtype=np.int64)
+        self._kind = np.array([_kind(w) for w in walls], dtype=np.int64)
+        self._local = np.array([_numbers(w, np.eye(3), np.zeros(3)) for w in walls])
+        self._moving = [(a, w) for a, w in enumerate(walls) if isinstance(w, PlacedShape) and w.body]
+        # what travels less than it is thick within a step passes through nothing, and nothing a half-space
+        self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
+        # how far each velocity takes those that move
+        self._reach = [(a, system.reach(w.body, w.position, w.shape.bound)) for a, w in self._moving]
+
+    def name(self, constraint: int) -> str:
+        """Return the name of one pair."""
+        i, a = divmod(constraint, len(self._kind))
+        if self._kind[a] == _PLANE:
+            return f"{self._sphere_names[i]} | {self._wall_names[a]}"
+        return f"{self._wall_names[a]} | {self._sphere_names[i]}"
+
+    @property
+    def size(self) -> int:
+        """How many pairs there are."""
+        return len(self._radii) * len(self._kind)
+
+    def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
+        walls = self._local
+        if self._moving:
+            walls = walls.copy()
+            places = self.system.placements(q, np.array([w.body for _, w in self._moving]))
+            for (a, w), place in zip(self._moving, places, strict=True):
+                walls[a] = _numbers(w, place[:3].T, place[3])
+        k = self.size
+        number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
+        centres = plain_array(q[self._where]).reshape(-1, 3)
+        count = _wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
+        return number[:count], gap[:count], point[:count], normal[:count]
+
+    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+        """Return the rows within the tolerance, or None."""
+        number, gap, point, normal = self._near(q, tolerance)
+        if not number.size:
+            return None
+        i, a = np.divmod(number, len(self._kind))
+        rows = self.system.separation_rows(q, self._bodies[a], self._first_body + i, point, normal)
+        return Rows(number, gap, rows, self._e[self._group[i], a], point, normal)
+
+    def gap(self, t: float, q: Array) -> Array:
+        """Return the gap of every pair, shape (n w,) [m]."""
+        return self._near(q, np.inf)[1]
+
+    def gaps(self, q: Array, pairs: Array) -> Array:
+        """Return the gaps of some pairs, shape (k,) [m]."""
+        return self._near(q, np.inf)[1][pairs]
+
+    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may meet on a way longer than both are thick, their ways, and how thick they are.
+
+        Parameters
+        ----------
+        q, way : ndarray, shapes (nq,) and (nv,)
+            Configuration, and the tangent vector that leads on from it.
+        """
+        moved = (self.system.integrate(q, way)[self._where] - q[self._where]).reshape(-1, 3)
+        travel = np.tile(np.linalg.norm(moved, axis=1)[:, None], len(self._kind))
+        for a, reach in self._reach:
+            travel[:, a] += reach @ np.abs(way)
+        thick = self._radii[:, None] + self._inner
+        if not (travel > thick).any():
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        travel, thick = travel.ravel(), thick.ravel()
+        pairs = np.flatnonzero((travel > thick) & (self.gap(0.0, q) < travel))
+        return pairs, travel[pairs], thick[pairs]
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return the gradient of every pair, shape (n w, nv)."""
+        rows = self.active(t, q, np.inf, None)
+        return np.zeros((0, self.system.nv)) if rows is None else dense(rows.jacobian)
+
+
+def _kind(wall: HalfSpace | PlacedShape) -> int:
+    if isinstance(wall, HalfSpace):
+        return _PLANE
+    return _BOX if isinstance(wall.shape, Box) else _CAPSULE
+
+
+def _numbers(wall: HalfSpace | PlacedShape, turn: Array, origin: Array) -> Array:
+    """Return what the kernel asks of a wall whose body stands at `origin`, turned by `turn`, shape (15,)."""
+    numbers = np.zeros(15)
+    if isinstance(wall, HalfSpace):
+        numbers[:3], numbers[3] = wall.normal, wall.offset
+        return numbers
+    R, p = turn @ wall.rotation, turn @ wall.position + origin
+    if isinstance(wall.shape, Box):
+        numbers[:9], numbers[9:12], numbers[12:] = R.T.ravel(), p, 0.5 * np.array(wall.shape.size)
+        return numbers
+    assert isinstance(wall.shape, Capsule)
+    half = 0.5 * wall.shape.length * R[:, 2]
+    numbers[:3], numbers[3:6], numbers[6] = p - half, p + half, wall.shape.radius
+    return numbers

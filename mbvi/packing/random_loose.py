@@ -1,0 +1,126 @@
+"""Spheres at random, one after the other, each where none is yet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import InputError
+from .sites import Packing
+from .sizes import Array, Size, sizes
+
+# spheres proposed at once, and how many rounds of that may in a row place none
+_PROPOSED, _MOST_VAIN = 4096, 100
+# radii within such a factor share a tree of neighbours
+_CLASS = 2.0
+
+
+def random_loose(
+    lower: Sequence[float] | Array,
+    upper: Sequence[float] | Array,
+    radius: Size,
+    count: int | None = None,
+    fraction: float | None = None,
+    seed: int = 0,
+) -> Packing:
+    """Return spheres placed at random in a box, the larger ones first, each where none is yet.
+
+    Parameters
+    ----------
+    lower, upper : array_like, shape (3,)
+        Corners of the box, which holds the spheres whole [m].
+    radius : float, array_like of shape (n,), or a size distribution
+        Radii [m].
+    count : int, optional
+        How many; that or `fraction`, unless radii are given one by one.
+    fraction : float, optional
+        Part of the box's volume that spheres fill, to within the last of them.
+    seed : int
+        Of sizes and places.
+
+    Raises
+    ------
+    InputError
+        If the box gets no more of them in: equal spheres jam at a fraction of 0.38, and above 0.33 it takes long.
+
+    Notes
+    -----
+    Random sequential addition.
+    """
+    rng = np.random.default_rng(seed)
+    low, high = _box(lower, upper)
+    radii = sizes(radius, count if fraction is None else _enough(radius, fraction, high - low, rng), rng)
+    if fraction is not None:
+        filled = np.cumsum(4.0 / 3.0 * np.pi * radii**3)
+        radii = radii[filled <= fraction * float((high - low).prod())]
+        if not radii.size:
+            raise InputError(f"one sphere is more than the fraction {fraction:g} of the box")
+    if 2.0 * radii.max() > (high - low).min():
+        raise InputError(f"a sphere of radius {radii.max():g} does not fit into a box of {(high - low).tolist()}")
+    positions = np.empty((len(radii), 3))
+    # of each class of sizes that is placed already, the spheres and their tree
+    placed: list[tuple[Array, Array]] = []
+    classes = np.floor(np.log(radii / radii.max()) / np.log(_CLASS))
+    for size in np.unique(classes)[::-1]:
+        index = np.flatnonzero(classes == size)
+        index = index[np.argsort(-radii[index], kind="stable")]
+        positions[index] = _placed_among(placed, radii[index], low, high, rng)
+        placed.append((positions[index], radii[index]))
+    return Packing(positions, radii)
+
+
+def _placed_among(
+    placed: list[tuple[Array, Array]], radii: Array, low: Array, high: Array, rng: np.random.Generator
+) -> Array:
+    """Return centres, shape (n, 3), of spheres of similar radii, free of each other and of what is placed."""
+    # imported here for its weight
+    from scipy.spatial import cKDTree
+
+    largest = float(radii.max())
+    trees = [(cKDTree(centres), theirs) for centres, theirs in placed]
+    positions, left, vain = np.empty((len(radii), 3)), np.arange(len(radii)), 0
+    done = np.zeros(len(radii), bool)
+    while left.size:
+        owner = np.resize(left, max(_PROPOSED, left.size))
+        size = radii[owner][:, None]
+        points = low + size + rng.random((len(owner), 3)) * (high - low - 2.0 * size)
+        free = np.ones(len(owner), bool)
+        among = [*trees, (cKDTree(positions[done]), radii[done])] if done.any() else trees
+        proposed = cKDTree(points)
+        for tree, theirs in among:
+            near = proposed.sparse_distance_matrix(tree, largest + float(theirs.max()), output_type="ndarray")
+            free[near["i"][near["v"] < radii[owner[near["i"]]] + theirs[near["j"]]]] = False
+        # the first free place of each, and of two that overlap the one that comes first
+        chosen = np.flatnonzero(free)
+        chosen = chosen[np.unique(owner[chosen], return_index=True)[1]]
+        pairs = cKDTree(points[chosen]).query_pairs(2.0 * largest, output_type="ndarray") if chosen.size else None
+        if pairs is not None and pairs.size:
+            i, j = chosen[pairs.min(axis=1)], chosen[pairs.max(axis=1)]
+            apart = np.linalg.norm(points[i] - points[j], axis=1)
+            chosen = np.setdiff1d(chosen, j[apart < radii[owner[i]] + radii[owner[j]]])
+        positions[owner[chosen]], done[owner[chosen]] = points[chosen], True
+        left = np.flatnonzero(~done)
+        vain = 0 if chosen.size else vain + 1
+        if vain > _MOST_VAIN:
+            raise InputError(
+                f"{left.size} of {len(radii)} spheres find no place at random: take fewer, a larger box, or `layers`"
+            )
+    return positions
+
+
+def _enough(radius: Size, fraction: float, size: Array, rng: np.random.Generator) -> int | None:
+    """Return how many spheres surely fill a fraction of a box."""
+    if not 0.0 < fraction < 1.0:
+        raise InputError(f"fraction must lie between 0 and 1; got {fraction}")
+    if not callable(radius) and np.ndim(radius):
+        return None
+    sample = sizes(radius, 1000, rng)
+    return int(1.5 * fraction * size.prod() / (4.0 / 3.0 * np.pi * float((sample**3).mean()))) + 10
+
+
+def _box(lower: Sequence[float] | Array, upper: Sequence[float] | Array) -> tuple[Array, Array]:
+    low, high = np.array(lower, dtype=float), np.array(upper, dtype=float)
+    if low.shape != (3,) or high.shape != (3,) or not (np.isfinite(low) & (low < high) & np.isfinite(high)).all():
+        raise InputError(f"lower and upper must be the corners of a box; got {low.tolist()} and {high.tolist()}")
+    return low, high

@@ -1,0 +1,174 @@
+"""The dual of a large projection, min u' G u / 2 - d' u over u >= 0: sweeps, and conjugate gradients on what presses.
+
+A sweep of Gauss-Seidel finds which rows press; on these the equations are solved by conjugate gradients with an
+incomplete Cholesky factor; the way there is cut where percussions would pull. That alone stalls where about as many
+rows press as there are velocities: a shift of the diagonal, raised when a way is cut and lowered when it is not, keeps
+the steps short there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..compiled import kernel
+from . import incomplete_cholesky as factor
+from .metric import Array
+
+# rounds at most, steps of conjugate gradients a round, how much of the residual they leave
+_ROUNDS, _STEPS, _LEFT = 400, 200, 0.1
+# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut
+_SWEEPS, _PATIENCE = 2, 4
+# entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
+_DROP, _STIFFER = 0.05, 3e-3
+# the shift at first, at least and at most, and how it changes
+_SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-2, 0.2, 5.0
+
+
+def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
+    """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached.
+
+    Parameters
+    ----------
+    starts, columns, G : ndarray, shapes (m + 1,), (k,), (k,)
+        Scaled Delassus matrix, row after row, columns ascending; its diagonal is 1.
+    d, u : ndarray, shape (m,)
+        Missing rates; percussions to start from, which are written over.
+    target : float
+        The residual that is enough.
+
+    Notes
+    -----
+    This form is the accelerated projected gradient with restarts: slow, and enough to compare with.
+    """
+    A = csr_array((G, columns, starts), shape=(len(d), len(d)))
+    length = float(abs(A).sum(axis=1).max(initial=1.0))
+    y, momentum = u.copy(), 1.0
+    for _ in range(200_000):
+        g = A @ u - d
+        if np.abs(np.minimum(u, g)).max(initial=0.0) <= target:
+            break
+        new = np.maximum(y - (A @ y - d) / length, 0.0)
+        following = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * momentum**2))
+        back = (y - new) @ (new - u) > 0.0
+        y = new if back else new + (momentum - 1.0) / following * (new - u)
+        u[:], momentum = new, 1.0 if back else following
+    return float(np.abs(np.minimum(u, A @ u - d)).max(initial=0.0))
+
+
+@kernel("f8(i4[::1], i4[::1], f8[::1], f8[::1], f8, f8[::1])", plain=relax_plain)
+def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
+    """Loops of the method told above, whose answers are those of `relax_plain`."""
+    m = len(d)
+    g, way, bend = np.empty(m), np.zeros(m), np.empty(m)
+    face, local = np.empty(m, np.int32), np.empty(m, np.int32)
+    # the matrix of the face, and its factor
+    room = len(G)
+    inner_starts, inner_columns, inner = np.empty(m + 1, np.int32), np.empty(room, np.int32), np.empty(room)
+    rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
+    r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    shift, stiffer, residual, best, vain, whole = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0
+    for _ in range(_ROUNDS):
+        # the gradient anew, for sums of changes drift
+        residual = 0.0
+        for a in range(m):
+            value = -d[a]
+            for k in range(starts[a], starts[a + 1]):
+                value += G[k] * u[columns[k]]
+            g[a] = value
+            off = abs(min(u[a], value))
+            # written so that a NaN stays
+            if not off <= residual and residual == residual:
+                residual = off
+        if not residual > target:
+            return residual
+        vain += 1
+        if residual < 0.5 * best:
+            best, vain = residual, 0
+        # what a sweep lets press again may have been cut off for good reason: first the rest is to settle
+        for sweep in range(_SWEEPS if whole >= 1.0 or vain < _PATIENCE else 0):
+            for b in range(m):
+                a = b if sweep % 2 == 0 else m - 1 - b
+                step = max(-g[a], -u[a])
+                if step != 0.0:
+                    u[a] += step
+                    for k in range(starts[a], starts[a + 1]):
+                        g[columns[k]] += step * G[k]
+        n, count = 0, 0
+        for a in range(m):
+            local[a] = -1
+            if u[a] > 0.0:
+                local[a], face[n] = n, a
+                n += 1
+        inner_starts[0] = 0
+        largest = 0.0
+        for i in range(n):
+            a = face[i]
+            for k in range(starts[a], starts[a + 1]):
+                j = local[columns[k]]
+                if j >= 0:
+                    inner_columns[count], inner[count] = j, G[k]
+                    count += 1
+            inner_starts[i + 1] = count
+            r[i], x[i] = -g[a], 0.0
+            largest = max(largest, abs(r[i]))
+        enough = max(_LEFT * largest, 0.3 * target)
+        if n > 0 and largest > 0.3 * target:
+            more = max(shift, stiffer)
+            while not factor.incomplete_cholesky(
+                inner_starts[: n + 1], inner_columns[:count], inner[:count], more, _DROP, rows[: n + 1], places, L
+            ):
+                more = stiffer = max(3.0 * more, _STIFFER)
+            last = 1.0
+            for step_number in range(_STEPS):
+                factor.solve_factor(rows[: n + 1], places, L, r[:n], y[:n])
+                product = 0.0
+                for i in range(n):
+                    product += r[i] * y[i]
+                turned = product / last if step_number > 0 else 0.0
+                last = product
+                for i in range(n):
+                    s[i] = y[i] + (turned * s[i] if step_number > 0 else 0.0)
+                curvature = 0.0
+                for i in range(n):
+                    value = shift * s[i]
+                    for k in range(inner_starts[i], inner_starts[i + 1]):
+                        value += inner[k] * s[inner_columns[k]]
+                    q[i] = value
+                    curvature += value * s[i]
+                if not curvature > 0.0:
+                    break
+                length, left = product / curvature, 0.0
+                for i in range(n):
+                    x[i] += length * s[i]
+                    r[i] -= length * q[i]
+                    left = max(left, abs(r[i]))
+                if left <= enough:
+                    break
+        # the whole way, or as much of it as lowers the energy: down to where the first percussion would pull, it does
+        whole = 1.0
+        for i in range(n):
+            if x[i] < 0.0 and u[face[i]] + whole * x[i] < 0.0:
+                whole = -u[face[i]] / x[i]
+        share = 1.0
+        while True:
+            for a in range(m):
+                way[a] = max(share * x[local[a]], -u[a]) if local[a] >= 0 else 0.0
+            energy = 0.0
+            for a in range(m):
+                value = 0.0
+                for k in range(starts[a], starts[a + 1]):
+                    value += G[k] * way[columns[k]]
+                bend[a] = value
+                energy += (g[a] + 0.5 * value) * way[a]
+            if energy < 0.0 or share <= whole:
+                break
+            share = max(0.5 * share, whole)
+        if energy < 0.0:
+            for a in range(m):
+                u[a] = max(u[a] + way[a], 0.0)
+        if whole >= 1.0:
+            shift = max(_LOWER * shift, _LEAST_SHIFT)
+        elif share < 1.0:
+            shift = min(_RAISE * shift, _MOST_SHIFT)
+    return residual

@@ -1,0 +1,152 @@
+"""The Delassus matrix of sparse rows, and the islands of rows that see each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from ..compiled import kernel
+from .metric import Array
+
+
+def gram_plain(
+    data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array
+) -> int:
+    """Write U U' of sparse rows U, row after row with columns ascending; return how many entries it has.
+
+    Parameters
+    ----------
+    data, columns, starts : ndarray, shapes (k,), (k,), (m + 1,)
+        U, shape (m, n), row after row.
+    n : int
+        Columns of U.
+    out_starts, out_columns, out : ndarray, shapes (m + 1,), (c,), (c,)
+        Receive U U', unless it has more than c entries.
+    """
+    U = csr_array((data, columns, starts), shape=(len(starts) - 1, n))
+    # by what is stored, zeros among it
+    full, stored = (U @ U.T).toarray(), abs(U).sign()
+    stored.data[:] = 1.0
+    where = np.nonzero((stored @ stored.T).toarray())
+    count = len(where[0])
+    if count <= len(out):
+        out_starts[:] = np.searchsorted(where[0], np.arange(len(out_starts)))
+        out_columns[:count], out[:count] = where[1], full[where]
+    return count
+
+
+@kernel("i8(f8[::1], i4[::1], i4[::1], i8, i4[::1], i4[::1], f8[::1])", plain=gram_plain)
+def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
+    """Loops of `gram_plain`."""
+    m, room = len(starts) - 1, len(out)
+    # U column after column
+    first = np.zeros(n + 1, np.int32)
+    for k in range(len(columns)):
+        first[columns[k] + 1] += 1
+    for j in range(n):
+        first[j + 1] += first[j]
+    fill, row, value = first[:n].copy(), np.empty(len(columns), np.int32), np.empty(len(columns))
+    for a in range(m):
+        for k in range(starts[a], starts[a + 1]):
+            place = fill[columns[k]]
+            row[place], value[place] = a, data[k]
+            fill[columns[k]] += 1
+    # columns with the same rows as the one before: those of one body
+    same = np.zeros(n + 1, np.bool_)
+    for j in range(1, n):
+        size = first[j + 1] - first[j]
+        alike = size > 0 and first[j] - first[j - 1] == size
+        for c in range(size if alike else 0):
+            alike = alike and row[first[j] + c] == row[first[j - 1] + c]
+        same[j] = alike
+    place_of, count = np.full(m, -1, np.int32), 0
+    out_starts[0] = 0
+    for a in range(m):
+        begin, k = count, starts[a]
+        while k < starts[a + 1]:
+            j, width = columns[k], 1
+            while k + width < starts[a + 1] and columns[k + width] == j + width and same[j + width]:
+                width += 1
+            size = first[j + 1] - first[j]
+            for c in range(first[j], first[j + 1]):
+                product = 0.0
+                for t in range(width):
+                    product += data[k + t] * value[c + t * size]
+                b = row[c]
+                place = place_of[b]
+                if place >= begin:
+                    if place < room:
+                        out[place] += product
+                else:
+                    place_of[b] = count
+                    if count < room:
+                        out_columns[count], out[count] = b, product
+                    count += 1
+            k += width
+        if count <= room:
+            for k in range(begin + 1, count):
+                b, g, place = out_columns[k], out[k], k
+                while place > begin and out_columns[place - 1] > b:
+                    out_columns[place], out[place] = out_columns[place - 1], out[place - 1]
+                    place -= 1
+                out_columns[place], out[place] = b, g
+        out_starts[a + 1] = count
+    return count
+
+
+def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
+    """Write which island each row is in, of rows that share columns, numbered by first rows; return how many.
+
+    Parameters
+    ----------
+    columns, starts : ndarray, shapes (k,), (m + 1,)
+        Where the rows have entries.
+    n : int
+        Columns in all.
+    kept : ndarray of bool, shape (m,)
+        The rows to look at; they have entries.
+    label : ndarray of int, shape (m,)
+        Receives the island of each row, -1 where it is not kept.
+    """
+    there = csr_array((np.ones(len(columns)), columns, starts), shape=(len(kept), n))[kept]
+    found = connected_components(there @ there.T, directed=False)[1]
+    _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    label[:] = -1
+    label[kept] = rank[inverse]
+    return len(first)
+
+
+@kernel("i8(i4[::1], i4[::1], i8, b1[::1], i8[::1])", plain=islands_plain)
+def islands(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
+    """Loops of `islands_plain`."""
+    parent, number = np.arange(n), np.full(n, -1)
+    for a in range(len(kept)):
+        if not kept[a]:
+            continue
+        root = columns[starts[a]]
+        while parent[root] != root:
+            parent[root] = parent[parent[root]]
+            root = parent[root]
+        for k in range(starts[a] + 1, starts[a + 1]):
+            other = columns[k]
+            while parent[other] != other:
+                parent[other] = parent[parent[other]]
+                other = parent[other]
+            if other < root:
+                root, other = other, root
+            parent[other] = root
+    count = 0
+    for a in range(len(kept)):
+        label[a] = -1
+        if kept[a]:
+            root = columns[starts[a]]
+            while parent[root] != root:
+                root = parent[root]
+            if number[root] < 0:
+                number[root] = count
+                count += 1
+            label[a] = number[root]
+    return count

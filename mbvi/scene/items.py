@@ -1,0 +1,137 @@
+"""What was added to a scene, as it was checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..constraints.shapes import Array, Convex, HalfSpace
+from ..constraints.triangles import Surface
+from ..errors import InputError
+from ..motion import Motion
+from ..system.articulated import Control
+from .urdf import Robot
+
+
+@dataclass(frozen=True)
+class RobotItem:
+    """A robot, where it stands, and how it starts."""
+
+    robot: Robot
+    base: str
+    position: Array
+    rotation: Array
+    q0: Array
+    v0: Array
+    control: Control | None
+
+
+@dataclass(frozen=True)
+class BodyItem:
+    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one."""
+
+    name: str
+    shape: Convex
+    mass: float
+    inertia: Array
+    centre: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
+    fixed: bool
+    motion: Motion | None = None
+
+
+@dataclass(frozen=True)
+class SurfaceItem:
+    """A mesh of the world, where it stands, and how it moves."""
+
+    name: str
+    surface: Surface
+    position: Array
+    rotation: Array
+    motion: Motion | None
+
+    def placed(self) -> Surface:
+        """Return the mesh where it stands."""
+        return Surface(self.surface.vertices @ self.rotation.T + self.position, self.surface.triangles)
+
+
+@dataclass(frozen=True)
+class SphereItem:
+    """Frictionless spheres under one name."""
+
+    name: str
+    positions: Array
+    radii: Array
+    masses: Array
+    velocities: Array
+
+    def names(self) -> list[str]:
+        """Return one name a sphere."""
+        if len(self.radii) == 1:
+            return [self.name]
+        return [f"{self.name}[{k}]" for k in range(len(self.radii))]
+
+
+@dataclass
+class SceneItems:
+    """All that was added to a scene, in its order."""
+
+    gravity: Array
+    restitution: float
+    walls: dict[str, HalfSpace] = field(default_factory=dict)
+    surfaces: list[SurfaceItem] = field(default_factory=list)
+    robots: list[RobotItem] = field(default_factory=list)
+    bodies: list[BodyItem] = field(default_factory=list)
+    spheres: list[SphereItem] = field(default_factory=list)
+    pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
+
+    def names(self) -> set[str]:
+        """Return the names that are taken."""
+        return {
+            *map(_entity, self.walls),
+            *(s.name for s in self.surfaces),
+            *(r.robot.name for r in self.robots),
+            *(_entity(b.name) for b in self.bodies),
+            *(s.name for s in self.spheres),
+        }
+
+    def parts(self) -> set[str]:
+        """Return the names of links, of single bodies of many, and of a container's walls."""
+        shapes = (s.name for r in self.robots for s in r.robot.shapes)
+        return {*shapes, *(b.name for b in self.bodies), *self.walls}
+
+    def new_name(self, name: str | None, default: str) -> str:
+        """Return a name that is not taken.
+
+        Raises
+        ------
+        InputError
+            If the one that is asked for is taken, or none.
+        """
+        taken = self.names()
+        if name is not None:
+            if set("/[|") & set(name):
+                raise InputError(f"the name {name!r} holds one of / [ |, which part a thing from its pieces")
+            if name in taken:
+                raise InputError(f"the name {name!r} is taken; give another one")
+            return name
+        number = 1
+        while default in taken:
+            number += 1
+            default = f"{default.removesuffix(f'_{number - 1}')}_{number}"
+        return default
+
+    def restitution_of(self, a: str, b: str) -> float:
+        """Return e between two shapes: a shape's own setting goes before its entity's."""
+        for first in (a, _entity(a)):
+            for second in (b, _entity(b)):
+                e = self.pair_restitution.get(frozenset((first, second)))
+                if e is not None:
+                    return e
+        return self.restitution
+
+
+def _entity(name: str) -> str:
+    return name.split("/", 1)[0].split("[", 1)[0]

@@ -1,0 +1,152 @@
+"""What stands in the world or moves as it is told: half-spaces, open boxes, meshes as they are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..constraints.shapes import Array, HalfSpace
+from ..constraints.triangles import Surface
+from ..errors import InputError
+from ..motion import Motion, checked_motion
+from .inputs import mesh_of, positive, rotation_matrix, vector
+from .items import SceneItems, SurfaceItem
+
+_SIDES = {
+    "floor": (0, 0, 1),
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+    "front": (0, 1, 0),
+    "back": (0, -1, 0),
+}
+
+
+class Walls:
+    """What adds walls."""
+
+    _items: SceneItems
+
+    def add_halfspace(
+        self,
+        normal: Sequence[float] | Array,
+        offset: float = 0.0,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> str:
+        """Add a wall or floor: free where normal . x >= offset.
+
+        Parameters
+        ----------
+        normal : array_like, shape (3,)
+            Direction into the free side; its length does not matter to the wall, but divides the offset with it.
+        offset : float
+            Signed distance of the wall from the origin along a unit normal [m].
+        name : str, optional
+            "floor" for the first by default.
+        motion : Motion, optional
+            How it moves, one of `mbvi.motion`; it stands still by default.
+
+        Raises
+        ------
+        InputError
+            If the normal is zero, the name is taken, or the motion is none.
+        """
+        n = vector(normal, "normal")
+        length = float(np.linalg.norm(n))
+        if length == 0.0:
+            raise InputError("the normal of a half-space must not be zero")
+        if not np.isfinite(offset):
+            raise InputError(f"offset must be finite; got {offset}")
+        moved = checked_motion(motion)
+        name = self._items.new_name(name, "floor")
+        self._items.walls[name] = HalfSpace(tuple(n / length), float(offset) / length, moved)
+        return name
+
+    def add_container(
+        self,
+        lower: Sequence[float] | Array,
+        upper: Sequence[float] | Array,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> str:
+        """Add an open box: a floor and four walls that go up without end, each a half-space.
+
+        Parameters
+        ----------
+        lower : array_like, shape (3,)
+            Its lowest corner [m].
+        upper : array_like, shape (2,) or (3,)
+            The opposite corner in x and y [m]; a height does not matter.
+        name : str, optional
+            "container" by default; its parts are "container/floor", "/left", "/right", "/front" and "/back".
+        motion : Motion, optional
+            As `add_halfspace`.
+
+        Raises
+        ------
+        InputError
+            If the corners are none of a box, the name is taken, or the motion is none.
+        """
+        low, far = vector(lower, "lower"), np.array(upper, dtype=float)
+        high = vector([*far[:2], 0.0] if far.shape in ((2,), (3,)) else far, "upper")
+        if not (low[:2] < high[:2]).all():
+            raise InputError(f"lower must lie below upper in x and y; got {low.tolist()} and {high[:2].tolist()}")
+        moved = checked_motion(motion)
+        name = self._items.new_name(name, "container")
+        for side, normal in _SIDES.items():
+            corner = high if min(normal) < 0 else low
+            n = np.array(normal, dtype=float)
+            self._items.walls[f"{name}/{side}"] = HalfSpace(tuple(n), float(n @ corner), moved)
+        return name
+
+    def add_surface(
+        self,
+        mesh: str | os.PathLike[str] | Array,
+        triangles: Array | None = None,
+        scale: float = 1.0,
+        position: Sequence[float] | Array = (0.0, 0.0, 0.0),
+        rotation: Array | Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> str:
+        """Add a triangle mesh of the world as it is, hollows and all: a funnel, a drum, terrain.
+
+        It is a sheet, solid from both sides, for spheres alone: free ones, and those on robots and bodies.
+        `mbvi.surfaces` makes meshes; of other shapes a scene takes the convex hull by `add_mesh(..., fixed=True)`.
+
+        Parameters
+        ----------
+        mesh : path, or array_like of shape (v, 3)
+            A file (STL, OBJ, DAE), or vertices.
+        triangles : array_like of int, shape (t, 3), optional
+            Which vertices each triangle has; not for a file.
+        scale : float
+            Metres per unit of the file or the vertices.
+        position, rotation : array_like, shapes (3,) and (3, 3)
+            Pose of the mesh's frame [m].
+        name : str, optional
+            The file's, or "surface", by default.
+        motion : Motion, optional
+            As `add_halfspace`.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, the mesh has no area, the name is taken, or the motion is none.
+        """
+        factor, place, turn = positive(scale, "scale"), vector(position, "position"), rotation_matrix(rotation)
+        if isinstance(mesh, str | os.PathLike):
+            if triangles is not None:
+                raise InputError("a mesh file brings its triangles itself")
+            default, (points, corners) = Path(mesh).stem, mesh_of(Path(mesh))
+        elif triangles is None:
+            raise InputError("give triangles with the vertices: add_surface(vertices, triangles)")
+        else:
+            default, points, corners = "surface", np.array(mesh, dtype=float), np.asarray(triangles)
+        moved, surface = checked_motion(motion), Surface(factor * points, corners)
+        name = self._items.new_name(name, default)
+        self._items.surfaces.append(SurfaceItem(name, surface, place, turn, moved))
+        return name

@@ -1,0 +1,80 @@
+"""Gradients of many bodies: each row touches two of them, and the rest is not stored."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+Array = np.ndarray
+
+# [columns]; rows of more bodies than that are kept sparse
+MOST_DENSE = 100
+
+
+def rows_from(data: Array, columns: Array, starts: Array, shape: tuple[int, int]) -> csr_array:
+    """Return sparse rows of arrays that are known to fit, without scipy's checks, which cost more than a product."""
+    rows = csr_array(shape)
+    rows.data, rows.indices, rows.indptr = data, columns, starts
+    return rows
+
+
+def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array) -> csr_array:
+    """Return rows that touch the blocks of two bodies.
+
+    Parameters
+    ----------
+    nv : int
+        Columns in all; body k has the k-th block of them, counted from 1.
+    first, second : ndarray of int, shape (m,)
+        The bodies; 0 where that side has no columns.
+    left, right : ndarray, shape (m, b)
+        What stands in their blocks.
+    """
+    m, b = left.shape
+    bodies = np.stack([first, second], axis=1)
+    columns = (b * bodies - b)[:, :, None] + np.arange(b)
+    values = np.stack([left, right], axis=1)
+    there = bodies > 0
+    starts = np.zeros(m + 1, np.int32)
+    if there.all():
+        starts[1:] = 2 * b * np.arange(1, m + 1)
+    else:
+        np.cumsum(b * there.sum(axis=1), out=starts[1:])
+        columns, values = columns[there], values[there]
+    return rows_from(values.ravel(), columns.ravel().astype(np.int32), starts, (m, nv))
+
+
+def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
+    """Return rows put together from several systems': which rows, from which column on, and what stands there."""
+    rows, columns, values = [], [], []
+    for here, start, part in parts:
+        block = csr_array(part).tocoo()
+        rows.append(here[block.coords[0]])
+        columns.append(block.coords[1] + start)
+        values.append(block.data)
+    if not rows:
+        return csr_array((m, nv))
+    # narrow, as kernels ask
+    places = np.concatenate(rows).astype(np.int32), np.concatenate(columns).astype(np.int32)
+    return csr_array((np.concatenate(values), places), shape=(m, nv))
+
+
+def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
+    """Return rows one part after the other, sparse where one of them is."""
+    full = [part for part in parts if isinstance(part, np.ndarray)]
+    if len(full) == len(parts):
+        return np.concatenate(full)
+    rows = [csr_array(part) if isinstance(part, np.ndarray) else part for part in parts]
+    ends = np.cumsum([0, *(part.nnz for part in rows)])
+    starts = [part.indptr[1:] + end for part, end in zip(rows, ends[:-1], strict=True)]
+    return rows_from(
+        np.concatenate([part.data for part in rows]),
+        np.concatenate([part.indices for part in rows]).astype(np.int32, copy=False),
+        np.concatenate([[0], *starts]).astype(np.int32),
+        (sum(part.shape[0] for part in rows), rows[0].shape[1]),
+    )
+
+
+def dense(rows: Array | csr_array) -> Array:
+    """Return rows as a full array."""
+    return rows if isinstance(rows, np.ndarray) else rows.toarray()

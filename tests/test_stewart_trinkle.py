@@ -1,0 +1,139 @@
+"""The scheme for piles: nothing lands inside anything, momentum is accounted for, and heaps come to rest."""
+
+import numpy as np
+import pytest
+
+import mbvi
+
+H = 2e-3
+
+
+def pile(count, radius=0.02, drop=0.02, density=None, seed=0):
+    """Spheres of a lattice over an open box; of one kilogram each, or of one density and radii within 1 : 3."""
+    n = int(np.ceil(count ** (1 / 3)))
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    grid = grid[np.argsort(grid[:, 2], kind="stable")][:count]
+    centres = 2.2 * radius * (grid + 0.5) + 0.05 * radius * (2.0 * rng.random((count, 3)) - 1.0)
+    centres[:, 2] += drop
+    radii = radius * (np.ones(count) if density is None else 3.0 ** -rng.random(count))
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for axis in range(2):
+        for sign in (1.0, -1.0):
+            normal = sign * np.eye(3)[axis]
+            scene.add_halfspace(normal, 0.0 if sign > 0 else -2.2 * radius * n, name=f"wall {axis} {sign:g}")
+    scene.add_spheres(centres, radii, 1.0 if density is None else density * 4.19 * radii**3, name="grain")
+    return scene.build(), radii
+
+
+def deepest(problem, radii, q):
+    """What the spheres penetrate each other and their box, from the configuration alone [m]."""
+    centres = q.reshape(-1, 3)
+    i, j = np.triu_indices(len(radii), 1)
+    between = np.linalg.norm(centres[i] - centres[j], axis=1) - radii[i] - radii[j]
+    walls = problem.scene.walls.values()
+    outside = [(centres @ np.array(w.normal) - w.offset - radii).min() for w in walls]
+    return max(0.0, -float(between.min()), -float(min(outside)))
+
+
+@pytest.mark.parametrize("density", [None, 1000.0])
+def test_a_pile_comes_to_rest_without_ever_penetrating(density):
+    problem, radii = pile(64, density=density)
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.7, progress=False)
+    worst = max(deepest(problem, radii, q) for q in run.q)
+    assert worst < 1e-4 * radii.min()
+    # the record says so too
+    assert run.penetration().max() == pytest.approx(worst, abs=1e-5 * radii.min())
+    speed = np.abs(run.v).max(axis=1)
+    assert speed.max() > 0.4
+    assert run.residual.max() <= 1e-6
+    energy = run.energy()
+    assert (np.diff(energy) <= 1e-6 * energy.max()).all()
+    assert np.sqrt((run.v[-1] ** 2).mean()) < 0.03
+
+
+def test_percussions_balance_momentum_and_carry_the_weight():
+    problem, _ = pile(64)
+    before, pressed = problem.v0, 0
+    for k, step in enumerate(mbvi.steps(problem, mbvi.StewartTrinkle(), step=H, residual=1e-9)):
+        J = step.active.jacobian
+        gained = (step.v - before).reshape(-1, 3) - H * np.array([0.0, 0.0, -9.81])
+        np.testing.assert_allclose(gained.ravel(), J.T @ step.percussion, atol=1e-12)
+        assert (step.percussion >= 0.0).all()
+        assert (step.after >= -1e-9 + np.minimum(0.0, -(step.active.gap - H * step.after) / H)).all()
+        before, pressed = step.v, pressed + (step.percussion > 0.0).any()
+        if k == 120:
+            break
+    assert pressed > 50
+
+
+def test_the_same_pile_twice_is_the_same_to_the_last_bit():
+    first, second = (
+        mbvi.simulate(pile(64)[0], mbvi.StewartTrinkle(), step=H, duration=0.2, progress=False) for _ in range(2)
+    )
+    assert first.q.tobytes() == second.q.tobytes()
+    assert first.v.tobytes() == second.v.tobytes()
+    assert [i.constraints for i in first.impacts] == [i.constraints for i in second.impacts]
+
+
+def test_a_ball_stops_on_the_floor_and_not_below():
+    """Which `Paoli` enters by up to h |v|."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(0.1, position=(0, 0, 0.537))
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.6, progress=False)
+    assert (run.q[:, 2] >= 0.1 - 1e-15).all()
+    assert run.q[-1, 2] == pytest.approx(0.1, abs=1e-15)
+    assert mbvi.simulate(problem, step=H, duration=0.6, progress=False).penetration().max() > 1e-4
+    # two steps take the velocity, and the record holds the first of them
+    landing = int(np.argmin(run.v[:, 2]))
+    assert -run.v[landing, 2] == pytest.approx(np.sqrt(2 * 9.81 * 0.437), rel=1e-2)
+    assert run.v[landing + 2 :, 2] == pytest.approx(0.0, abs=1e-12)
+    assert len(run.impacts) == 1
+    assert run.impacts[0].percussion == pytest.approx(run.v[landing + 1, 2] - run.v[landing, 2] + 9.81 * H)
+
+
+def test_what_is_struck_within_the_step_is_seen():
+    """The last of a row of balls is out of reach until the first strikes: the step is taken anew."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    masses = [100.0, 1.0, 0.01]
+    for k, x in enumerate([0.0, 0.2, 0.4]):
+        speed = (20.0 if k == 0 else 0.0, 0, 0)
+        scene.add_sphere(0.1, mass=masses[k], position=(x + 1e-4 * k, 0, 0), velocity=speed, name=f"ball {k}")
+    scene.add_sphere(0.1, position=(0.7, 0, 0), mass=1e-4, name="far")
+    problem = scene.build()
+    for k, step in enumerate(mbvi.steps(problem, mbvi.StewartTrinkle(), step=H)):
+        gaps = np.diff(step.q.reshape(-1, 3)[:, 0]) - 0.2
+        assert (gaps > -1e-9).all()
+        if k == 20:
+            break
+    assert step.v[9] > 10.0
+
+
+def test_restitution_is_refused():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(0.1, position=(0, 0, 0.11))
+    with pytest.raises(mbvi.InputError, match=r"e = 0\.5"):
+        mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=H, duration=0.1, progress=False)
+
+
+def test_it_takes_systems_without_bodies():
+    """The paper's own setting: all given constraints are looked at."""
+    system = mbvi.LagrangianSystem(mass=lambda q: np.eye(1), force=lambda t, q, v: np.array([-9.81]), dim=1)
+    floor = mbvi.GapFunction(lambda q: q[0], lambda q: np.ones(1))
+    problem = mbvi.Problem(system, [floor], [1.0], [0.0])
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=1.0, progress=False)
+    assert run.q.min() >= -1e-15
+    assert run.q[-1, 0] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(), mbvi.MoreauJean()])
+def test_other_schemes_take_many_bodies(scheme):
+    problem, radii = pile(64)
+    run = mbvi.simulate(problem, scheme, step=H, duration=0.3, progress=False)
+    assert run.residual.max() <= 1e-6
+    assert deepest(problem, radii, run.q[-1]) < 0.2 * radii.min()
+    assert len(run.impacts) > 10

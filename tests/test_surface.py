@@ -1,0 +1,220 @@
+"""Triangle meshes as they are: exact distances, one row a feature, nothing to catch on between coplanar triangles."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mbvi
+from mbvi import surfaces
+from mbvi.constraints import Surface
+from mbvi.constraints.triangles import nearest_on_triangles
+
+coordinates = st.floats(-1, 1).map(lambda x: round(x, 3))
+triples = st.tuples(coordinates, coordinates, coordinates).map(np.array)
+
+
+def distance_to_segment(x, a, b):
+    along = np.clip((x - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0, 1)
+    return np.linalg.norm(x - a - along * (b - a))
+
+
+def distance_to_triangle(x, a, b, c):
+    """By another way: the plane where the foot is inside, else the nearest side."""
+    sides = min(distance_to_segment(x, *side) for side in ((a, b), (b, c), (c, a)))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    foot = x - (x - a) @ normal * normal
+    inside = all(np.cross(q - p, foot - p) @ normal >= 0 for p, q in ((a, b), (b, c), (c, a)))
+    return min(abs((x - a) @ normal), sides) if inside else sides
+
+
+@given(triples, triples, triples, triples)
+@settings(max_examples=300)
+def test_the_nearest_point_of_a_triangle_is_nearest(a, b, c, x):
+    if np.linalg.norm(np.cross(b - a, c - a)) < 1e-4:
+        return
+    foot, feature = nearest_on_triangles(a[None], b[None], c[None], x[None])
+    assert np.linalg.norm(foot[0] - x) == pytest.approx(distance_to_triangle(x, a, b, c), abs=1e-12)
+    if feature[0] < 3:
+        np.testing.assert_allclose(foot[0], (a, b, c)[feature[0]], atol=1e-15)
+
+
+def above(mesh, positions, radius=0.1, **options):
+    scene = mbvi.Scene(**options)
+    scene.add_surface(*mesh, name="sheet")
+    scene.add_spheres(np.atleast_2d(positions), radius, mass=1.0)
+    return scene.build()
+
+
+def bumps(seed):
+    rng = np.random.default_rng(seed)
+    return surfaces.terrain(np.linspace(-1, 1, 9), np.linspace(-1, 1, 8), rng.uniform(-0.3, 0.1, (9, 8)))
+
+
+@given(seed=st.integers(0, 1000), tolerance=st.floats(0.0, 0.5))
+@settings(max_examples=20)
+def test_cells_find_what_a_look_at_all_triangles_finds(seed, tolerance):
+    positions, radii = mbvi.packing.random_loose(
+        (-1.3, -1.3, 0.2), (1.3, 1.3, 0.6), mbvi.packing.uniform(0.01, 0.12), count=20, seed=seed
+    )
+    problem = above(bumps(seed), positions, radii)
+    constraint, q = problem.constraints.constraints[0], problem.q0
+    everything = constraint.active(0.0, q, np.inf, None)
+    near = everything.gap <= tolerance
+    found = constraint.active(0.0, q, tolerance, None)
+    count = 0 if found is None else len(found.gap)
+    assert count == near.sum()
+    if count:
+        np.testing.assert_allclose(found.gap, everything.gap[near], atol=0)
+        np.testing.assert_allclose(found.normal, everything.normal[near], atol=0)
+    gaps = constraint.gap(0.0, q)
+    v, t = bumps(seed)
+    exact = [min(distance_to_triangle(x, *v[f]) for f in t) for x in positions[:3]]
+    np.testing.assert_allclose(gaps[:3], np.array(exact) - radii[:3], atol=1e-12)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=15)
+def test_gradients_are_those_of_the_gaps(seed):
+    positions, radii = mbvi.packing.random_loose((-1, -1, 0.2), (1, 1, 0.5), 0.1, count=5, seed=seed)
+    problem = above(bumps(seed), positions, radii)
+    constraint, q, h = problem.constraints.constraints[0], problem.q0, 1e-6
+    J = constraint.gradient(0.0, q)
+    for k in range(problem.system.nv):
+        step = np.eye(problem.system.nv)[k] * h
+        slope = (constraint.gap(0.0, q + step) - constraint.gap(0.0, q - step)) / (2 * h)
+        np.testing.assert_allclose(J[:, k], slope, atol=1e-5)
+
+
+@given(x=st.floats(-0.9, 0.9), y=st.floats(-0.9, 0.9), depth=st.floats(0.0, 0.05))
+def test_a_sphere_sunk_into_a_plane_of_many_triangles_feels_the_plane_alone(x, y, depth):
+    flat = surfaces.terrain(np.linspace(-1, 1, 21), np.linspace(-1, 1, 14), np.zeros((21, 14)))
+    problem = above(flat, (x, y, 0.1))
+    q = np.array([x, y, 0.1 - depth])
+    rows = problem.constraints.active(0.0, q, 1e-9)
+    np.testing.assert_allclose(rows.normal, np.tile([0, 0, 1.0], (len(rows.gap), 1)), atol=1e-9)
+    np.testing.assert_allclose(rows.gap, -depth, atol=1e-15)
+    # rounding may see both sides of an edge
+    assert 1 <= len(rows.gap) <= 2
+
+
+def test_corner_ridge_and_tip_have_the_rows_they_should():
+    # a corner of three walls, seen from inside
+    corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
+    rows = above(corner, (0.1, 0.1, 0.1)).constraints.active(0.0, np.full(3, 0.1), 1e-9)
+    assert {tuple(n) for n in np.round(rows.normal, 12).tolist()} == {(1, 0, 0), (0, 1, 0), (0, 0, 1)}
+    # a roof: over the ridge one row, straight up, and over its end too
+    roof = np.array([[-1, -1, -1], [1, -1, -1], [-1, 0, 0], [1, 0, 0], [-1, 1, -1], [1, 1, -1.0]])
+    mesh = roof, np.array([[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]])
+    for x in (0.3, 1.0):
+        q = np.array([x, 0, 0.1])
+        rows = above(mesh, q).constraints.active(0.0, q, 1e-9)
+        np.testing.assert_allclose(rows.normal, [[0, 0, 1]], atol=1e-12)
+
+
+def test_a_mesh_file_with_a_vertex_for_each_corner_is_welded(tmp_path):
+    v, t = surfaces.terrain([0, 1, 2], [0, 1, 2], np.zeros((3, 3)))
+    soup = Surface(v[t].reshape(-1, 3), np.arange(3 * len(t)).reshape(-1, 3))
+    assert len(soup.vertices) == 9 and (np.sort(soup.sharers) == np.sort(Surface(v, t).sharers)).all()
+    path = tmp_path / "sheet.obj"
+    lines = [f"v {x} {y} {z}" for x, y, z in v.tolist()] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in t.tolist()]
+    path.write_text("\n".join(lines) + "\n")
+    scene = mbvi.Scene()
+    assert scene.add_surface(path, scale=0.5, position=(0, 0, 1)) == "sheet"
+    scene.add_sphere(0.1, position=(0.5, 0.5, 1.3))
+    problem = scene.build()
+    np.testing.assert_allclose(problem.constraints.gap(0.0, problem.q0), [0.2], atol=1e-12)
+    assert "1 spheres at a mesh" in problem.report()
+
+
+def test_a_ball_larger_than_the_neck_plugs_the_funnel_at_the_exact_height():
+    top, neck, height, segments, r = 0.5, 0.1, 0.4, 32, 0.25
+    scene = mbvi.Scene()
+    scene.add_surface(*surfaces.funnel(top, neck, height, pipe=0.2, segments=segments), name="funnel")
+    scene.add_sphere(r, position=(0.05, 0.02, 0.7), name="ball")
+    run = mbvi.simulate(scene.build(), mbvi.SchatzmanPaoli(), step=2e-3, duration=1.0)
+    # the faces of the cone are planes whose nearest points to the axis are at cos(pi / n) of the radius
+    apothem, slope = np.cos(np.pi / segments), np.arctan2(height, (top - neck) * np.cos(np.pi / segments))
+    exact = (r / np.cos(slope)) - neck * apothem * np.tan(slope)
+    np.testing.assert_allclose(run.q[-1], [0, 0, exact], atol=1e-6)
+
+
+def test_error_control_goes_on_by_steps_where_a_mesh_is_struck_and_says_so():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_surface(*surfaces.funnel(0.5, 0.1, 0.4, segments=24), name="funnel")
+    scene.add_sphere(0.25, position=(0.1, 0.02, 0.5))
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=0.25)
+    fine = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=0.25)
+    assert len(run.notes) == 1 and "steps of 1e-4 s" in run.notes[0]
+    assert run.impacts[0].constraints == ("sphere | funnel",)
+    assert run.impacts[0].time == pytest.approx(fine.impacts[0].time, abs=1e-3)
+    assert np.abs(run.q[-1] - fine.q[-1]).max() < 0.02
+
+
+def test_a_small_ball_falls_through():
+    scene = mbvi.Scene(restitution=0.3)
+    scene.add_surface(*surfaces.funnel(0.5, 0.1, 0.4, pipe=0.2), name="funnel")
+    scene.add_sphere(0.05, position=(0.02, 0.03, 0.5))
+    run = mbvi.simulate(scene.build(), step=1e-3, duration=1.0)
+    assert run.q[-1, 2] < -0.3 and run.penetration().max() < 5e-3
+
+
+def test_a_sphere_on_a_body_meets_a_mesh_as_a_free_one_does():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_surface(*surfaces.terrain([-1, 1], [-1, 1], np.zeros((2, 2))), name="sheet")
+    scene.add_sphere(0.1, position=(0, 0, 0.5))
+    free = mbvi.simulate(scene.build(), step=1e-3, duration=0.6)
+    plane = mbvi.Scene(restitution=0.5)
+    plane.add_halfspace((0, 0, 1))
+    plane.add_sphere(0.1, position=(0, 0, 0.5))
+    np.testing.assert_allclose(free.q, mbvi.simulate(plane.build(), step=1e-3, duration=0.6).q, atol=1e-12)
+
+
+def test_funnel_drum_chute_hourglass_have_the_shapes_they_say():
+    v, t = surfaces.hourglass(0.2, 0.02, 0.3, 24)
+    assert np.ptp(v[:, 2]) == pytest.approx(0.6) and Surface(v, t).sharers.min() >= 1
+    # closed: every edge has two faces
+    surface = Surface(v, t)
+    edges = surface.features[:, 3:6].ravel()
+    assert (surface.sharers[np.unique(edges)] == 2).all()
+    v, t = surfaces.drum(0.3, 0.2, vanes=4, depth=0.1, segments=24)
+    assert np.hypot(v[:, 0], v[:, 2]).max() == pytest.approx(0.3) and np.abs(v[:, 1]).max() == pytest.approx(0.1)
+    inner = v[-16:]
+    assert np.hypot(inner[:, 0], inner[:, 2]).min() == pytest.approx(0.2)
+    v, t = surfaces.chute(2.0, 0.5, np.radians(30), 0.1)
+    floor = Surface(v, t[[0, 3]])
+    assert v[:, 2].max() == pytest.approx(1.0 + 0.1 * np.cos(np.radians(30))) and len(floor.triangles) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: s.add_surface(np.zeros((3, 2)), [[0, 1, 2]]), r"\(v, 3\)"),
+        (lambda s: s.add_surface(np.eye(3), [[0.0, 1, 2]]), "integers of shape"),
+        (lambda s: s.add_surface(np.eye(3), [[0, 1, 3]]), "not there"),
+        (lambda s: s.add_surface(np.eye(3), [[0, 1, 1]]), "no triangle with an area"),
+        (lambda s: s.add_surface(np.eye(3)), "give triangles"),
+        (lambda s: s.add_surface("nowhere.stl"), "no such file"),
+        (lambda s: s.add_surface("nowhere.stl", [[0, 1, 2]]), "brings its triangles"),
+        (lambda s: surfaces.revolved([(1, 0)]), "two or more corners"),
+        (lambda s: surfaces.revolved([(1, 0), (1, 1)], 2), "3 or more"),
+        (lambda s: surfaces.funnel(0.1, 0.2, 1.0), "top - neck must be positive"),
+        (lambda s: surfaces.hourglass(0.1, 0.0, 1.0), "neck must be positive"),
+        (lambda s: surfaces.drum(0.1, 0.2, vanes=2, depth=0.3), "between 0 and the radius"),
+        (lambda s: surfaces.chute(1, 1, 2.0, 0.1), "angle"),
+        (lambda s: surfaces.terrain([0, 1], [0, 1], np.zeros((2, 3))), "ask for"),
+    ],
+)
+def test_wrong_meshes_say_what_is_wrong(call, message):
+    with pytest.raises(mbvi.InputError, match=message):
+        call(mbvi.Scene())
+
+
+def test_other_shapes_than_spheres_are_refused_at_a_mesh():
+    scene = mbvi.Scene()
+    scene.add_surface(*bumps(0))
+    scene.add_box((0.1, 0.1, 0.1), position=(0, 0, 1))
+    with pytest.raises(mbvi.InputError, match="box would meet surface, but a mesh as it is meets spheres only"):
+        scene.build()
