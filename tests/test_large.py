@@ -167,3 +167,17 @@ def test_a_user_may_give_sparse_rows_and_solve_a_failed_problem_again(rng):
         mbvi.project(np.zeros(120), np.eye(120), contradiction, 0.1)
     with pytest.raises(mbvi.InfeasibleError):
         mbvi.project(**error.value.problem)
+
+
+def test_what_moves_as_one_misses_nothing_but_rounding():
+    """Rows of grains that touch, all at one speed: J x is the rounding of that speed, and no scale of its own."""
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(300, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    first = rng.integers(1, 60, 300)
+    second = first + rng.integers(1, 5, 300)
+    J = rows_of_two(192, first, second, -normals, normals)
+    x = np.tile([0.1, 0.2, 0.668547884], 64)
+    assert 0.0 < np.abs(J @ x).max() < 1e-15
+    found = mbvi.project(x, np.diag(np.full(192, 0.1)), J, 0.0)
+    np.testing.assert_allclose(found.velocity, x, rtol=1e-14)

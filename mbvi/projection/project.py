@@ -150,6 +150,10 @@ class Projector:
 
     def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
         """Project onto rows of many bodies."""
+        speeds = abs(J).dot(np.abs(x)) + np.abs(lower)
+        if (lower - J.dot(x)).max(initial=0.0) <= ROUNDING * speeds.max(initial=0.0):
+            # what is missing, if anything, is the rounding of J x
+            return Projection(x, np.zeros(len(lower)), 0.0)
         if self._large is None:
             self._large = Large(Projector(0.1 * self.residual).project)
         found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
