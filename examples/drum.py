@@ -32,7 +32,7 @@ def main(page: str | None = None) -> float:
     problem = filled_drum()
     work = lost = 0.0
     highest, end = -np.inf, None
-    for step in islice(mbvi.steps(problem, step=STEP), STEPS):
+    for step in islice(mbvi.steps(problem, mbvi.Paoli(), step=STEP), STEPS):
         end = step
         if step.percussion.any():
             # the wall's normal velocity is -df/dt; rates are relative to it
@@ -44,7 +44,7 @@ def main(page: str | None = None) -> float:
     print(f"the drum works {work:.3f} J, impacts take {lost:.3f} J, the grains gain {gain:.3f} J")
     print(f"the highest grain rose to {highest:.3f} m above the axis")
     if page:
-        mbvi.simulate(problem, step=STEP, duration=STEP * STEPS).replay_html(page)
+        mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=STEP * STEPS).replay_html(page)
     return (gain + lost) / work
 
 

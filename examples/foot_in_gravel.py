@@ -30,7 +30,7 @@ def main(page: str | None = None) -> float:
     scene.add_spheres(*bed, density=2500.0, name="gravel")
     joints = {"hip": CROUCH[0], "knee": CROUCH[1]}
     scene.add_urdf(robots / "hopper/hopper.urdf", position=(0, 0.01, 0.85), joints=joints, control=hold)
-    run = mbvi.simulate(scene.build(), step=5e-4, duration=0.5, every=2)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=5e-4, duration=0.5, every=2)
     first = next(i for i in run.impacts if any("foot" in name for name in i.constraints))
     row = next(k for k, name in enumerate(first.constraints) if "foot" in name)
     print(f"{first.constraints[row]} at {first.time:.3f} s; {len(run.impacts)} impacts in all")

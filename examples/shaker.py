@@ -34,7 +34,7 @@ def main(page: str | None = None) -> float:
     # four by four grains fill the crate from wall to wall
     bed = packing.lattice((4, 4, 4), 0.02, spacing=0.04, corner=(0, 0, -AMPLITUDE))
     scene.add_spheres(*bed, density=2500.0)
-    run = mbvi.simulate(scene.build(), step=1e-3, duration=0.4)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.4)
     blows = [i for i in run.impacts if any("floor" in name for name in i.constraints) and i.time > 0.05]
     down = blows[0]
     hit = [k for k, name in enumerate(down.constraints) if "floor" in name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .constraints import SignedDistances, SphereContacts
+from .constraints import SignedDistances, SphereContacts, SphereSurface
 from .constraints.shapes import HalfSpace, PlacedShape
 from .problem import Problem
 from .schemes import Centered, EventDriven, Scheme
@@ -67,6 +67,8 @@ def time_stepping() -> tuple[Scheme, str]:
 def _against_error_control(problem: Problem) -> str | None:
     """Return what speaks against error control, if anything."""
     for constraint in problem.constraints.constraints:
+        if isinstance(constraint, SphereSurface):
+            return f"the gradient of {constraint.name(0)} jumps"
         if isinstance(constraint, SignedDistances) and not constraint.round.all():
             jumping = constraint.names[int(np.flatnonzero(~constraint.round)[0])]
             return f"the gradient of {jumping} jumps"

@@ -38,7 +38,7 @@ def test_many_boxes_are_as_many_single_ones():
         scene.add_halfspace((0, 0, 1), offset=-0.5)
     one, other = many.build(), single.build()
     assert one.q0.tobytes() == other.q0.tobytes() and one.v0.tobytes() == other.v0.tobytes()
-    a, b = (mbvi.simulate(p, step=2e-3, duration=0.5) for p in (one, other))
+    a, b = (mbvi.simulate(p, mbvi.Paoli(), step=2e-3, duration=0.5) for p in (one, other))
     assert a.q.tobytes() == b.q.tobytes() and len(a.impacts) > 0
     assert a.impacts[0].constraints[0].startswith("brick[")
 
@@ -55,12 +55,12 @@ def test_grains_of_one_shape_share_it_and_weigh_their_density(tmp_path):
     np.testing.assert_allclose(problem.q0.reshape(-1, 7)[:, :3], places + 0.125)
     shapes = [s.shape for s in problem.scene.shapes]
     assert shapes[0] is shapes[1] is shapes[2]
-    run = mbvi.simulate(problem, step=2e-3, duration=0.3)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=2e-3, duration=0.3)
     run.save(tmp_path / "run.h5")
     back = mbvi.load(tmp_path / "run.h5").problem
     shapes = [s.shape for s in back.scene.shapes]
     assert shapes[0] is shapes[1] is shapes[2]
-    assert mbvi.simulate(back, step=2e-3, duration=0.3).q.tobytes() == run.q.tobytes()
+    assert mbvi.simulate(back, mbvi.Paoli(), step=2e-3, duration=0.3).q.tobytes() == run.q.tobytes()
     # q follows the centre of mass, which falls alike for all
     np.testing.assert_allclose(run.q[:50, 2], run.q[:50, 9], atol=1e-12)
 

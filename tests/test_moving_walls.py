@@ -212,7 +212,7 @@ def test_a_wall_that_strikes_at_the_start_is_met_by_the_law_there():
     scene = mbvi.Scene(restitution=0.5, gravity=(0, 0, 0))
     scene.add_halfspace((0, 0, 1), motion=Translation((0, 0, 2.0)))
     scene.add_sphere(0.1, position=(0, 0, 0.1))
-    run = mbvi.simulate(scene.build(), step=1e-2, duration=0.1)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1)
     assert run.impacts[0].time == 0.0 and run.impacts[0].before == pytest.approx([-2.0])
     np.testing.assert_allclose(run.v[:, 2], 3.0)
     assert run.diagnosis().energy_excess == 0.0
@@ -267,10 +267,10 @@ def moving_scene(motion):
 
 
 def test_a_file_brings_moving_walls_back(tmp_path):
-    run = mbvi.simulate(moving_scene(Oscillation((0, 0, 0.05), 3.0)), step=2e-3, duration=0.5)
+    run = mbvi.simulate(moving_scene(Oscillation((0, 0, 0.05), 3.0)), mbvi.Paoli(), step=2e-3, duration=0.5)
     run.save(tmp_path / "run.h5")
     back = mbvi.load(tmp_path / "run.h5")
-    again = mbvi.simulate(back.problem, step=2e-3, duration=0.5)
+    again = mbvi.simulate(back.problem, mbvi.Paoli(), step=2e-3, duration=0.5)
     assert again.q.tobytes() == run.q.tobytes() and len(run.impacts) > 0
     assert back.diagnosis().energy_excess == run.diagnosis().energy_excess
 
@@ -280,7 +280,7 @@ class Own(Translation):
 
 
 def test_a_file_says_that_it_lost_a_motion_of_the_users_own(tmp_path):
-    run = mbvi.simulate(moving_scene(Own((0, 0, 0.1))), step=2e-3, duration=0.2)
+    run = mbvi.simulate(moving_scene(Own((0, 0, 0.1))), mbvi.Paoli(), step=2e-3, duration=0.2)
     run.save(tmp_path / "run.h5")
     back = mbvi.load(tmp_path / "run.h5")
     assert np.isnan(back.diagnosis().energy_excess)
@@ -298,7 +298,7 @@ def test_many_spheres_meet_moving_walls_in_bulk_as_few_do_one_by_one():
         scene.add_halfspace((0.1, 0, 1), motion=motion)
         scene.add_box((20, 20, 0.1), position=(0, 0, 0.1), motion=motion)
         scene.add_spheres(positions, 0.1, mass=1.0)
-        return mbvi.simulate(scene.build(), step=2e-3, duration=0.4)
+        return mbvi.simulate(scene.build(), mbvi.Paoli(), step=2e-3, duration=0.4)
 
     many = shaken(places)
     for k in (0, 17, 33):
@@ -334,3 +334,11 @@ def test_many_boxes_meet_moving_ones_as_few_do():
         many, few = near_blades(every, t), near_blades(every[:40], t) | near_blades(every[40:], t)
         assert len(many) > 10 and many.keys() == few.keys()
         np.testing.assert_allclose([many[key] for key in few], list(few.values()), atol=1e-9)
+
+
+def test_the_default_scheme_of_moving_walls_is_one_of_fixed_steps():
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), motion=Oscillation((0, 0, 0.02), 2.0))
+    scene.add_sphere(0.1, position=(0, 0, 0.3))
+    run = mbvi.simulate(scene.build(), duration=0.5)
+    assert run.scheme == "Centered" and "walls move on their own" in run.notes[0]

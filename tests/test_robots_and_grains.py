@@ -97,7 +97,7 @@ def test_a_robot_on_a_lift_at_constant_speed_is_one_on_the_ground():
         still = scene.build()
         v0 = still.v0 + np.concatenate([[0.1, 0, lift] if lift else [0, 0, 0], np.zeros(5)])
         problem = mbvi.Problem(still.system, still.constraints.constraints, still.q0, v0, length=still.length)
-        run = mbvi.simulate(problem, step=h, duration=0.3)
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=h, duration=0.3)
         return run, run.q[-1] - (0.3 * np.array([0.1, 0, lift, 0, 0, 0, 0, 0, 0]) if lift else 0.0)
 
     errors = []

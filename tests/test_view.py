@@ -205,7 +205,7 @@ def driven():
     scene.add_surface(*mbvi.surfaces.funnel(0.5, 0.15, 0.3), position=(0, 0, 0.8), name="funnel")
     scene.add_halfspace((0, 0, 1), offset=-0.5, name="ground")
     scene.add_spheres(np.array([[0.3, 0, 1.2], [-0.3, 0.1, 1.3]]), 0.1, mass=1.0)
-    return mbvi.simulate(scene.build(), step=2e-3, duration=0.5)
+    return mbvi.simulate(scene.build(), mbvi.Paoli(), step=2e-3, duration=0.5)
 
 
 def test_what_moves_on_its_own_moves_in_the_replay(driven):
