@@ -137,3 +137,13 @@ def test_other_schemes_take_many_bodies(scheme):
     assert run.residual.max() <= 1e-6
     assert deepest(problem, radii, run.q[-1]) < 0.2 * radii.min()
     assert len(run.impacts) > 10
+
+
+def test_the_default_scheme_and_the_diagnosis_take_many_bodies():
+    problem, radii = pile(64)
+    run = mbvi.simulate(problem, step=H, duration=0.15, progress=False)
+    assert run.scheme == "Centered"
+    assert run.residual.max() <= 1e-6
+    assert deepest(problem, radii, run.q[-1]) < 0.2 * radii.min()
+    diagnosis = run.diagnosis()
+    assert diagnosis.largest_percussion == max(i.percussion.max() for i in run.impacts)
