@@ -161,6 +161,6 @@ def test_a_box_under_a_heavier_one_stays(ratio):
     assert problem.system.sparse
     run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.2, progress=False)
     assert run.penetration().max() < 1e-8
-    # heights and tilts; along the faces nothing holds them, and rounding moves the light one by what the heavy one weighs
+    # heights and tilts; along the faces nothing holds them, and the heavy one's rounding moves the light one
     moved = np.abs(run.q[-1] - problem.q0)[:14].reshape(2, 7)
     assert moved[:, 2:5].max() < 1e-9
