@@ -51,7 +51,7 @@ class ProjectionError(MbviError):
     Attributes
     ----------
     problem : dict
-        What was to be solved: `x` shape (nv,), `M` shape (nv, nv), `J` shape (m, nv), `lower` shape (m,).
+        What was to be solved: `x` shape (nv,), `M` shape (nv, nv) or a metric, `J` shape (m, nv), `lower` shape (m,).
     residual : float
         The relative KKT residual that was reached.
     """

@@ -86,7 +86,7 @@ def test_a_ball_stops_on_the_floor_and_not_below():
     run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.6, progress=False)
     assert (run.q[:, 2] >= 0.1 - 1e-15).all()
     assert run.q[-1, 2] == pytest.approx(0.1, abs=1e-15)
-    assert mbvi.simulate(problem, step=H, duration=0.6, progress=False).penetration().max() > 1e-4
+    assert mbvi.simulate(problem, mbvi.Paoli(), step=H, duration=0.6, progress=False).penetration().max() > 1e-4
     # two steps take the velocity, and the record holds the first of them
     landing = int(np.argmin(run.v[:, 2]))
     assert -run.v[landing, 2] == pytest.approx(np.sqrt(2 * 9.81 * 0.437), rel=1e-2)
@@ -137,3 +137,30 @@ def test_other_schemes_take_many_bodies(scheme):
     assert run.residual.max() <= 1e-6
     assert deepest(problem, radii, run.q[-1]) < 0.2 * radii.min()
     assert len(run.impacts) > 10
+
+
+def test_the_default_scheme_and_the_diagnosis_take_many_bodies():
+    problem, radii = pile(64)
+    run = mbvi.simulate(problem, step=H, duration=0.1, progress=False)
+    assert run.scheme == "Centered"
+    assert run.residual.max() <= 1e-6
+    assert deepest(problem, radii, run.q[-1]) < 0.2 * radii.min()
+    diagnosis = run.diagnosis()
+    assert diagnosis.largest_percussion == max(i.percussion.max() for i in run.impacts)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e6, 1e8])
+def test_a_box_under_a_heavier_one_stays(ratio):
+    """Beside enough spheres that rows are sparse."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    for k, mass in enumerate((1.0, ratio)):
+        scene.add_box((0.2, 0.2, 0.2), mass, position=(0, 0, 0.1 + 0.2 * k))
+    scene.add_spheres(np.array([[2.0 + 0.1 * k, 0, 0.02] for k in range(40)]), 0.02, 1.0)
+    problem = scene.build()
+    assert problem.system.sparse
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.2, progress=False)
+    assert run.penetration().max() < 1e-8
+    # heights and tilts; along the faces nothing holds them, and the heavy one's rounding moves the light one
+    moved = np.abs(run.q[-1] - problem.q0)[:14].reshape(2, 7)
+    assert moved[:, 2:5].max() < 1e-9

@@ -88,7 +88,7 @@ class Projector:
         `contacts`, shape (m,), numbers that name the rows from one projection to the next, may speed up sparse ones.
         """
         if not isinstance(J, np.ndarray):
-            return self._sparse(x, metric, J, lower, contacts)
+            return self._many(x, metric, J, lower, contacts)
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
@@ -140,11 +140,7 @@ class Projector:
                 return velocity, rates, residual
         x = push.free
         rates[3] = J.dot(v)
-        lower = -e * rates[3]
-        if isinstance(J, np.ndarray):
-            velocity, rates[0], residual = self._many(x, push.metric, J, lower)
-        else:
-            velocity, rates[0], residual = self._sparse(x, push.metric, J, lower, contacts)
+        velocity, rates[0], residual = self._many(x, push.metric, J, -e * rates[3], contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
 
@@ -157,15 +153,18 @@ class Projector:
         if self._large is None:
             self._large = Large(Projector(0.1 * self.residual).project)
         found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
-        if found.residual <= self.residual:
-            return found
-        problem = {"x": x, "M": metric, "J": J, "lower": lower}
-        if contradictory(metric, J, lower, found.percussion):
-            raise InfeasibleError("no velocity w meets J w >= lower: rows contradict each other", problem)
-        raise ProjectionError(_stopped(len(lower), found.residual, self.residual), problem, found.residual)
+        # written so that a NaN is refused too
+        if not found.residual <= self.residual:
+            self._contradiction = contradictory(metric, J, lower, found.percussion)
+            raise self._failure(x, metric, J, lower, found.residual)
+        return found
 
-    def _many(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection:
+    def _many(
+        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
+    ) -> Projection:
         """Project onto many rows, or onto few that are not settled yet."""
+        if not isinstance(J, np.ndarray):
+            return self._sparse(x, metric, J, lower, contacts)
         speed = J @ x
         missing = lower - speed
         if (missing <= 0.0).all():
@@ -245,17 +244,16 @@ class Projector:
         return Projection(part.velocity, percussion, part.residual)
 
     def _failure(self, x: Array, metric: Metric, J: Array, lower: Array, residual: float) -> ProjectionError:
-        problem = {"x": x, "M": metric.dense(), "J": J, "lower": lower}
+        # of many bodies M would be too large to write out
+        problem = {"x": x, "M": metric.dense() if isinstance(J, np.ndarray) else metric, "J": J, "lower": lower}
         if self._contradiction:
             return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
-        return ProjectionError(_stopped(len(lower), residual, self.residual), problem, float(residual))
-
-
-def _stopped(rows: int, reached: float, asked: float) -> str:
-    return (
-        f"the projection onto {rows} constraints stopped at the relative KKT residual {reached:.1e}, "
-        f"above {asked:.1e}; the problem is in `.problem`"
-    )
+        return ProjectionError(
+            f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "
+            f"above {self.residual:.1e}; the problem is in `.problem`",
+            problem,
+            float(residual),
+        )
 
 
 def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | float = 0.0) -> Projection:
@@ -268,8 +266,7 @@ def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | fl
     M : ndarray, shape (nv, nv), or Metric
         Mass matrix, symmetric positive definite.
     J : ndarray or sparse array, shape (m, nv)
-        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero. Sparse ones are solved
-        island by island, to the residual instead of to rounding.
+        Constraint gradients, one a row; rows may be dependent, repeated, opposite or zero.
     lower : float or ndarray, shape (m,)
         Least rate of each constraint [m/s, rad/s]; 0 gives the projection onto the tangent cone.
 
@@ -351,7 +348,7 @@ def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array
         bound = np.broadcast_to(np.asarray(bound, dtype=float), J.shape[:1])
     except ValueError as error:
         raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({J.shape[0]},)") from error
-    values = J if isinstance(J, np.ndarray) else J.data
-    if not (np.isfinite(x).all() and np.isfinite(values).all() and np.isfinite(bound).all()):
+    entries = J if isinstance(J, np.ndarray) else J.data
+    if not (np.isfinite(x).all() and np.isfinite(entries).all() and np.isfinite(bound).all()):
         raise InputError(f"x, J and {name} must be finite")
     return x, J, bound

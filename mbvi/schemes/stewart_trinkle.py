@@ -99,4 +99,4 @@ def _reach(problem: Problem, q: Array, moved: Array) -> float:
 def _missed(problem: Problem, step: Step) -> bool:
     """Tell whether something that the step has no row for penetrates at its end."""
     there = problem.constraints.near(step.t, step.q, -problem.tolerance)
-    return not np.isin(there.constraint, step.active.constraint).all()
+    return bool(there.gap.size) and not np.isin(there.constraint, step.active.constraint).all()
