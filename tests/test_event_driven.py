@@ -432,3 +432,18 @@ def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
     np.testing.assert_array_equal(cut.t[:n], whole.t[:n])
     np.testing.assert_array_equal(cut.v[:n], whole.v[:n])
     np.testing.assert_array_equal(cut._dense[: n - 1], whole._dense[: n - 1])
+
+
+def test_a_crowd_is_refused_and_many_spheres_keep_their_own_restitution():
+    def balls(count, e):
+        scene = mbvi.Scene(restitution=0.9)
+        scene.add_halfspace((0, 0, 1), name="floor")
+        positions = np.column_stack([np.arange(count), np.zeros(count), np.full(count, 0.2)])
+        scene.add_spheres(positions=positions, radius=0.1, mass=1.0, name="balls")
+        scene.set_restitution("balls", "floor", e)
+        return scene.build()
+
+    run = mbvi.simulate(balls(40, 0.5), mbvi.EventDriven(1e-6), duration=0.2)
+    np.testing.assert_allclose(run.impacts[0].after, -0.5 * run.impacts[0].before, rtol=1e-9)
+    with pytest.raises(mbvi.InputError, match="too many bodies"):
+        mbvi.simulate(balls(600, 0.5), mbvi.EventDriven(1e-6), duration=0.2)

@@ -6,16 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from .active import Array
 from .admissible_set import AdmissibleSet
+from .crowd import Crowd
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .pairs import Contacts, Pairs
 from .signed_distance import SignedDistances
 from .sphere_surface import SphereSurface
+from .sphere_walls import SphereWalls
 from .spheres import SphereContacts
 
 _MOST_SETS = 1000
+# rows times velocities, beyond which a row for every pair is too much
+_MOST_NUMBERS = 20_000_000
 # length of the differences that give (dJ/dt) v: both errors of order four are at rounding there [m, rad]
 _DIFFERENCE = 1e-3
 
@@ -55,6 +60,8 @@ class SmoothRows:
         columns: list[tuple[Array, ...]] = []
         start = 0
         for constraint, first, e in constraints.numbered():
+            if isinstance(constraint, Crowd) or getattr(constraint, "size", 0) * self._system.nv > _MOST_NUMBERS:
+                raise InputError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
             number, *described = _describe(constraint, e, self._system.nv, t, q)
             columns.append((number + first, *described))
             self._parts.append((constraint, slice(start, start + len(number))))
@@ -161,6 +168,9 @@ def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[A
     if isinstance(constraint, SignedDistances):
         pair = np.arange(len(constraint.names))
         return pair, constraint.restitution, constraint.round, constraint.reach, constraint.thickness
+    if isinstance(constraint, SphereWalls):
+        number, own = np.arange(constraint.size), constraint.restitution_of_all()
+        return number, own, np.ones(len(number), bool), np.full((len(number), nv), np.inf), np.full(len(number), np.inf)
     if isinstance(constraint, SphereSurface):
         # which feature is nearest changes
         number = np.arange(constraint.size)
