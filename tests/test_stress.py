@@ -44,6 +44,8 @@ def test_a_cell_says_what_went_wrong_or_that_it_took_too_long():
 
     bad = StressScene("bad", scene.make, 1e-2, explode, "nothing", 0.0, 1.0)
     assert cell(bad, "Paoli", mbvi.Paoli(), 1e-3, 60.0).said == "MbviError: no number"
+    elastic = cell(scene, "StewartTrinkle", mbvi.StewartTrinkle(), 1e-3, 60.0)
+    assert elastic.verdict == "refused"
     slow = cell(scene, "Centered", mbvi.Centered(), 1e-6, 0.05)
     assert (slow.verdict, slow.value) == ("too slow", np.inf)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from .sweep import Cell
 
-_COLOURS = {"held": "#b7dfb0", "degraded": "#ffe08a", "failed": "#f1a7a0", "too slow": "#d9d9d9"}
+_COLOURS = {"held": "#b7dfb0", "degraded": "#ffe08a", "failed": "#f1a7a0", "too slow": "#d9d9d9",
+            "refused": "#eef1f5"}  # fmt: skip
 _WIDTH, _HEIGHT, _MARGIN, _HEAD = 0.62, 0.34, 2.9, 2.0
 
 
@@ -53,8 +54,8 @@ def draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
 
 def number(cell: Cell) -> str:
     """Return a cell's number in few characters, or why it has none."""
-    if cell.verdict == "too slow":
-        return "slow"
+    if cell.verdict in ("too slow", "refused"):
+        return {"too slow": "slow", "refused": "-"}[cell.verdict]
     if cell.value == float("inf"):
         return "error"
     return "0" if cell.value == 0.0 else f"{cell.value:.0e}".replace("e-0", "e-").replace("e+0", "e")

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
-from ..errors import MbviError
+from ..errors import InputError, MbviError
 from ..projection import Projector
-from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
+from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from ..simulate import simulate
 from .scene import StressScene
 
@@ -23,6 +23,7 @@ SCHEMES: Mapping[str, Callable[[], Any]] = {
     "Centered": Centered,
     "Centered, positions projected": lambda: Centered(project_positions=True),
     "SchatzmanPaoli": SchatzmanPaoli,
+    "StewartTrinkle": StewartTrinkle,
 }
 # what a scene that depends on the step gets where there is none [s]
 _USUAL = 1e-3
@@ -41,7 +42,8 @@ class Cell:
     value : float
         The scene's number; infinite where there is none.
     verdict : str
-        "held", "degraded" or "failed"; "too slow" where the time given was not enough.
+        "held", "degraded" or "failed"; "too slow" where the time given was not enough, "refused" where the scheme says
+        that the scene is not for it.
     cpu : float
         CPU time [s].
     said : str
@@ -98,6 +100,8 @@ def cell(scene: StressScene, name: str, scheme: Any, step: float, budget: float)
         verdict, said = scene.verdict(value), "; ".join(run.notes)
     except _TooSlow:
         verdict, said = "too slow", f"more than {budget:g} s"
+    except InputError as error:
+        verdict, said = "refused", str(error)
     except MbviError as error:
         said = f"{type(error).__name__}: {error}"
     return Cell(scene.name, name, step, value, verdict, time.process_time() - start, said)
