@@ -26,8 +26,7 @@ from .tree import TreePush
 
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
-_FEW = 32
-_POSITIVE = 1e-7
+_FEW, _POSITIVE = 32, 1e-7
 
 
 class Projection(NamedTuple):
@@ -83,10 +82,7 @@ class Projector:
     def project(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
     ) -> Projection:
-        """Project x; see `project`, whose checks this leaves out.
-
-        `contacts`, shape (m,), numbers that name the rows from one projection to the next, may speed up sparse ones.
-        """
+        """Project x; see `project`, whose checks this leaves out; `contacts`, shape (m,), name sparse rows."""
         if not isinstance(J, np.ndarray):
             return self._many(x, metric, J, lower, contacts)
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
@@ -115,7 +111,7 @@ class Projector:
         e : ndarray, shape (m,)
             Restitution of each.
         contacts : ndarray of int, shape (m,), optional
-            As of `project`.
+            What names sparse rows from one projection to the next, so that they start from their last percussions.
 
         Returns
         -------
