@@ -14,9 +14,9 @@ from ..problem import Problem
 from ..projection import Projector, Push
 from ..system.system import Array
 from .crossings import Crossings
-from .falls import first_fall
-from .flow import DEGREE, Flow, Stride, least_push, pushed
+from .flow import DEGREE, Flow, Stride, pushed
 from .paoli import Paoli
+from .releases import STAYS, complementarity, first_release
 from .step import closes
 
 # the part of the tolerance that one step may err by, and that a gap may be off
@@ -29,11 +29,6 @@ _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _ORDER = 0.8, 0.2, 10.0, 0.125
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # steps taken anew until one ends at an event, and the part of a step within which a parabola leads there
 _NEWTON, _CLOSE = 4, 1e-6
-# relative acceleration at which a closed contact opens, and below which one stays without pressing: less, or what was
-# just let go would be kept
-_OPENS, _STAYS = 1e-9, 1e-10
-# how much later in a step a release is beyond doubt, and how often dependent contacts are looked at
-_LATER, _LOOKS = 1e-7, 17
 # the step after an event, in times that since the last and at least [s]
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # impacts so near in time [s], between which no gap opens by more than so many times what counts as touching, accumulate
@@ -118,7 +113,7 @@ class Motion:
                 continue
             stride = self.flow.completed(stride, self.closed)
             share, first = self.crossings.first(stride, self.closed)
-            let_go = self._let_go(stride, share)
+            let_go = first_release(self.flow, self.projector, stride, self.closed, share)
             if let_go < share:
                 share, first = let_go, _NONE
             event = share < 1.0
@@ -284,59 +279,9 @@ class Motion:
             return
         kept = J[np.isin(touching, rest)]
         self.v = self.v + pushed(metric, kept, -(kept @ self.v))
-        press, opening = self._complementarity(self.t, self.q, self.v, rest)
+        press, opening = complementarity(self.flow, self.projector, self.t, self.q, self.v, rest)
         # one that the others keep closed without its help stays as well: it cannot open on its own
-        self.closed = rest[(press > 0.0) | (opening <= _STAYS)]
-
-    def _complementarity(self, t: float, q: Array, v: Array, rest: Array) -> tuple[Array, Array]:
-        """Return how resting contacts press, and their accelerations apart relative to the terms these consist of."""
-        free, metric, J, wanted = self.flow.reactions(t, q, v, rest)
-        solved = self.projector.project(free, metric, J, wanted)
-        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
-        opening = J @ solved.velocity - wanted
-        return solved.percussion, opening / np.where(scale > 0.0, scale, 1.0)
-
-    def _let_go(self, stride: Stride, share: float) -> float:
-        """Return the share of a step at which a closed contact releases, 1 if none does before `share`."""
-        if not self.closed.size:
-            return 1.0
-
-        def press(x: float, of: Array) -> Array:
-            return self._press(stride, x * share)[of]
-
-        x, _ = first_fall(press, np.full(len(self.closed), np.inf))
-        if x == 1.0:
-            return 1.0
-        let_go = x * share
-        if not self._all_hold(stride, min(let_go + _LATER, share)):
-            return let_go
-        # dependent ones may hold though the least of their forces would pull
-        return self._first_not_to_hold(stride, let_go, share)
-
-    def _press(self, stride: Stride, share: float) -> Array:
-        """Return how closed contacts press if none may open, as accelerations; above zero while pulling by rounding."""
-        q, v = stride.at(self.system, share)
-        free, metric, J, wanted = self.flow.reactions(stride.t + share * stride.h, q, v, self.closed)
-        G = J @ metric.solve_rows(J).T
-        scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
-        return np.asarray(least_push(G, wanted - J @ free) * G.diagonal() + _OPENS * scale)
-
-    def _first_not_to_hold(self, stride: Stride, low: float, share: float) -> float:
-        for high in np.linspace(low, share, _LOOKS)[1:].tolist():
-            if self._all_hold(stride, high):
-                low = high
-                continue
-            while high - low > 1e-13:
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if self._all_hold(stride, middle) else (low, middle)
-            return high
-        return 1.0
-
-    def _all_hold(self, stride: Stride, share: float) -> bool:
-        """Tell whether every closed contact would stay so."""
-        q, v = stride.at(self.system, share)
-        _, opening = self._complementarity(stride.t + share * stride.h, q, v, self.closed)
-        return bool((opening <= 0.5 * _OPENS).all())
+        self.closed = rest[(press > 0.0) | (opening <= STAYS)]
 
     def _hold(self) -> None:
         """Take the drift out of closed contacts: of the configuration, then of the velocity."""

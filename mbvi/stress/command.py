@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .scene import StressScene
     from .sweep import Cell
 
-_STEPS, _TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4), (1e-4, 1e-8)
+_STEPS, _LONG_STEPS, _TOLERANCES = (1e-1, 1e-2, 1e-3), (0.5, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), (1e-4, 1e-8)
 # no multiple of a step is an instant at which something happens
 _OFF = 1.03
 
@@ -31,7 +31,9 @@ def stress(
     step: Annotated[list[float] | None, typer.Option(help="Time step [s]; repeatable.")] = None,
     tolerance: Annotated[list[float] | None, typer.Option(help="Tolerance of EventDriven; repeatable.")] = None,
     budget: Annotated[float, typer.Option(help="Time that one run may take [s].")] = 10.0,
-    long: Annotated[bool, typer.Option("--long", help="With the scenes that take minutes.")] = False,
+    long: Annotated[
+        bool, typer.Option("--long", help="With the scenes that take minutes, at steps from 1e-6 to 0.5 s.")
+    ] = False,
     listed: Annotated[bool, typer.Option("--list", help="List the scenes and end.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
 ) -> None:
@@ -44,7 +46,8 @@ def stress(
         for scene in chosen:
             print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
         return
-    steps, tolerances = [_OFF * h for h in step or _STEPS], tolerance or _TOLERANCES
+    steps = [_OFF * h for h in step or (_LONG_STEPS if long else _STEPS)]
+    tolerances = tolerance or _TOLERANCES
     total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
     cells = []
     with tqdm(total=total, unit="run") as bar:
