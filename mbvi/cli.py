@@ -1,4 +1,4 @@
-"""The command line: `mbvi demo | simulate | inspect | replay | stress`."""
+"""The command line: `mbvi demo | simulate | inspect | replay | chart | stress`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import typer
 
 from .errors import InadmissibleStartError, InputError, MbviError, MbviWarning, TrajectoryFileError
 from .stress.command import stress
+from .work_precision.command import chart
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -163,6 +164,7 @@ def demo(
     _run(problem, None, 1e-3, 2.0, 1, out, page)
 
 
+app.command()(chart)
 app.command()(stress)
 
 

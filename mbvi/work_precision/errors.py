@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .simulate import simulate
+from ..simulate import simulate
 
 if TYPE_CHECKING:
-    from .reference import Reference
-    from .schemes import Scheme
-    from .trajectory import Trajectory
+    from ..reference import Reference
+    from ..schemes import Scheme
+    from ..trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -160,3 +160,34 @@ def _farthest(points: Array, line: Array) -> float:
 def fitted_order(steps: Sequence[float] | Array, values: Sequence[float] | Array) -> float:
     """Return the slope of log(values) over log(steps), by least squares."""
     return float(np.polyfit(np.log(steps), np.log(values), 1)[0])
+
+
+def sampled_errors(
+    at: Callable[[float], tuple[Array, Array]], jumps: Array, reference: Reference, samples: int = 1000
+) -> Errors:
+    """Compare a motion given at all times with an exact solution; for `EventDriven` and engines with dense output.
+
+    Parameters
+    ----------
+    at : callable
+        at(t) -> (q, v).
+    jumps : ndarray, shape (k,)
+        Times at which its v jumps [s].
+    reference : Reference
+        The problem with its exact solution.
+    samples : int
+        Times compared, besides both sides of every jump of either.
+    """
+    difference, start = reference.problem.system.difference, reference.problem.t0
+    end = start + reference.duration
+    sides = np.union1d(jumps, reference.impacts)
+    sides = sides[(sides > start) & (sides <= end)]
+    times = np.sort(np.concatenate([np.linspace(start, end, samples + 1), sides, np.nextafter(sides, -np.inf)]))
+    own, exact = [at(t) for t in times.tolist()], [reference.at(t) for t in times.tolist()]
+    q = max(float(np.abs(difference(a, b)).max()) for (a, _), (b, _) in zip(exact, own, strict=True))
+    v, w = (np.array([velocity for _, velocity in states]) for states in (own, exact))
+    off = np.linalg.norm(v - w, axis=1)
+    integral = float(np.diff(times) @ (off[1:] + off[:-1])) / 2
+    # the two sides of a jump are at one time
+    line = np.where(np.isin(times, np.nextafter(sides, -np.inf)), np.nextafter(times, np.inf), times)
+    return Errors(q, integral, graph_distance(np.column_stack([line, v]), np.column_stack([line, w])))

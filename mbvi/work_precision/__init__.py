@@ -1,0 +1,19 @@
+"""How far runs are from an exact solution, what that costs, and the picture of one against the other."""
+
+from .errors import Errors, errors, fitted_order, graph_distance, sampled_errors, worst_errors
+from .records import Record, read_csv, write_csv
+from .sweep import Case, sweep
+
+__all__ = [
+    "Case",
+    "Errors",
+    "Record",
+    "errors",
+    "fitted_order",
+    "graph_distance",
+    "read_csv",
+    "sampled_errors",
+    "sweep",
+    "worst_errors",
+    "write_csv",
+]
