@@ -1,6 +1,7 @@
 """The stress scenes: that they start, that verdicts follow from numbers, and what the command writes."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,3 +74,19 @@ def test_scenes_are_listed_and_unknown_ones_refused():
     assert all(scene.name in listed for scene in SCENES)
     result = CliRunner().invoke(app, ["stress", "no such scene"])
     assert isinstance(result.exception, mbvi.InputError)
+
+
+def test_the_page_says_what_the_file_holds():
+    """docs/stability.md: the table's numbers are those of docs/stress.json, and every scene's cause is told."""
+    docs = Path(__file__).parents[1] / "docs"
+    told, page = json.loads((docs / "stress.json").read_text()), (docs / "stability.md").read_text()
+    assert {scene["name"] for scene in told["scenes"]} == {scene.name for scene in SCENES if not scene.long}
+    table = {line.split(" | ")[0].strip("| "): line for line in page.splitlines() if line.startswith("| ")}
+    causes = page.split("## Causes")[1]
+    for scene in told["scenes"]:
+        name = scene["name"]
+        assert name.split(",")[0].rsplit(" 1e", 1)[0] in causes
+        for scheme, step in (("Centered, positions projected", 1.03e-3), ("EventDriven", 1e-8)):
+            found = [c for c in told["cells"] if (c["scene"], c["scheme"]) == (name, scheme)]
+            own = next(c for c in found if c["step"] == pytest.approx(step))
+            assert (f"{own['value']:.0e}" if own["value"] is not None else own["verdict"]) in table[name]
