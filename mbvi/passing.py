@@ -49,12 +49,15 @@ class Guard:
         self.limit, self.cuts = _RUNAWAY, 0
         # how far each velocity takes any two bodies in a step, in units of the thinnest
         self._share = np.zeros(problem.system.nv)
+        # the same of each pair
+        self._ways: list[Array] = []
         for constraint in self._watched:
             if not hasattr(constraint, "envelope"):
                 # of many bodies each is looked at
-                self._share = np.full(problem.system.nv, np.inf)
+                self._share, self._ways = np.full(problem.system.nv, np.inf), []
                 break
             np.maximum(self._share, h * constraint.envelope / constraint.thickness.min(), out=self._share)
+            self._ways.append(h * constraint.reach.T / constraint.thickness)
         reach = float(self._share.dot(self._share))
         if reach > 0.0:
             self.limit = min(self.limit, 1.0 / reach)
@@ -64,9 +67,8 @@ class Guard:
         rest = h
         for _ in range(_MOST_CUTS):
             self._check(new, h)
-            with np.errstate(invalid="ignore"):
-                if self._share.dot(np.maximum(np.abs(state.v), np.abs(new.v))) < 1.0:
-                    break
+            if self._ways and self._none_passes(np.maximum(np.abs(state.v), np.abs(new.v))):
+                break
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _REST * h:
                 break
@@ -77,6 +79,10 @@ class Guard:
             state, rest = cut, rest - part * rest
             new = self._scheme.step(self._problem, t + h - rest, state.q, state.v, rest, projector)
         yield new
+
+    def _none_passes(self, v: Array) -> bool:
+        """Tell whether no pair travels as far as it is thick at speeds of up to v, shape (nv,)."""
+        return float(self._share.dot(v)) < 1.0 or all((v.dot(ways) < 1.0).all() for ways in self._ways)
 
     def _check(self, state: Step, h: float) -> None:
         # written so that a NaN is refused too
