@@ -447,3 +447,14 @@ def test_a_crowd_is_refused_and_many_spheres_keep_their_own_restitution():
     np.testing.assert_allclose(run.impacts[0].after, -0.5 * run.impacts[0].before, rtol=1e-9)
     with pytest.raises(mbvi.InputError, match="too many bodies"):
         mbvi.simulate(balls(600, 0.5), mbvi.EventDriven(1e-6), duration=0.2)
+
+
+def test_a_step_that_shrinks_to_nothing_names_the_time_and_what_is_closed():
+    """A force that grows beyond bounds at t = 0.5 pushes a bead along a wall."""
+    system = mbvi.LagrangianSystem(
+        mass=lambda q: np.eye(2), force=lambda t, q, v: np.array([1.0 / abs(0.5 - t) ** 1.5, -1.0]), dim=2
+    )
+    wall = mbvi.GapFunction(lambda q: q[1], lambda q: np.array([0.0, 1.0]))
+    problem = mbvi.Problem(system, [wall], np.zeros(2), np.zeros(2))
+    with pytest.raises(mbvi.DivergedError, match=r"at t = 0\.5 s, where .* is closed"):
+        mbvi.simulate(problem, mbvi.EventDriven(1e-8), duration=1.0)

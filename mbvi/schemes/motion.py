@@ -137,7 +137,11 @@ class Motion:
 
     def _shorter(self, h: float, factor: float) -> float:
         if h * factor < _LEAST_STEP * max(1.0, abs(self.t)):
-            raise DivergedError(f"the step shrinks to nothing at t = {self.t:.6g} s: the forces are not smooth there")
+            names = sorted({self.problem.constraints.name(int(k)) for k in self.rows.number[self.closed]})
+            raise DivergedError(
+                f"the step shrinks to nothing at t = {self.t:.6g} s, where {', '.join(names) or 'no constraint'} "
+                f"{'are' if len(names) > 1 else 'is'} closed: the forces are not smooth there"
+            )
         return h * factor
 
     def _arrive(self, stride: Stride, end: float) -> None:
