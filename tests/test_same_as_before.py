@@ -1,7 +1,8 @@
 """Robots move as they did before there were compiled kernels.
 
 `states_before_kernels.npz` holds q and v, one after the other, after 100 steps of h = 1e-3 of every run here. It was
-computed by the version without compiled kernels.
+computed by the version without compiled kernels; Talos's, whose own links touch edge to edge, with plain numpy forms
+since crossing edges touch where they are deepest.
 """
 
 import warnings
