@@ -45,7 +45,11 @@ class Guard:
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
         self._problem, self._scheme = problem, scheme
         self._jump = getattr(scheme, "jump", 1.0)
-        self._watched: list[Any] = [c for c in problem.constraints.constraints if hasattr(c, "passable")]
+        # nothing passes a half-space, however many of them there are
+        self._watched: list[Any] = [
+            c for c in problem.constraints.constraints
+            if hasattr(c, "passable") and (not hasattr(c, "thickness") or np.isfinite(c.thickness).any())
+        ]  # fmt: skip
         self.limit, self.cuts = _RUNAWAY, 0
         # how far each velocity takes any two bodies in a step, in units of the thinnest
         self._share = np.zeros(problem.system.nv)
@@ -100,25 +104,24 @@ class Guard:
             (state.q, before, 0.0, self._jump),
             (middle, system.difference(middle, new.q), self._jump, 1.0 - self._jump),
         ):
-            share = self._first(new.t, q, way) if length > 0.0 else 1.0
+            share = self._first(q, way) if length > 0.0 else 1.0
             if share < 1.0:
                 return start + share * length
         return 1.0
 
-    def _first(self, t: float, q: Array, way: Array) -> float:
+    def _first(self, q: Array, way: Array) -> float:
         """Return the share of a straight way at which the first body meets what it would pass through."""
-        system, first = self._problem.system, 1.0
+        first = 1.0
         for constraint in self._watched:
-            pairs, travel, thickness = constraint.passable(q, way)
-            for k in range(len(pairs)):
-                first = min(first, self._meets(constraint, system, q, way, pairs[k : k + 1], travel[k], thickness[k]))
+            for k, travel, thickness in zip(*constraint.passable(q, way), strict=True):
+                first = min(first, self._meets(constraint, q, way, np.array([k]), travel, thickness))
         return first
 
-    def _meets(
-        self, constraint: Any, system: Any, q: Array, way: Array, pair: Array, travel: float, thickness: float
-    ) -> float:
+    def _meets(self, constraint: Any, q: Array, way: Array, pair: Array, travel: float, thickness: float) -> float:
+        """Return the share of the way at which a pair meets, 1 if it does not."""
+
         def gap(x: float) -> float:
-            return float(constraint.gaps(system.integrate(q, x * way), pair)[0])
+            return float(constraint.gaps(self._problem.system.integrate(q, x * way), pair)[0])
 
         tolerance, start = self._problem.tolerance, gap(0.0)
         short = min(_DEEP * thickness / travel, 1.0)

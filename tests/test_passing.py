@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.constraints.swept import may_pass
 
 SCHEMES = [
     mbvi.Paoli(),
@@ -87,10 +88,10 @@ def test_spheres_pass_neither_each_other_nor_a_plate(scheme, count):
     scene.add_box((50.0, 2.0, 0.01), position=(0, 0, -1.0), fixed=True)
     place = np.zeros((count, 3))
     place[:, 0] = np.arange(count) - 0.5 * count
-    ids = [scene.add_sphere(0.01, position=p, velocity=(0, 0, -300.0)) for p in place[1:]]
+    for p in place[1:]:
+        scene.add_sphere(0.01, position=p, velocity=(0, 0, -300.0))
     scene.add_sphere(0.01, position=place[0] - (5.0, 0, 0), velocity=(900.0, 0, 0))
     scene.add_sphere(0.01, position=place[0], velocity=(0, 0, 0))
-    assert ids
     problem = scene.build()
     run = mbvi.simulate(problem, scheme, step=1e-2, duration=0.02)
     v = run.v[-1].reshape(-1, 3)
@@ -109,3 +110,37 @@ def test_many_boxes_pass_through_nothing():
     run = mbvi.simulate(scene.build(), mbvi.Centered(), step=1e-2, duration=0.02)
     assert run.q[-1].reshape(-1, 7)[:, 2].min() > -1.0
     np.testing.assert_allclose(run.v[-1].reshape(-1, 6)[:, 2], 0.0, atol=1e-6)
+
+
+def test_a_blade_that_spins_among_many_boxes_strikes_what_it_would_sweep_over():
+    """Its centre rests: only its tips travel, a turn and a half in a step."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=1.0)
+    scene.add_box((1.0, 0.02, 0.02), mass=100.0, angular_velocity=(0, 0, 900.0), name="blade")
+    scene.add_box((0.02, 0.02, 0.02), position=(0.3, 0.2, 0), name="struck")
+    for k in range(70):
+        scene.add_box((0.02, 0.02, 0.02), position=(5.0 + 0.5 * k, 0, 0))
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.01)
+    assert any(set(impact.constraints[0].split(" | ")) == {"blade", "struck"} for impact in run.impacts)
+
+
+def meeting(seed):
+    """Balls on straight ways, against positions at many instants."""
+    rng = np.random.default_rng(seed)
+    centres, moved, radii = rng.random((30, 3)), rng.normal(size=(30, 3)), rng.uniform(0.02, 0.05, 30)
+    found = set(zip(*(x.tolist() for x in may_pass(
+        centres, moved, np.linalg.norm(moved, axis=1), radii, radii
+    )), strict=True))  # fmt: skip
+    i, j = np.triu_indices(30, 1)
+    met = np.zeros(len(i), bool)
+    for x in np.linspace(0.0, 1.0, 2001):
+        place = centres + x * moved
+        met |= np.linalg.norm(place[i] - place[j], axis=1) < radii[i] + radii[j]
+    met &= np.linalg.norm(moved[i] - moved[j], axis=1) > radii[i] + radii[j]
+    assert set(zip(i[met].tolist(), j[met].tolist(), strict=True)) <= found
+    # and few others: what only touches between two instants
+    assert len(found) <= met.sum() + 2
+    return int(met.sum())
+
+
+def test_what_may_pass_holds_every_pair_that_meets():
+    assert sum(meeting(seed) for seed in range(20)) > 20

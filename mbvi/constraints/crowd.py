@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array, vstack
 
 from ..system import System
 from ..system.sparse_rows import dense
@@ -14,6 +15,7 @@ from .neighbours import Neighbours
 from .pairs import Contacts
 from .shapes import Box, PlacedShape
 from .signed_distance import SignedDistances
+from .swept import may_pass
 
 
 class Crowd:
@@ -33,7 +35,7 @@ class Crowd:
     Notes
     -----
     Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box
-    has the other's ball near; a list lasts until shapes moved against each other by a skin.
+    of the world has the other's ball near; a list lasts until shapes moved against each other by a skin.
     """
 
     def __init__(
@@ -51,12 +53,15 @@ class Crowd:
         self._bound = np.array([s.shape.bound for s in shapes])
         self._turn = np.array([s.rotation for s in shapes])
         self._position = np.array([s.position for s in shapes])
+        # of boxes that stay as they are turned: a list does not outlast the turns of others
         self._half = np.array(
-            [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) else [np.inf] * 3 for s in shapes]
+            [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
         )
         self._neighbours = Neighbours(self._bound)
         self._geometry: dict[int, Any] = {}
         self._inner = np.array([s.shape.inner for s in shapes])
+        # made when first asked for
+        self._reach: csr_array | None = None
         self._listed: _Listed | None = None
         self._asked: tuple[bytes, _Listed] | None = None
         self._lists = -1
@@ -107,35 +112,30 @@ class Crowd:
         return _Listed(self.system, first, second, i * len(self._shapes) + j, e, self._geometry)
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        """Return the pairs whose bounding balls meet on a way longer than both are thick, their ways, and thicknesses.
+        """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
 
         Parameters
         ----------
         q, way : ndarray, shapes (nq,) and (nv,)
             Configuration, and the tangent vector that leads on from it.
         """
-        centres, n = self._places(q)[1], len(self._shapes)
+        if self._reach is None:
+            self._reach = self._reaches()
+        centres = self._places(q)[1]
         moved = self._places(self.system.integrate(q, way))[1] - centres
-        travel = np.linalg.norm(moved, axis=1)
-        # of two of which none travels as far as it is thick none passes the other
-        fast = np.flatnonzero(travel > self._inner)
-        found: list[tuple[Array, Array, Array]] = []
-        for i in fast.tolist():
-            apart, way_apart, ball = centres - centres[i], moved - moved[i], self._bound + self._bound[i]
-            square, thick = np.einsum("ij,ij->i", way_apart, way_apart), self._inner + self._inner[i]
-            share = np.clip(-np.einsum("ij,ij->i", apart, way_apart) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-            least = apart + share[:, None] * way_apart
-            meets = (
-                (square > thick**2) & (np.einsum("ij,ij->i", least, least) < ball**2) & (self._body != self._body[i])
-            )
-            j = np.flatnonzero(meets)
-            j = j[~self._left_out(np.minimum(i, j), np.maximum(i, j))]
-            found.append((np.minimum(i, j) * n + np.maximum(i, j), travel[j] + travel[i], thick[j]))
-        if not found:
-            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-        number, way_of, thickness = (np.concatenate(column) for column in zip(*found, strict=True))
-        number, first = np.unique(number, return_index=True)
-        return number, way_of[first], thickness[first]
+        travel = self._reach @ np.abs(way)
+        i, j = may_pass(centres, moved, travel, self._bound, self._inner)
+        kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
+        i, j = i[kept], j[kept]
+        return i * len(self._shapes) + j, travel[i] + travel[j], self._inner[i] + self._inner[j]
+
+    def _reaches(self) -> csr_array:
+        """Return how far each velocity can carry a point of each shape, shape (n, nv)."""
+        rows = [
+            csr_array(self.system.reach(s.body, s.position, s.shape.bound)[None] if s.body else (1, self.system.nv))
+            for s in self._shapes
+        ]
+        return vstack(rows, format="csr")
 
     def gaps(self, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs, shape (k,) [m]."""

@@ -205,14 +205,18 @@ class SphereWalls:
         """How many pairs there are."""
         return len(self._radii) * len(self._kind)
 
+    def _placed(self, q: Array) -> Array:
+        """Return the walls' numbers where their bodies are."""
+        if not self._moving:
+            return self._local
+        walls = self._local.copy()
+        places = self.system.placements(q, np.array([w.body for _, w in self._moving]))
+        for (a, w), place in zip(self._moving, places, strict=True):
+            walls[a] = _numbers(w, place[:3].T, place[3])
+        return walls
+
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        walls = self._local
-        if self._moving:
-            walls = walls.copy()
-            places = self.system.placements(q, np.array([w.body for _, w in self._moving]))
-            for (a, w), place in zip(self._moving, places, strict=True):
-                walls[a] = _numbers(w, place[:3].T, place[3])
-        k = self.size
+        k, walls = self.size, self._placed(q)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
         centres = plain_array(q[self._where]).reshape(-1, 3)
         count = _wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
@@ -237,7 +241,22 @@ class SphereWalls:
 
     def gaps(self, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
-        return self._near(q, np.inf)[1][pairs]
+        centres, walls, gap = plain_array(q[self._where]).reshape(-1, 3), self._placed(q), np.empty(len(pairs))
+        number, point, normal = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
+        for k, (i, a) in enumerate(zip(*np.divmod(pairs, len(self._kind)), strict=True)):
+            one, its = slice(i, i + 1), slice(a, a + 1)
+            _wall_contacts(
+                centres[one],
+                self._radii[one],
+                self._kind[its],
+                walls[its],
+                np.inf,
+                number,
+                gap[k : k + 1],
+                point,
+                normal,
+            )
+        return gap
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may meet on a way longer than both are thick, their ways, and how thick they are.

@@ -9,6 +9,7 @@ from ..system import System
 from ..system.sparse_rows import dense
 from .active import Array, Rows
 from .neighbours import Neighbours
+from .swept import may_pass
 
 
 def _touching_plain(
@@ -141,32 +142,18 @@ class SphereContacts:
         return rows
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        """Return the pairs that come to touch on a way longer than both are thick, their ways, and how thick they are.
+        """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
 
         Parameters
         ----------
         q, way : ndarray, shapes (nq,) and (nv,)
             Configuration, and the tangent vector that leads on from it.
         """
-        centres, n = q[self._where].reshape(-1, 3), len(self._radii)
+        centres = q[self._where].reshape(-1, 3)
         moved = self.system.integrate(q, way)[self._where].reshape(-1, 3) - centres
-        # of two of which none travels its own radius none passes the other
-        fast = np.flatnonzero(np.einsum("ij,ij->i", moved, moved) > self._radii**2)
-        found: list[tuple[Array, Array, Array]] = []
-        for i in fast.tolist():
-            apart, way_apart, thick = centres - centres[i], moved - moved[i], self._radii + self._radii[i]
-            square = np.einsum("ij,ij->i", way_apart, way_apart)
-            share = np.clip(-np.einsum("ij,ij->i", apart, way_apart) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-            least = apart + share[:, None] * way_apart
-            meets = (square > thick**2) & (np.einsum("ij,ij->i", least, least) < thick**2)
-            meets[i] = False
-            j = np.flatnonzero(meets)
-            found.append((np.minimum(i, j) * n + np.maximum(i, j), np.sqrt(square[j]), thick[j]))
-        if not found:
-            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-        number, way_of, thickness = (np.concatenate(column) for column in zip(*found, strict=True))
-        number, first = np.unique(number, return_index=True)
-        return number, way_of[first], thickness[first]
+        i, j = may_pass(centres, moved, np.linalg.norm(moved, axis=1), self._radii, self._radii)
+        travel = np.linalg.norm(moved[j] - moved[i], axis=1)
+        return i * len(self._radii) + j, travel, self._radii[i] + self._radii[j]
 
     def gaps(self, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
