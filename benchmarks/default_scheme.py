@@ -75,7 +75,7 @@ def scenes() -> Iterator[tuple[str, mbvi.Problem, float]]:
     yield "five masses on stiff springs", springs(), 1.0
     yield "ten boxes", bodies(10), 1.0
     yield "ten balls", funnel(10), 1.0
-    yield "500 balls, still falling", funnel(500), 0.2
+    yield "500 balls, e = 0", funnel(500, 0.0), 1.0
     yield "double pendulum, URDF", robot("double_pendulum", "fixed", 1.0), 1.0
     yield "hopper", robot("hopper", "free", 1.0), 1.0
     yield "quadruped", robot("quadruped", "free", 0.6), 1.0

@@ -7,7 +7,7 @@ import numpy as np
 from .constraints import SignedDistances, SphereContacts, SphereSurface
 from .constraints.shapes import HalfSpace, PlacedShape
 from .problem import Problem
-from .schemes import Centered, EventDriven, Scheme
+from .schemes import Centered, EventDriven, Scheme, StewartTrinkle
 from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
 from .system.system import Array
 
@@ -42,8 +42,7 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     Returns
     -------
     scheme : Scheme or EventDriven
-        `EventDriven` for few constraints with continuous gradients and no control, else `Centered` with position
-        projection.
+        `EventDriven` for few constraints with continuous gradients and no control, else what `time_stepping` says.
     step : float or None
         h [s]; None for `EventDriven`.
     reason : str
@@ -55,12 +54,20 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
         why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"
         return EventDriven(_TOLERANCE), None, f"EventDriven(tolerance={_TOLERANCE:g}) was chosen: {why}"
     h, scale = time_step(problem, duration)
-    scheme, words = time_stepping()
+    scheme, words = time_stepping(problem)
     return scheme, h, f"{words} at h = {h:g} s was chosen: {against}; the step by {scale}"
 
 
-def time_stepping() -> tuple[Scheme, str]:
-    """Return the scheme that fixed steps are taken by when none is named, and how it is called."""
+def time_stepping(problem: Problem) -> tuple[Scheme, str]:
+    """Return the scheme that fixed steps are taken by when none is named, and how it is called.
+
+    `StewartTrinkle` for many spheres without restitution: no gap of a sphere to another or to a convex wall gets smaller
+    than its linearisation, so that none has to be lifted out. Else `Centered` with position projection.
+    """
+    if problem.scene is not None and isinstance(problem.system, Spheres) and _count(problem) > _FEW:
+        items = problem.scene.items
+        if items.restitution == 0.0 and not any(items.pair_restitution.values()):
+            return StewartTrinkle(), "StewartTrinkle()"
     return Centered(project_positions=True), "Centered(project_positions=True)"
 
 

@@ -33,7 +33,7 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     problem : Problem
         What moves.
     scheme : Scheme, optional
-        `Centered(project_positions=True)` by default.
+        By default `Centered(project_positions=True)`; for many spheres at e = 0, `StewartTrinkle()`.
     step : float
         Time step h [s].
     residual : float
@@ -54,7 +54,7 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
         If a step leaves numbers that are not finite.
     """
     h, projector = _positive(step, "step"), Projector(_positive(residual, "residual"))
-    chosen = time_stepping()[0] if scheme is None else _scheme(scheme)
+    chosen = time_stepping(problem)[0] if scheme is None else _scheme(scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
     return _walk(problem, chosen, h, projector)
@@ -80,7 +80,7 @@ def simulate(
     scheme : Scheme or EventDriven, optional
         By default chosen for the problem, which the run's first note says and why: `EventDriven(tolerance=1e-6)` for
         few constraints whose gradients are continuous; where there are many, or gradients jump, or a control acts, and
-        wherever a step is given, `Centered(project_positions=True)`.
+        wherever a step is given, `Centered(project_positions=True)`, or `StewartTrinkle()` for many spheres at e = 0.
     duration : float
         How long [s]; the last step is cut so that the run ends there.
     step : float, optional
@@ -188,7 +188,7 @@ def _chosen(
         scheme, h, reason = default_scheme(problem, duration)
         return scheme, h, [reason]
     if scheme is None:
-        scheme, words = time_stepping()
+        scheme, words = time_stepping(problem)
         return scheme, h, [f"{words} was chosen: the default at a given step"]
     scheme = _scheme(scheme)
     if isinstance(scheme, EventDriven) and problem.constraints.moving:

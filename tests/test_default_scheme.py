@@ -11,12 +11,14 @@ from mbvi.default_scheme import default_scheme, time_step
 G = 9.81
 
 
-def grains(count, **more):
-    scene = mbvi.Scene(restitution=0.5)
+def grains(count, e=0.5, pair=None, **more):
+    scene = mbvi.Scene(restitution=e)
     scene.add_halfspace((0, 0, 1))
     side = int(np.ceil(count ** (1 / 3) - 1e-9))
     centres = 0.25 * np.indices((side, side, side)).reshape(3, -1).T[:count]
-    scene.add_spheres(centres + np.array([0, 0, 0.3]), radius=0.1, mass=1.0, **more)
+    name = scene.add_spheres(centres + np.array([0, 0, 0.3]), radius=0.1, mass=1.0, **more)
+    if pair is not None:
+        scene.set_restitution(name, name, pair)
     return scene.build()
 
 
@@ -183,6 +185,17 @@ def test_a_step_alone_is_for_the_default_time_stepping_scheme():
     assert "default at a given step" in run.notes[0] and named.notes == ()
     for state, q in zip(mbvi.steps(problem, step=2e-3), named.q[1:], strict=False):
         np.testing.assert_array_equal(state.q, q)
+
+
+def test_many_spheres_without_restitution_land_on_each_other_instead_of_in_each_other():
+    scheme, step, reason = default_scheme(grains(27, e=0.0), 1.0)
+    assert isinstance(scheme, mbvi.StewartTrinkle) and reason.startswith(f"StewartTrinkle() at h = {step:g} s")
+    run = mbvi.simulate(grains(27, e=0.0), duration=1.0, every=10)
+    assert run.scheme == "StewartTrinkle" and run.penetration().max() < 1e-6
+    run = mbvi.simulate(grains(27, e=0.0), duration=0.01, step=1e-3)
+    assert (run.scheme, run.step) == ("StewartTrinkle", 1e-3)
+    for few in (grains(27, e=0.0, pair=0.1), grains(27, e=0.1), boxes(101)):
+        assert isinstance(default_scheme(few, 1.0)[0], mbvi.Centered)
 
 
 @pytest.mark.parametrize("case", reference.references(0.5), ids=lambda case: case.name)
