@@ -19,11 +19,14 @@ def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: A
     bound, inner : ndarray, shape (n,)
         Radii of balls about and in each [m].
     """
+    # of two of which none travels as far as it is thick none passes the other
+    swift = np.flatnonzero(travel > inner).tolist()
+    if not swift:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     # within what balls the ways are that are not straight
     bent = np.sqrt(np.maximum(travel**2 - np.vecdot(moved, moved), 0.0))
-    first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    # of two of which none travels as far as it is thick none passes the other
-    for i in np.flatnonzero(travel > inner).tolist():
+    first, second = [], []
+    for i in swift:
         apart, way = centres - centres[i], moved - moved[i]
         square = np.vecdot(way, way)
         share = np.clip(-np.vecdot(apart, way) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)

@@ -97,6 +97,7 @@ def _reach(problem: Problem, q: Array, moved: Array) -> float:
 
 
 def _missed(problem: Problem, step: Step) -> bool:
-    """Tell whether something that the step has no row for penetrates at its end."""
-    there = problem.constraints.near(step.t, step.q, -problem.tolerance)
+    """Tell whether something that the step has no row for penetrates at its end, deeper than what it has rows for."""
+    deepest = min(-problem.tolerance, float(step.active.gap.min(initial=0.0)) - 1e-12 * problem.length)
+    there = problem.constraints.near(step.t, step.q, deepest)
     return bool(there.gap.size) and not np.isin(there.constraint, step.active.constraint).all()
