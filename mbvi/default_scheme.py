@@ -61,10 +61,11 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
 def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     """Return the scheme that fixed steps are taken by when none is named, and how it is called.
 
-    `StewartTrinkle` for many spheres without restitution: no gap of a sphere to another or to a convex wall gets smaller
-    than its linearisation, so that none has to be lifted out. Else `Centered` with position projection.
+    `StewartTrinkle` for many free bodies without restitution, which then land on each other and not in each other. Else
+    `Centered` with position projection.
     """
-    if problem.scene is not None and isinstance(problem.system, Spheres) and _count(problem) > _FEW:
+    free = all(isinstance(part, FreeBodies | Spheres) for part in _parts(problem.system))
+    if problem.scene is not None and free and _count(problem) > _FEW:
         items = problem.scene.items
         if items.restitution == 0.0 and not any(items.pair_restitution.values()):
             return StewartTrinkle(), "StewartTrinkle()"

@@ -33,7 +33,7 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     problem : Problem
         What moves.
     scheme : Scheme, optional
-        By default `Centered(project_positions=True)`; for many spheres at e = 0, `StewartTrinkle()`.
+        By default `Centered(project_positions=True)`; for many free bodies at e = 0, `StewartTrinkle()`.
     step : float
         Time step h [s].
     residual : float
@@ -80,7 +80,7 @@ def simulate(
     scheme : Scheme or EventDriven, optional
         By default chosen for the problem, which the run's first note says and why: `EventDriven(tolerance=1e-6)` for
         few constraints whose gradients are continuous; where there are many, or gradients jump, or a control acts, and
-        wherever a step is given, `Centered(project_positions=True)`, or `StewartTrinkle()` for many spheres at e = 0.
+        wherever a step is given, `Centered(project_positions=True)`; for many free bodies at e = 0 `StewartTrinkle()`.
     duration : float
         How long [s]; the last step is cut so that the run ends there.
     step : float, optional

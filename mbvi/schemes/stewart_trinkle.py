@@ -5,32 +5,37 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..errors import InputError
+from ..constraints.active import chosen, stacked
+from ..errors import InputError, ProjectionError
 from ..problem import Problem
-from ..projection import Metric, Projector
+from ..projection import Projector, Push, TreePush
 from ..system.system import Array
 from .step import Step
 
 _NONE = np.zeros((4, 0))
-# how often a step looks farther for what it has not seen
+# how often a step looks for what it has no row for yet
 _MOST = 6
+# of the scene's length, the depth by which gradients that turned within the step may be off
+_OFF = 1e-3
 
 
 class StewartTrinkle:
     """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all that is within reach, then q + h w.
 
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, the rows
-    those within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. For e = 0.
+    those within reach; q_{i+1} = q_i + h v_{i+1} along the retraction or, where something has sunk in, q_i + h y, with
+    y the same under J y >= -f / h: what pushes out is no velocity. For e = 0.
 
     Notes
     -----
     Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, for it is
     spread over two steps: the first comes to touch, the second takes the rest of the velocity; the record holds the
-    first and its part of the percussion. Between spheres and half-spaces no gap gets smaller than its linearisation, so
-    that the residual of the projection is all that penetrates; elsewhere it is the curvature over a step, of order h^2,
-    and it adds up, for a depth once there stays. Reach is twice what the fastest body would move; where at the end
-    something penetrates that was out of reach, the step is taken anew with a farther one. A step takes M, g and the
-    gradients once, the gaps twice. Its projection has more rows than that of `Paoli`.
+    first and its part of the percussion. Reach is twice what the fastest body would move. Between spheres and
+    half-spaces no gap gets smaller than its linearisation, so that the residual of the projection is all that
+    penetrates; elsewhere gradients turn within a step: what penetrates at its end by more than 1e-3 of the scene's
+    length, or was out of reach, gets a row as it is there and the step is taken anew, and the rest is pushed out in the
+    next step. A step takes M, g and the gradients once, the gaps twice. Its projection has more rows than that of
+    `Paoli`.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
@@ -39,49 +44,65 @@ class StewartTrinkle:
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
-        system, end = problem.system, t + h
-        push = system.push(t, q, v, h)
-        free, metric = push.free, push.metric
-        reach = _reach(problem, q, h * free)
+        push = problem.system.push(t, q, v, h)
+        # walls that move are asked where they are half-way
+        rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * push.free)), 0.5 * h)
         for _ in range(_MOST):
-            rows = problem.constraints.near(t + 0.5 * h, q, reach)
-            if not rows.gap.size:
-                step = Step(end, system.integrate(q, h * free), free, rows, _NONE, 0.0)
-            else:
-                step = _stepped(problem, rows, end, q, v, h, projector, free, metric)
-            if np.isinf(reach) or not _missed(problem, step):
+            step, way = _stepped(problem, rows, t + h, q, v, h, projector, push)
+            deepest = min(-problem.tolerance, float(step.active.gap.min(initial=0.0)) - 1e-12 * problem.length)
+            there = problem.constraints.near(step.t, step.q, deepest)
+            unseen = ~np.isin(there.constraint, rows.constraint) | (there.gap < -_OFF * problem.length)
+            if not unseen.any():
                 break
-            reach *= 2.0
-        return step
+            more = _back(chosen(there, unseen), h)
+            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ way))])
+        return _deepened(step, there) if there.gap.size else step
+
+
+def _back(rows: Rows, time: float) -> Rows:
+    """Return rows with the gaps that walls which move on their own left a time before."""
+    return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
 
 
 def _stepped(
-    problem: Problem,
-    rows: Rows,
-    end: float,
-    q: Array,
-    v: Array,
-    h: float,
-    projector: Projector,
-    free: Array,
-    metric: Metric,
-) -> Step:
-    """Return the step with the given rows."""
+    problem: Problem, rows: Rows, end: float, q: Array, v: Array, h: float, projector: Projector, push: Push | TreePush
+) -> tuple[Step, Array]:
+    """Return the step with the given rows, their gaps at its start, and the velocity that leads to its end."""
+    free, gap, system = push.free, rows.gap, problem.system
+    if not gap.size:
+        return Step(end, system.integrate(q, h * free), free, rows, _NONE, 0.0), free
     if (rows.restitution > 0.0).any():
         e = float(rows.restitution.max())
         raise InputError(
             f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
             "Centered, or set the restitution to 0"
         )
-    # walls that move were asked where they are half-way
-    gap = rows.gap if rows.rate is None else rows.gap - 0.5 * h * rows.rate
-    lower = -np.maximum(gap, 0.0) / h
-    if rows.rate is not None:
-        lower -= rows.rate
-    w, percussion, residual = projector.project(free, metric, rows.jacobian, lower, rows.constraint)
+    still = 0.0 if rows.rate is None else rows.rate
+    w, percussion, residual = projector.project(
+        free, push.metric, rows.jacobian, -np.maximum(gap, 0.0) / h - still, rows.constraint
+    )
+    way = w
+    if (gap < -problem.tolerance).any():
+        try:
+            way, _, off = projector.project(free, push.metric, rows.jacobian, -gap / h - still, rows.constraint)
+            residual = max(residual, off)
+        except ProjectionError:
+            # what is jammed stays as deep as it is: that is in the record
+            pass
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(v)])
-    rows = rows._replace(gap=gap + h * rates[2])
-    return Step(end, problem.system.integrate(q, h * w), w, rows, rates, residual)
+    rows = rows._replace(gap=gap + h * rows.speeds(way))
+    return Step(end, system.integrate(q, h * way), w, rows, rates, residual), way
+
+
+def _deepened(step: Step, there: Rows) -> Step:
+    """Return the step with the gaps that were found at its end where these are deeper than its rows say."""
+    rows = step.active
+    order = np.argsort(rows.constraint, kind="stable")
+    known = np.isin(there.constraint, rows.constraint)
+    place = order[np.searchsorted(rows.constraint[order], there.constraint[known])]
+    gap = rows.gap.copy()
+    np.minimum.at(gap, place, there.gap[known])
+    return step._replace(active=rows._replace(gap=gap))
 
 
 def _reach(problem: Problem, q: Array, moved: Array) -> float:
@@ -94,10 +115,3 @@ def _reach(problem: Problem, q: Array, moved: Array) -> float:
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
     far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
     return 2.0 * float(far.max()) + problem.tolerance
-
-
-def _missed(problem: Problem, step: Step) -> bool:
-    """Tell whether something that the step has no row for penetrates at its end, deeper than what it has rows for."""
-    deepest = min(-problem.tolerance, float(step.active.gap.min(initial=0.0)) - 1e-12 * problem.length)
-    there = problem.constraints.near(step.t, step.q, deepest)
-    return bool(there.gap.size) and not np.isin(there.constraint, step.active.constraint).all()
