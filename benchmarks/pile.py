@@ -1,6 +1,6 @@
-"""Spheres poured into a box: time, accuracy and penetration over their number, beside MuJoCo's CG; and an elastic gas.
+"""Spheres poured into a box: time, accuracy and penetration over their number, beside MuJoCo's CG; boxes; an elastic gas.
 
-python benchmarks/pile.py [--sizes 216 1000 3375] [--duration 1.5] [--residuals 1e-5 1e-8] [--no-gas]
+python benchmarks/pile.py [--sizes 216 1000 3375] [--duration 1.5] [--residuals 1e-5 1e-8] [--boxes 100] [--no-gas]
 
 The pile: spheres of 0.02 m and 1 kg on a lattice of spacing 0.044 m with a jitter of 1e-3 m, the lowest 0.1 m above the
 floor of an open box as wide as the lattice; e = 0, no friction, h = 2e-3 s. Times are of the thread, whole steps of
@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 import mbvi
 
@@ -127,12 +128,31 @@ def gas(duration: float = 10.0) -> tuple[float, float, int]:
     return float(np.abs(energy / energy[0] - 1.0).max()), 1e6 * spent / (len(run.t) - 1), len(run.impacts)
 
 
+def boxes(count: int, duration: float = 1.0) -> tuple[float, float, float]:
+    """Pour boxes of 4 cm in random poses into a box; return milliseconds a step, worst and median depth [m]."""
+    scene = mbvi.Scene()
+    scene.add_container((-0.2, -0.2, 0.0), (0.2, 0.2))
+    layer, row, column = np.unravel_index(np.arange(count), (-(-count // 25), 5, 5))
+    places = 0.075 * np.stack([row - 2, column - 2, layer], axis=1) + [0.0, 0.0, 0.05]
+    turns = Rotation.random(count, random_state=0).as_matrix()
+    scene.add_boxes(places, (0.04, 0.04, 0.04), 1.0, rotations=turns)
+    problem = scene.build()
+    spent, depths, walk = 0.0, [], mbvi.steps(problem, step=STEP)
+    for _ in range(round(duration / STEP)):
+        start = time.thread_time()
+        step = next(walk)
+        spent += time.thread_time() - start
+        depths.append(max(0.0, -float(problem.constraints.near(step.t, step.q, 0.0).gap.min(initial=0.0))))
+    return 1e3 * spent / len(depths), max(depths), float(np.median(depths))
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--sizes", type=int, nargs="*", default=[216, 1000, 3375])
     parser.add_argument("--duration", type=float, default=1.5)
     parser.add_argument("--residuals", type=float, nargs="*", default=[1e-5, 1e-8])
+    parser.add_argument("--boxes", type=int, nargs="*", default=[100])
     parser.add_argument("--no-gas", action="store_true")
     asked = parser.parse_args()
     ours(27, 1e-5, 0.02)
@@ -150,6 +170,9 @@ def main() -> None:
                 f"| {row['depth']:.1e} | {row['end']:.1e} |",
                 flush=True,
             )
+    for count in asked.boxes:
+        spent, worst, median = boxes(count)
+        print(f"\n{count} tumbling boxes: {spent:.1f} ms a step, {worst:.1e} m deep at worst, {median:.1e} in the median")
     print(f"\nlargest memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     if not asked.no_gas:
         drift, spent, impacts = gas()
