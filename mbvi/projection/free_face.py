@@ -16,13 +16,14 @@ from . import incomplete_cholesky as factor
 from .metric import Array
 
 # rounds at most, steps of conjugate gradients a round, how much of the residual they leave
-_ROUNDS, _STEPS, _LEFT = 400, 200, 0.1
-# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut
-_SWEEPS, _PATIENCE = 2, 4
+_ROUNDS, _STEPS, _LEFT = 2000, 200, 0.1
+# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut; after the last
+# number of such rounds the shift starts anew, for where it was raised long ago the steps stay short for good
+_SWEEPS, _PATIENCE, _ANEW = 2, 4, 8
 # entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
 _DROP, _STIFFER = 0.05, 3e-3
 # the shift at first, at least and at most, and how it changes
-_SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-2, 0.2, 5.0
+_SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 3e-4, 0.2, 2.0
 
 
 def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
@@ -83,6 +84,8 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
         if not residual > target:
             return residual
         vain += 1
+        if vain % _ANEW == 0:
+            shift, stiffer = _SHIFT, 0.0
         if residual < 0.5 * best:
             best, vain = residual, 0
         # what a sweep lets press again may have been cut off for good reason: first the rest is to settle
