@@ -445,7 +445,7 @@ def test_a_crowd_is_refused_and_many_spheres_keep_their_own_restitution():
 
     run = mbvi.simulate(balls(40, 0.5), mbvi.EventDriven(1e-6), duration=0.2)
     np.testing.assert_allclose(run.impacts[0].after, -0.5 * run.impacts[0].before, rtol=1e-9)
-    with pytest.raises(mbvi.InputError, match="too many bodies"):
+    with pytest.raises(mbvi.UnsuitableError, match="too many bodies"):
         mbvi.simulate(balls(600, 0.5), mbvi.EventDriven(1e-6), duration=0.2)
 
 

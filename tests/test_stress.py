@@ -1,5 +1,6 @@
 """The stress scenes: that they start, that verdicts follow from numbers, and what the command writes."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -46,7 +47,13 @@ def test_a_cell_says_what_went_wrong_or_that_it_took_too_long():
     bad = StressScene("bad", scene.make, 1e-2, explode, "nothing", 0.0, 1.0)
     assert cell(bad, "Paoli", mbvi.Paoli(), 1e-3, 60.0).said == "MbviError: no number"
     elastic = cell(scene, "StewartTrinkle", mbvi.StewartTrinkle(), 1e-3, 60.0)
-    assert elastic.verdict == "refused"
+    assert elastic.verdict == "refused" and "StewartTrinkle is for e = 0" in elastic.said
+
+    def mistaken(h):
+        raise mbvi.InputError("no scene")
+
+    wrong = cell(dataclasses.replace(scene, make=mistaken), "Paoli", mbvi.Paoli(), 1e-3, 60.0)
+    assert (wrong.verdict, wrong.said) == ("failed", "InputError: no scene")
     slow = cell(scene, "Centered", mbvi.Centered(), 1e-6, 0.05)
     assert (slow.verdict, slow.value) == ("too slow", np.inf)
 

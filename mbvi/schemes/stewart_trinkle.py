@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..errors import InputError
+from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Metric, Projector
 from ..system.system import Array
@@ -37,6 +37,10 @@ class StewartTrinkle:
 
     jump = 0.0
 
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if some e is above 0; of a crowd of shapes `step` does, where two come near."""
+        _check(problem.constraints.largest_restitution)
+
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
@@ -67,12 +71,7 @@ def _stepped(
     metric: Metric,
 ) -> Step:
     """Return the step with the given rows."""
-    if (rows.restitution > 0.0).any():
-        e = float(rows.restitution.max())
-        raise InputError(
-            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
-            "Centered, or set the restitution to 0"
-        )
+    _check(float(rows.restitution.max()))
     # walls that move were asked where they are half-way
     gap = rows.gap if rows.rate is None else rows.gap - 0.5 * h * rows.rate
     lower = -np.maximum(gap, 0.0) / h
@@ -82,6 +81,14 @@ def _stepped(
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(v)])
     rows = rows._replace(gap=gap + h * rates[2])
     return Step(end, problem.system.integrate(q, h * w), w, rows, rates, residual)
+
+
+def _check(e: float) -> None:
+    if e > 0.0:
+        raise UnsuitableError(
+            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
+            "Centered, or set the restitution to 0"
+        )
 
 
 def _reach(problem: Problem, q: Array, moved: Array) -> float:
