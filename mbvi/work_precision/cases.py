@@ -9,42 +9,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..problem import Problem
-from ..reference import (
-    Reference,
-    bouncing_ball,
-    chain,
-    chaotic_oscillator,
-    corner,
-    double_pendulum,
-    impact_oscillator,
-    rocking_block,
-    rod,
-    sliding_in_disc,
-    tumbling_body,
-)
+from ..reference import MAKERS, Reference
 from ..scene import Scene
 from ..schemes import EventDriven
 from ..shipped import robot_path
 from ..simulate import simulate
 from .sweep import Case
 
-_EXACT: dict[str, Callable[[float], Reference]] = {
-    "bouncing ball": bouncing_ball,
-    "impact oscillator": impact_oscillator,
-    "chaotic oscillator": chaotic_oscillator,
-    "corner of 90 degrees": corner,
-    "corner of 90 degrees, aimed at": partial(corner, aim=True),
-    "corner of 57.3 degrees": partial(corner, angle=1.0),
-    "corner of 114.6 degrees": partial(corner, angle=2.0),
-    "chain of 3, touching": chain,
-    "chain of 3, apart": partial(chain, gaps=(0.5, 0.3)),
-    "chain of 4, apart, unequal masses": partial(chain, masses=(1.0, 2.0, 0.5, 1.5), gaps=(0.4, 0.2, 0.3)),
-    "sliding in a disc": sliding_in_disc,
-    "double pendulum": double_pendulum,
-    "rod": rod,
-    "rocking block": rocking_block,
-    "tumbling body": tumbling_body,
-}
 _ROBOT_TOLERANCE = 1e-11
 _TILT = Rotation.from_euler("xyz", [0.08, 0.12, 0.0]).as_matrix()
 # a step of a pile takes tens of milliseconds [s]
@@ -102,7 +73,7 @@ def _exact(make: Callable[[float], Reference], e: float) -> Case:
 
 # each takes e; spheres have their own
 CASES: dict[str, Callable[[float], Case]] = {
-    **{name: partial(_exact, make) for name, make in _EXACT.items()},
+    **{name: partial(_exact, make) for name, make in MAKERS.items()},
     "quadruped landing": quadruped_landing,
     "elastic 666": elastic_666,
     "pile": pile,
