@@ -10,6 +10,7 @@ from .. import reference
 from ..constraints import GapFunction
 from ..problem import Problem
 from ..scene import Scene
+from ..shipped import cube_of_spheres
 from ..system import LagrangianSystem
 from ..system.system import Array
 from ..trajectory import Trajectory
@@ -29,16 +30,7 @@ def _bouncing_grid(h: float) -> Problem:
 
 
 def _cube_of_spheres(e: float, h: float) -> Problem:
-    """Return six by six by six spheres that fall into a box, all but in a lattice."""
-    scene = Scene(restitution=e)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    for normal in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
-        scene.add_halfspace(normal, offset=-1.0)
-    lattice = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3) * 0.21
-    lattice = lattice - [0.525, 0.525, 0.0] + 1e-3 * np.random.default_rng(42).uniform(-1, 1, (216, 3))
-    lattice[:, 2] += 1.101 - lattice[:, 2].min()
-    scene.add_spheres(positions=lattice, radius=_GRAINS, mass=10.0)
-    return scene.build()
+    return cube_of_spheres(e)
 
 
 def _heavy_on_light(ratio: float, h: float) -> Problem:
