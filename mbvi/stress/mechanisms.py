@@ -55,13 +55,7 @@ def _slider_crank(h: float) -> Problem:
     def potential(q: Array) -> float:
         return float(_G * (_CRANK * (m1 / 2 + m2 + m3) * np.sin(q[0]) + _ROD * (m2 / 2 + m3) * np.sin(q[1])))
 
-    corners = [
-        corner(x, y, side)
-        for x in (-_HALF, _HALF)
-        for y in (-_TALL, _TALL)
-        for side in (-1.0, 1.0)
-        if x * x and y * side > 0
-    ]
+    corners = [corner(x, side * _TALL, side) for x in (-_HALF, _HALF) for side in (-1.0, 1.0)]
     system = LagrangianSystem(mass=mass, force=force, dim=3, potential=potential)
     return Problem(system, corners, np.zeros(3), [150.0, -75.0, 0.0], restitution=0.4, length=0.1)
 
