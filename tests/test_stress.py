@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,19 @@ def test_the_command_writes_numbers_and_a_picture(tmp_path):
     assert np.isclose(picture, np.array([0xB7, 0xDF, 0xB0]) / 255, atol=0.01).all(axis=-1).mean() > 0.1
     assert picture.min() < 0.1
     assert "<svg" in (tmp_path / "stress.svg").read_text()
+
+
+def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):
+    def start(*arguments):
+        raise AssertionError("the sweep has begun")
+
+    monkeypatch.setattr("mbvi.stress.sweep.sweep", start)
+    (tmp_path / "file").touch()
+    found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path / "file/out")])
+    assert isinstance(found.exception, mbvi.TrajectoryFileError)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path)])
+    assert isinstance(found.exception, mbvi.InputError) and "pip install matplotlib" in str(found.exception)
 
 
 def test_scenes_are_listed_and_unknown_ones_refused():

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import InputError, TrajectoryFileError
+from ..errors import InputError
+from ..pictures import check_pictures
 from ..scheme_names import SchemeName
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def chart(
         return
     chosen = [_known(name.replace("-", " "), list(CASES), "problem") for name in problems or TELLING]
     named = [_known(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
-    _check(out)
+    check_pictures(out.parent)
     left_out = {(name, SchemeName.event_driven) for name in MANY}
     tasks = [
         (name, words[word].make())
@@ -76,17 +77,6 @@ def _known(word: str, known: list[str], what: str) -> str:
     if word not in known:
         raise InputError(f"no {what} {word!r}; known are {'; '.join(known)}")
     return word
-
-
-def _check(out: Path) -> None:
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError("charts need matplotlib: pip install matplotlib") from error
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrajectoryFileError(f"the folder {out.parent} cannot be made: {error.strerror}") from error
 
 
 def _measured(tasks: list[tuple[str, Scheme | EventDriven]], e: float) -> list[Record]:
