@@ -1,4 +1,4 @@
-"""Spheres poured into a box: time, accuracy and penetration over their number, beside MuJoCo's CG; boxes; an elastic gas.
+"""Spheres poured into a box: time, accuracy, penetration over their number, beside MuJoCo; boxes; an elastic gas.
 
 python benchmarks/pile.py [--sizes 216 1000 3375] [--duration 1.5] [--residuals 1e-5 1e-8] [--boxes 100] [--no-gas]
 
@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import mbvi
+from mbvi.shipped import cube_of_spheres
 
 RADIUS, STEP = 0.02, 2e-3
 
@@ -31,14 +32,6 @@ def lattice(count: int) -> tuple[np.ndarray, float]:
     centres = spacing * (grid + 0.5) + 1e-3 * (2.0 * np.random.default_rng(0).random((count, 3)) - 1.0)
     centres[:, 2] += 0.1
     return centres, n * spacing
-
-
-def box(scene: mbvi.Scene, low: float, high: float, floor: float = 0.0) -> None:
-    """Add a floor and four walls."""
-    scene.add_halfspace((0, 0, 1), floor, name="floor")
-    for axis, name in enumerate("xy"):
-        scene.add_halfspace(np.eye(3)[axis], low, name=f"{name} low")
-        scene.add_halfspace(-np.eye(3)[axis], -high, name=f"{name} high")
 
 
 def depth(centres: np.ndarray, width: float) -> float:
@@ -57,7 +50,7 @@ def ours(count: int, residual: float, duration: float) -> dict[str, float]:
     """Run the pile and return milliseconds a step, penetration in radii, the residual reached."""
     centres, width = lattice(count)
     scene = mbvi.Scene()
-    box(scene, 0.0, width)
+    scene.add_container((0, 0, 0), (width, width))
     scene.add_spheres(centres, RADIUS, 1.0, name="grain")
     problem = scene.build()
     start = time.thread_time()
@@ -114,13 +107,7 @@ def turn_to(normal: np.ndarray) -> np.ndarray:
 
 def gas(duration: float = 10.0) -> tuple[float, float, int]:
     """Run 216 elastic spheres in a box; return the relative drift of energy, microseconds a step, and impacts."""
-    grid = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    centres = 0.21 * grid + 1e-3 * np.random.default_rng(42).standard_normal((216, 3))
-    centres[:, 2] += 1.101 - centres[:, 2].min()
-    scene = mbvi.Scene(restitution=1.0)
-    box(scene, -0.3, 1.35)
-    scene.add_spheres(centres, 0.1, 10.0, name="ball")
-    problem = scene.build()
+    problem = cube_of_spheres(1.0)
     start = time.thread_time()
     run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=duration, progress=False)
     spent = time.thread_time() - start
@@ -172,7 +159,9 @@ def main() -> None:
             )
     for count in asked.boxes:
         spent, worst, median = boxes(count)
-        print(f"\n{count} tumbling boxes: {spent:.1f} ms a step, {worst:.1e} m deep at worst, {median:.1e} in the median")
+        print(
+            f"\n{count} tumbling boxes: {spent:.1f} ms a step, {worst:.1e} m deep at worst, {median:.1e} in the median"
+        )
     print(f"\nlargest memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     if not asked.no_gas:
         drift, spent, impacts = gas()

@@ -12,6 +12,7 @@ from .errors import (
     MbviWarning,
     ProjectionError,
     TrajectoryFileError,
+    UnsuitableError,
     UrdfError,
 )
 from .problem import Problem
@@ -49,6 +50,7 @@ __all__ = [
     "StewartTrinkle",
     "Trajectory",
     "TrajectoryFileError",
+    "UnsuitableError",
     "UrdfError",
     "forks",
     "impact",

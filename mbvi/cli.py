@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from .errors import InadmissibleStartError, InputError, MbviError, MbviWarning, TrajectoryFileError
+from .scheme_names import SchemeName
+from .schemes import EventDriven, Scheme
 from .stress.command import stress
 from .work_precision.command import chart
 
 if TYPE_CHECKING:
     from .problem import Problem
-    from .schemes import EventDriven, Scheme
 
 # so high that no robot reaches the floor: its clearance is measured from there
 _HIGH = 1000.0
 _DROP, _RESTITUTION = 0.5, 0.5
-_TOLERANCE = 1e-6
 
 app = typer.Typer(
     help="Rigid multibody systems with impacts.",
@@ -33,16 +33,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     add_completion=False,
 )
-
-
-class SchemeName(StrEnum):
-    """The schemes, as the command line calls them."""
-
-    paoli = "paoli"
-    moreau_jean = "moreau-jean"
-    centered = "centered"
-    schatzman_paoli = "schatzman-paoli"
-    event_driven = "event-driven"
 
 
 class Base(StrEnum):
@@ -274,14 +264,11 @@ def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> N
 
 def _scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | EventDriven | None:
     """Return the scheme of a word, None if none is given; a tolerance alone means error control."""
-    from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli
-
-    if name is SchemeName.event_driven or (name is None and tolerance is not None):
-        return EventDriven(_TOLERANCE if tolerance is None else tolerance)
-    if tolerance is not None:
+    if tolerance is None:
+        return None if name is None else name.make()
+    if name not in (None, SchemeName.event_driven):
         raise InputError(f"--tolerance is for event-driven; {name} takes --step")
-    words = {"paoli": Paoli, "moreau-jean": MoreauJean, "centered": Centered, "schatzman-paoli": SchatzmanPaoli}
-    return None if name is None else words[name]()
+    return EventDriven(tolerance)
 
 
 def _run(

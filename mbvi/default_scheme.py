@@ -19,7 +19,7 @@ _TOLERANCE = 1e-6
 _WAY, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
 # of a system that knows no sizes, the part of the scene's length that counts as one
 _SIZE = 0.1
-# a body counts as no larger than so many times what its thickest shape has as half its width: what is flat must not be
+# a body counts as no larger than so many times the ball that fits into its thickest shape: what is flat must not be
 # passed through
 _FLAT = 5.0
 # difference of q and v, and the most degrees of freedom, for which modes are looked for
@@ -180,7 +180,7 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
     rates, found = np.abs(problem.v0), []
     for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
         speed = float(system.reach(shape.body, shape.position, shape.shape.bound) @ rates)
-        size = min(shape.shape.bound, _FLAT * max(_half_width(s) for s in shapes))
+        size = min(shape.shape.bound, _FLAT * max(s.shape.inner for s in shapes))
         found += _of_one(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), g)
     return found
 
@@ -217,13 +217,3 @@ def _above(wall: HalfSpace, centres: Array, up: Array) -> Array:
     normal = np.asarray(wall.normal)
     slope = float(normal @ up)
     return (centres @ normal - wall.offset) / slope if slope > 1e-3 else np.full(len(centres), np.inf)
-
-
-def _half_width(placed: PlacedShape) -> float:
-    """Return half of a shape's least width [m]."""
-    shape = placed.shape
-    half = getattr(shape, "radius", min(getattr(shape, "radii", (np.inf,))))
-    if hasattr(shape, "faces"):
-        normals, offsets = shape.faces
-        half = min(half, 0.5 * float((offsets - (shape.standing_points()[0] @ normals.T).min(axis=0)).min()))
-    return float(half)

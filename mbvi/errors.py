@@ -13,6 +13,7 @@ __all__ = [
     "MbviWarning",
     "ProjectionError",
     "TrajectoryFileError",
+    "UnsuitableError",
     "UrdfError",
 ]
 
@@ -27,6 +28,10 @@ class MbviWarning(UserWarning):
 
 class InputError(MbviError, ValueError):
     """An argument is not what the function takes: value, shape, unknown name."""
+
+
+class UnsuitableError(InputError):
+    """A scheme is not made for the problem that it was given."""
 
 
 class UrdfError(MbviError):

@@ -1,4 +1,4 @@
-"""What travels with the package: the project's robots, and the scene of `mbvi demo`."""
+"""What travels with the package: the project's robots, the scene of `mbvi demo`, a cube of spheres."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from . import packing
 from .errors import InputError
 from .scene import Scene
 
@@ -61,4 +62,24 @@ def demo_problem() -> Problem:
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     scene.add_urdf(robot_path("quadruped"), position=(0.0, 0.0, 0.8), rotation=_TILT, joints=joints, control=legs)
     scene.add_sphere(0.1, 1.5, position=(-1.2, 0.08, 0.6), velocity=(2.0, 0.0, 2.5), name="ball")
+    return scene.build()
+
+
+def cube_of_spheres(e: float, half_width: float = 1.0) -> Problem:
+    """Return 6 x 6 x 6 spheres, all but in a lattice, that fall from 1 m into an open box.
+
+    Radii are 0.1 m, masses 10 kg, centres 0.21 m apart but for up to 1e-3 m, the lowest at 1.101 m.
+
+    Parameters
+    ----------
+    e : float
+        Restitution.
+    half_width : float
+        Of the box, about the middle of the cube [m].
+    """
+    scene = Scene(restitution=e)
+    scene.add_container((-half_width, -half_width, 0.0), (half_width, half_width), name="box")
+    centres, radii = packing.lattice((6, 6, 6), 0.1, 0.21, (-0.525, -0.525, 0.0), jitter=1e-3, seed=42)
+    centres[:, 2] += 1.101 - centres[:, 2].min()
+    scene.add_spheres(centres, radii, 10.0)
     return scene.build()

@@ -48,13 +48,15 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     ------
     InputError
         If h is not positive and finite.
+    UnsuitableError
+        If the scheme is not made for the problem.
     ProjectionError
         If a projection does not reach the residual.
     DivergedError
         If a step leaves numbers that are not finite.
     """
     h, projector = _positive(step, "step"), Projector(_positive(residual, "residual"))
-    chosen = time_stepping(problem)[0] if scheme is None else _scheme(scheme)
+    chosen = time_stepping(problem)[0] if scheme is None else _scheme(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
     return _walk(problem, chosen, h, projector)
@@ -104,7 +106,10 @@ def simulate(
     Raises
     ------
     InputError
-        If duration, step, every or residual is not positive and finite, or `EventDriven` is to run moving walls.
+        If duration, step, every or residual is not positive and finite.
+    UnsuitableError
+        If the scheme is not made for the problem: `EventDriven` for walls that move or too many bodies,
+        `StewartTrinkle` for e > 0.
     TrajectoryFileError
         If `out` cannot be written; before the first step.
     ProjectionError, DivergedError
@@ -190,9 +195,7 @@ def _chosen(
     if scheme is None:
         scheme, words = time_stepping(problem)
         return scheme, h, [f"{words} was chosen: the default at a given step"]
-    scheme = _scheme(scheme)
-    if isinstance(scheme, EventDriven) and problem.constraints.moving:
-        raise InputError("EventDriven does not know walls that move on their own yet: take Paoli or another scheme")
+    scheme = _scheme(problem, scheme)
     if not isinstance(scheme, EventDriven):
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
@@ -200,9 +203,12 @@ def _chosen(
     return scheme, None, []
 
 
-def _scheme(scheme: Scheme | EventDriven) -> Scheme | EventDriven:
+def _scheme(problem: Problem, scheme: Scheme | EventDriven) -> Scheme | EventDriven:
+    """Return the scheme if it is one and made for the problem."""
     if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
         raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {scheme!r}")
+    if hasattr(scheme, "check"):
+        scheme.check(problem)
     return scheme
 
 

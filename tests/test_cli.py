@@ -14,6 +14,7 @@ from conftest import ROBOTS
 
 import mbvi
 from mbvi.cli import main
+from mbvi.scheme_names import SchemeName
 from mbvi.shipped import robot_path
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
@@ -85,6 +86,16 @@ def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
         assert trajectory._scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
     # the reason stands there where nothing was named
     assert ("was chosen: the gradient of hopper/trunk_0 | hopper/shin_0 jumps" in out) == (not words)
+
+
+@pytest.mark.parametrize("word", SchemeName)
+def test_every_word_of_a_scheme_runs_or_says_that_it_does_not_suit(run, word):
+    words = ("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
+    code, out, err = run(*words)
+    if code:
+        assert code == 2 and "is for e = 0" in err and word == "stewart-trinkle"
+        code, out, err = run(*words, "--restitution", 0)
+    assert (code, err) == (0, "") and f"scheme       {type(word.make()).__name__}" in out
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3])

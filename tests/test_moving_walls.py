@@ -253,7 +253,7 @@ def test_error_control_says_that_it_knows_no_moving_walls():
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1), motion=Translation((0, 0, 1.0)))
     scene.add_sphere(0.1, position=(0, 0, 0.2))
-    with pytest.raises(mbvi.InputError, match="EventDriven does not know walls that move"):
+    with pytest.raises(mbvi.UnsuitableError, match="EventDriven does not know walls that move"):
         mbvi.simulate(scene.build(), mbvi.EventDriven(1e-6), duration=0.1)
 
 

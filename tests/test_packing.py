@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 import mbvi
 from mbvi import packing
+from mbvi.shipped import cube_of_spheres
 
 SIZES = {
     "constant": 0.05,
@@ -62,10 +63,13 @@ def test_a_lattice_with_jitter_never_overlaps(jitter, seed):
     assert np.abs(pack.positions.min(axis=0) - [1, 2, 3]).max() <= jitter
 
 
-def test_six_cubed_spheres_of_the_benchmark():
-    pack = packing.lattice((6, 6, 6), 0.1, spacing=0.21, corner=(0, 0, 1.101), jitter=1e-3, seed=42)
-    assert pack.positions.shape == (216, 3) and abs(pack.positions[:, 2].min() - 1.101) <= 1e-3
+def test_the_cube_of_spheres_that_is_shipped():
+    problem = cube_of_spheres(0.5)
+    pack = packing.Packing(problem.q0.reshape(-1, 3), np.full(216, 0.1))
+    assert pack.positions[:, 2].min() == pytest.approx(1.101)
+    np.testing.assert_allclose(pack.positions[:, :2].mean(axis=0), 0.0, atol=1e-3)
     assert 0.0 < least_gap(pack) < 0.01
+    assert problem.constraints.largest_restitution == 0.5
 
 
 def test_sizes_follow_their_distribution():

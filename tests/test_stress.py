@@ -1,6 +1,8 @@
 """The stress scenes: that they start, that verdicts follow from numbers, and what the command writes."""
 
+import dataclasses
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +48,13 @@ def test_a_cell_says_what_went_wrong_or_that_it_took_too_long():
     bad = StressScene("bad", scene.make, 1e-2, explode, "nothing", 0.0, 1.0)
     assert cell(bad, "Paoli", mbvi.Paoli(), 1e-3, 60.0).said == "MbviError: no number"
     elastic = cell(scene, "StewartTrinkle", mbvi.StewartTrinkle(), 1e-3, 60.0)
-    assert elastic.verdict == "refused"
+    assert elastic.verdict == "refused" and "StewartTrinkle is for e = 0" in elastic.said
+
+    def mistaken(h):
+        raise mbvi.InputError("no scene")
+
+    wrong = cell(dataclasses.replace(scene, make=mistaken), "Paoli", mbvi.Paoli(), 1e-3, 60.0)
+    assert (wrong.verdict, wrong.said) == ("failed", "InputError: no scene")
     slow = cell(scene, "Centered", mbvi.Centered(), 1e-6, 0.05)
     assert (slow.verdict, slow.value) == ("too slow", np.inf)
 
@@ -67,6 +75,19 @@ def test_the_command_writes_numbers_and_a_picture(tmp_path):
     assert np.isclose(picture, np.array([0xB7, 0xDF, 0xB0]) / 255, atol=0.01).all(axis=-1).mean() > 0.1
     assert picture.min() < 0.1
     assert "<svg" in (tmp_path / "stress.svg").read_text()
+
+
+def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):
+    def start(*arguments):
+        raise AssertionError("the sweep has begun")
+
+    monkeypatch.setattr("mbvi.stress.sweep.sweep", start)
+    (tmp_path / "file").touch()
+    found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path / "file/out")])
+    assert isinstance(found.exception, mbvi.TrajectoryFileError)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path)])
+    assert isinstance(found.exception, mbvi.InputError) and "pip install matplotlib" in str(found.exception)
 
 
 def test_scenes_are_listed_and_unknown_ones_refused():

@@ -120,6 +120,17 @@ class AdmissibleSet:
         """Whether some constraint changes with time at a fixed q."""
         return any(hasattr(constraint, "rate") for constraint in self.constraints)
 
+    @property
+    def largest_restitution(self) -> float:
+        """The largest e there is; of a crowd of shapes, whose pairs are listed as they come near, none is counted."""
+        found = [0.0]
+        for constraint, _, e in self.numbered():
+            if hasattr(constraint, "restitution"):
+                found.append(float(np.max(constraint.restitution, initial=0.0)))
+            elif not hasattr(constraint, "active"):
+                found.append(e)
+        return max(found)
+
     def numbered(self) -> list[tuple[Constraint, int, float]]:
         """Return every constraint, the number of its first row, and e where it carries none of its own."""
         return [(constraint, start, e) for constraint, _, _, start, e in self._all]

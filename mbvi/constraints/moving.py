@@ -75,6 +75,11 @@ class MovingWalls:
         self.seen, self.constraint = seen, constraint
         self.size = constraint.size if hasattr(constraint, "size") else len(constraint.names)
 
+    @property
+    def restitution(self) -> Array:
+        """Restitution of its pairs."""
+        return np.asarray(self.constraint.restitution)
+
     def name(self, number: int) -> str:
         """Return the name of one pair."""
         named = self.constraint

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import UnsuitableError
 from .active import Array
 from .admissible_set import AdmissibleSet
 from .crowd import Crowd
@@ -52,6 +52,11 @@ class SmoothRows:
         How fast each velocity can change the gap; infinite where that is not known.
     thickness : ndarray, shape (m,)
         What bodies travel at least in passing through each other [m]; infinite where nothing is passed through.
+
+    Raises
+    ------
+    UnsuitableError
+        If there are too many bodies for a row of every pair.
     """
 
     def __init__(self, constraints: AdmissibleSet, t: float, q: Array) -> None:
@@ -61,7 +66,7 @@ class SmoothRows:
         start = 0
         for constraint, first, e in constraints.numbered():
             if isinstance(constraint, Crowd) or getattr(constraint, "size", 0) * self._system.nv > _MOST_NUMBERS:
-                raise InputError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
+                raise UnsuitableError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
             number, *described = _describe(constraint, e, self._system.nv, t, q)
             columns.append((number + first, *described))
             self._parts.append((constraint, slice(start, start + len(number))))
@@ -169,7 +174,7 @@ def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[A
         pair = np.arange(len(constraint.names))
         return pair, constraint.restitution, constraint.round, constraint.reach, constraint.thickness
     if isinstance(constraint, SphereWalls):
-        number, own = np.arange(constraint.size), constraint.restitution_of_all()
+        number, own = np.arange(constraint.size), constraint.restitution
         return number, own, np.ones(len(number), bool), np.full((len(number), nv), np.inf), np.full(len(number), np.inf)
     if isinstance(constraint, SphereSurface):
         # which feature is nearest changes

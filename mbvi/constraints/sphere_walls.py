@@ -231,8 +231,9 @@ class SphereWalls:
         rows = self.system.separation_rows(q, self._bodies[a], self._first_body + i, point, normal)
         return Rows(number, gap, rows, self._e[self._group[i], a], point, normal)
 
-    def restitution_of_all(self) -> Array:
-        """Return e of every pair, shape (n w,)."""
+    @property
+    def restitution(self) -> Array:
+        """Restitution of every pair, shape (n w,)."""
         return np.asarray(self._e[self._group].ravel())
 
     def gap(self, t: float, q: Array) -> Array:

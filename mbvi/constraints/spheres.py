@@ -129,6 +129,13 @@ class SphereContacts:
         """How many spheres there are."""
         return len(self._radii)
 
+    @property
+    def restitution(self) -> Array:
+        """Every e that pairs have, shape (k,)."""
+        # a sphere that is an entity of its own has no pair within that
+        several = np.bincount(self._group, minlength=len(self._e)) > 1
+        return np.asarray(self._e[~np.diag(~several)])
+
     def restitution_of(self, i: Array, j: Array) -> Array:
         """Return e of pairs of spheres."""
         return np.asarray(self._e[self._group[i], self._group[j]])

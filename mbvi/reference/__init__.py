@@ -13,6 +13,7 @@ from .polyhedron import chain, corner
 from .solution import Reference, checked
 
 __all__ = [
+    "MAKERS",
     "Reference",
     "bouncing_ball",
     "chain",
@@ -27,24 +28,24 @@ __all__ = [
     "tumbling_body",
 ]
 
-
-_MAKERS: tuple[Callable[[float], Reference], ...] = (
-    bouncing_ball,
-    impact_oscillator,
-    chaotic_oscillator,
-    corner,
-    partial(corner, aim=True),
-    partial(corner, angle=1.0),
-    partial(corner, angle=2.0),
-    chain,
-    partial(chain, gaps=(0.5, 0.3)),
-    partial(chain, masses=(1.0, 2.0, 0.5, 1.5), gaps=(0.4, 0.2, 0.3)),
-    sliding_in_disc,
-    double_pendulum,
-    rod,
-    rocking_block,
-    tumbling_body,
-)
+# each takes e; names are those of what it makes
+MAKERS: dict[str, Callable[[float], Reference]] = {
+    "bouncing ball": bouncing_ball,
+    "impact oscillator": impact_oscillator,
+    "chaotic oscillator": chaotic_oscillator,
+    "corner of 90 degrees": corner,
+    "corner of 90 degrees, aimed at": partial(corner, aim=True),
+    "corner of 57.3 degrees": partial(corner, angle=1.0),
+    "corner of 114.6 degrees": partial(corner, angle=2.0),
+    "chain of 3, touching": chain,
+    "chain of 3, apart": partial(chain, gaps=(0.5, 0.3)),
+    "chain of 4, apart, unequal masses": partial(chain, masses=(1.0, 2.0, 0.5, 1.5), gaps=(0.4, 0.2, 0.3)),
+    "sliding in a disc": sliding_in_disc,
+    "double pendulum": double_pendulum,
+    "rod": rod,
+    "rocking block": rocking_block,
+    "tumbling body": tumbling_body,
+}
 
 
 def references(e: float) -> tuple[Reference, ...]:
@@ -68,7 +69,7 @@ def references(e: float) -> tuple[Reference, ...]:
     """
     e, _ = checked(e, 1.0)
     found = []
-    for make in _MAKERS:
+    for make in MAKERS.values():
         try:
             found.append(make(e))
         except InputError:

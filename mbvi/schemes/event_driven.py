@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..errors import InputError
+from ..errors import InputError, UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
 from .motion import Motion
@@ -37,6 +37,13 @@ class EventDriven:
             raise InputError(f"tolerance must lie between 1e-13 and 0.1; got {tolerance!r}")
         self.tolerance = float(tolerance)
 
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if walls move on their own."""
+        if problem.constraints.moving:
+            raise UnsuitableError(
+                "EventDriven does not know walls that move on their own yet: take Paoli or another scheme"
+            )
+
     def walk(self, problem: Problem, projector: Projector) -> Motion:
-        """Return a motion from the problem's start."""
+        """Return a motion from the problem's start; raise `UnsuitableError` if there are too many bodies."""
         return Motion(problem, self.tolerance, projector)

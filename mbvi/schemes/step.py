@@ -107,6 +107,10 @@ class Scheme(Protocol):
     jump : float
         The part of a step after which its law is applied: until there the configuration moves with v_i, from there on
         with v_{i+1}. 1, the end of the step, where a scheme says nothing.
+
+    Notes
+    -----
+    A scheme that is not made for every problem has `check(problem)` too, which raises `UnsuitableError`.
     """
 
     jump: float

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.active import chosen, stacked
-from ..errors import InputError, ProjectionError
+from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
 from ..projection import Projector, Push, TreePush
 from ..system.system import Array
@@ -42,6 +42,10 @@ class StewartTrinkle:
 
     jump = 0.0
 
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if some e is above 0; of a crowd of shapes `step` does, where two come near."""
+        _check(problem.constraints.largest_restitution)
+
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         push = problem.system.push(t, q, v, h)
@@ -71,12 +75,7 @@ def _stepped(
     free, gap, system = push.free, rows.gap, problem.system
     if not gap.size:
         return Step(end, system.integrate(q, h * free), free, rows, _NONE, 0.0), free
-    if (rows.restitution > 0.0).any():
-        e = float(rows.restitution.max())
-        raise InputError(
-            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
-            "Centered, or set the restitution to 0"
-        )
+    _check(float(rows.restitution.max()))
     still = 0.0 if rows.rate is None else rows.rate
     w, percussion, residual = projector.project(
         free, push.metric, rows.jacobian, -np.maximum(gap, 0.0) / h - still, rows.constraint
@@ -103,6 +102,14 @@ def _deepened(step: Step, there: Rows) -> Step:
     gap = rows.gap.copy()
     np.minimum.at(gap, place, there.gap[known])
     return step._replace(active=rows._replace(gap=gap))
+
+
+def _check(e: float) -> None:
+    if e > 0.0:
+        raise UnsuitableError(
+            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
+            "Centered, or set the restitution to 0"
+        )
 
 
 def _reach(problem: Problem, q: Array, moved: Array) -> float:

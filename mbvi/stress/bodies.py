@@ -10,13 +10,15 @@ from .. import reference
 from ..constraints import GapFunction
 from ..problem import Problem
 from ..scene import Scene
+from ..shipped import cube_of_spheres
 from ..system import LagrangianSystem
 from ..system.system import Array
 from ..trajectory import Trajectory
-from .scene import StressScene, compared, energy_drift, energy_gain, moved, penetration
+from .scene import StressScene, compared, energy_drift, gain_or_penetration, moved, penetration
 
 _G = 9.81
-_GRAINS = 0.1
+# radius of a sphere, diameter of a bead [m]
+_GRAIN, _BEAD = 0.1, 0.02
 
 
 def _bouncing_grid(h: float) -> Problem:
@@ -29,16 +31,7 @@ def _bouncing_grid(h: float) -> Problem:
 
 
 def _cube_of_spheres(e: float, h: float) -> Problem:
-    """Return six by six by six spheres that fall into a box, all but in a lattice."""
-    scene = Scene(restitution=e)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    for normal in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
-        scene.add_halfspace(normal, offset=-1.0)
-    lattice = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3) * 0.21
-    lattice = lattice - [0.525, 0.525, 0.0] + 1e-3 * np.random.default_rng(42).uniform(-1, 1, (216, 3))
-    lattice[:, 2] += 1.101 - lattice[:, 2].min()
-    scene.add_spheres(positions=lattice, radius=_GRAINS, mass=10.0)
-    return scene.build()
+    return cube_of_spheres(e)
 
 
 def _heavy_on_light(ratio: float, h: float) -> Problem:
@@ -65,18 +58,13 @@ def _table(h: float) -> Problem:
 
 def _beads(h: float) -> Problem:
     """Return ten beads on a vertical wire: impacts accumulate on every one of them."""
-    n, size = 10, 0.02
+    n = 10
     rows = np.eye(n) - np.eye(n, k=-1)
     system = LagrangianSystem(
         mass=lambda q: np.eye(n), force=lambda t, q, v: np.full(n, -_G), dim=n, potential=lambda q: float(_G * q.sum())
     )
-    gaps = [_linear(row, own) for row, own in zip(rows, [0.5 * size, *[size] * (n - 1)], strict=True)]
+    gaps = [_linear(row, own) for row, own in zip(rows, [0.5 * _BEAD, *[_BEAD] * (n - 1)], strict=True)]
     return Problem(system, gaps, 0.1 + 0.08 * np.arange(n), np.zeros(n), restitution=0.9)
-
-
-def _gain_or_penetration(run: Trajectory) -> float:
-    """Return the largest gain of energy, or the deepest penetration in diameters, whichever is worse."""
-    return max(energy_gain(run), float(run.penetration().max()) / 0.02)
 
 
 def _plate(h: float) -> Problem:
@@ -103,7 +91,7 @@ BODIES = (
         "cube of 216, e = 1", partial(_cube_of_spheres, 1.0), 2.0, energy_drift, "relative drift of energy", 1e-2, 0.1
     ),
     StressScene(
-        "cube of 216, e = 0", partial(_cube_of_spheres, 0.0), 2.0, penetration(_GRAINS), "penetration in radii",
+        "cube of 216, e = 0", partial(_cube_of_spheres, 0.0), 2.0, penetration(_GRAIN), "penetration in radii",
         0.01, 0.2,
     ),
     *(
@@ -115,7 +103,8 @@ BODIES = (
     ),
     StressScene("table on 100 legs", _table, 2.0, penetration(1.0), "penetration [m]", 1e-3, 2e-2),
     StressScene(
-        "ten beads, e = 0.9", _beads, 3.0, _gain_or_penetration, "gain of energy or penetration in diameters", 0.1, 0.5
+        "ten beads, e = 0.9", _beads, 3.0, gain_or_penetration(_BEAD),
+        "gain of energy or penetration in diameters", 0.1, 0.5,
     ),
     compared("cradle, touching", _cradle(0.0), 1e-2),
     compared("cradle, gaps of 1e-3", _cradle(1e-3), 1e-2),

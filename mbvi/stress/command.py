@@ -14,6 +14,7 @@ import typer
 from tqdm import tqdm
 
 from ..errors import InputError
+from ..pictures import check_pictures
 
 if TYPE_CHECKING:
     from .scene import StressScene
@@ -39,6 +40,7 @@ def stress(
 ) -> None:
     """Run the scenes where methods fail, over schemes and steps."""
     # imported here for its weight: scenes compute their exact solutions
+    from .picture import draw
     from .sweep import SCHEMES, sweep
 
     chosen = _chosen(scenes or [], long or listed)
@@ -46,6 +48,7 @@ def stress(
         for scene in chosen:
             print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
         return
+    check_pictures(out)
     steps = [_OFF * h for h in step or (_LONG_STEPS if long else _STEPS)]
     tolerances = tolerance or _TOLERANCES
     total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
@@ -55,10 +58,9 @@ def stress(
             cells.append(cell)
             bar.set_postfix_str(f"{cell.scene}, {cell.scheme}", refresh=False)
             bar.update()
-    out.mkdir(parents=True, exist_ok=True)
     (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
     pictures = [out / "stress.png", out / "stress.svg"]
-    _draw(cells, pictures)
+    draw(cells, pictures)
     _print(cells)
     print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
 
@@ -71,15 +73,6 @@ def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
     if missing:
         raise InputError(f"no scene's name holds {missing[0]!r}: see mbvi stress --list")
     return found or [s for s in SCENES if long or not s.long]
-
-
-def _draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
-    try:
-        from .picture import draw
-
-        draw(cells, paths)
-    except ImportError as error:
-        raise InputError("the picture needs matplotlib: pip install 'mbvi[charts]'") from error
 
 
 def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:

@@ -68,6 +68,12 @@ def penetration(length: float) -> Callable[[Trajectory], float]:
     return lambda run: float(run.penetration().max() / length)
 
 
+def gain_or_penetration(length: float) -> Callable[[Trajectory], float]:
+    """Return the gain of energy, or the deepest penetration in units of a length [m], whichever is worse."""
+    depth = penetration(length)
+    return lambda run: max(energy_gain(run), depth(run))
+
+
 def moved(run: Trajectory) -> float:
     """Return how far the configuration ever is from the first [m, rad]."""
     assert run.problem is not None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
-from ..errors import InputError, MbviError
+from ..errors import MbviError, UnsuitableError
 from ..projection import Projector
 from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from ..simulate import simulate
@@ -100,7 +100,7 @@ def cell(scene: StressScene, name: str, scheme: Any, step: float, budget: float)
         verdict, said = scene.verdict(value), "; ".join(run.notes)
     except _TooSlow:
         verdict, said = "too slow", f"more than {budget:g} s"
-    except InputError as error:
+    except UnsuitableError as error:
         verdict, said = "refused", str(error)
     except MbviError as error:
         said = f"{type(error).__name__}: {error}"

@@ -8,48 +8,17 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..problem import Problem
-from ..reference import (
-    Reference,
-    bouncing_ball,
-    chain,
-    chaotic_oscillator,
-    corner,
-    double_pendulum,
-    impact_oscillator,
-    rocking_block,
-    rod,
-    sliding_in_disc,
-    tumbling_body,
-)
+from ..reference import MAKERS, Reference
 from ..scene import Scene
 from ..schemes import EventDriven
-from ..shipped import robot_path
+from ..shipped import cube_of_spheres, robot_path
 from ..simulate import simulate
 from .sweep import Case
 
-_EXACT: dict[str, Callable[[float], Reference]] = {
-    "bouncing ball": bouncing_ball,
-    "impact oscillator": impact_oscillator,
-    "chaotic oscillator": chaotic_oscillator,
-    "corner of 90 degrees": corner,
-    "corner of 90 degrees, aimed at": partial(corner, aim=True),
-    "corner of 57.3 degrees": partial(corner, angle=1.0),
-    "corner of 114.6 degrees": partial(corner, angle=2.0),
-    "chain of 3, touching": chain,
-    "chain of 3, apart": partial(chain, gaps=(0.5, 0.3)),
-    "chain of 4, apart, unequal masses": partial(chain, masses=(1.0, 2.0, 0.5, 1.5), gaps=(0.4, 0.2, 0.3)),
-    "sliding in a disc": sliding_in_disc,
-    "double pendulum": double_pendulum,
-    "rod": rod,
-    "rocking block": rocking_block,
-    "tumbling body": tumbling_body,
-}
 _ROBOT_TOLERANCE = 1e-11
 _TILT = Rotation.from_euler("xyz", [0.08, 0.12, 0.0]).as_matrix()
 # a step of a pile takes tens of milliseconds [s]
 _FEW = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 0.53, 3)).tolist())
-_SIDE, _RADIUS, _MASS, _SPACING, _JITTER, _SEED, _LOWEST = 6, 0.1, 10.0, 0.21, 1e-3, 42, 1.101
 
 
 def quadruped_landing(e: float) -> Case:
@@ -76,24 +45,12 @@ def quadruped_landing(e: float) -> Case:
 
 def elastic_666(e: float) -> Case:
     """Return 6 x 6 x 6 spheres dropped into an open box 2 m wide; only what energy at e = 1 does is known."""
-    return Case("elastic 666", _spheres(1.0, 1.0), 1.0, "energy is kept at e = 1", plotted="energy")
+    return Case("elastic 666", cube_of_spheres(1.0, 1.0), 1.0, "energy is kept at e = 1", plotted="energy")
 
 
 def pile(e: float) -> Case:
     """Return the same spheres at e = 0, in a box that they fill, while they land; known is that nothing penetrates."""
-    return Case("pile", _spheres(0.0, 0.65), 0.7, "nothing penetrates", None, "penetration", _FEW)
-
-
-def _spheres(e: float, half_width: float) -> Problem:
-    grid = np.stack(np.meshgrid(*[np.arange(_SIDE)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * _SPACING
-    grid = grid - [*[0.5 * (_SIDE - 1) * _SPACING] * 2, -_LOWEST]
-    grid = grid + np.random.default_rng(_SEED).uniform(-_JITTER, _JITTER, grid.shape)
-    scene = Scene(restitution=e)
-    scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
-    for name, normal in (("left", (1, 0, 0)), ("right", (-1, 0, 0)), ("front", (0, 1, 0)), ("back", (0, -1, 0))):
-        scene.add_halfspace(normal, offset=-half_width, name=name)
-    scene.add_spheres(positions=grid, radius=_RADIUS, mass=_MASS)
-    return scene.build()
+    return Case("pile", cube_of_spheres(0.0, 0.65), 0.7, "nothing penetrates", None, "penetration", _FEW)
 
 
 def _exact(make: Callable[[float], Reference], e: float) -> Case:
@@ -102,7 +59,7 @@ def _exact(make: Callable[[float], Reference], e: float) -> Case:
 
 # each takes e; spheres have their own
 CASES: dict[str, Callable[[float], Case]] = {
-    **{name: partial(_exact, make) for name, make in _EXACT.items()},
+    **{name: partial(_exact, make) for name, make in MAKERS.items()},
     "quadruped landing": quadruped_landing,
     "elastic 666": elastic_666,
     "pile": pile,

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import InputError, TrajectoryFileError
+from ..errors import InputError
+from ..pictures import check_pictures
+from ..scheme_names import SchemeName
 
 if TYPE_CHECKING:
     from ..schemes import EventDriven, Scheme
@@ -17,9 +19,6 @@ if TYPE_CHECKING:
 
 # the error whose cost is printed
 _TARGET = 1e-4
-_CONTROLLED = "event-driven"
-# for e = 0 only
-_PLASTIC = "stewart-trinkle"
 
 _Problems = Annotated[
     list[str] | None, typer.Argument(metavar="[PROBLEM]...", help="By name; --list names them.", show_default=False)
@@ -41,7 +40,7 @@ def chart(
     from .cases import CASES, MANY, TELLING
     from .records import write_csv
 
-    words = _words()
+    words = {name.value: name for name in SchemeName}
     if listed:
         print("\n  ".join(["problems", *CASES]))
         print("without a name: " + "; ".join(TELLING))
@@ -50,10 +49,13 @@ def chart(
         return
     chosen = [_known(name.replace("-", " "), list(CASES), "problem") for name in problems or TELLING]
     named = [_known(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
-    _check(out)
-    left_out = {(name, _CONTROLLED) for name in MANY}
+    check_pictures(out.parent)
+    left_out = {(name, SchemeName.event_driven) for name in MANY}
     tasks = [
-        (name, words[word]) for name in chosen for word in named or _suiting(name, e) if (name, word) not in left_out
+        (name, words[word].make())
+        for name in chosen
+        for word in named or _suiting(name, e)
+        if (name, word) not in left_out
     ]
     records = _measured(tasks, e)
     if peers:
@@ -65,41 +67,16 @@ def chart(
     _say(records, out)
 
 
-def _words() -> dict[str, Scheme | EventDriven]:
-    from .. import schemes
-
-    return {
-        "paoli": schemes.Paoli(),
-        "moreau-jean": schemes.MoreauJean(),
-        "centered": schemes.Centered(),
-        "centered-projected": schemes.Centered(project_positions=True),
-        "schatzman-paoli": schemes.SchatzmanPaoli(),
-        _CONTROLLED: schemes.EventDriven(1e-6),
-        _PLASTIC: schemes.StewartTrinkle(),
-    }
-
-
 def _suiting(problem: str, e: float) -> list[str]:
     """Return the words of the schemes that are made for a problem."""
     plastic = problem == "pile" or (e == 0.0 and problem != "elastic 666")
-    return [word for word in _words() if plastic or word != _PLASTIC]
+    return [word for word in SchemeName if plastic or word is not SchemeName.stewart_trinkle]
 
 
 def _known(word: str, known: list[str], what: str) -> str:
     if word not in known:
         raise InputError(f"no {what} {word!r}; known are {'; '.join(known)}")
     return word
-
-
-def _check(out: Path) -> None:
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError("charts need matplotlib: pip install matplotlib") from error
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrajectoryFileError(f"the folder {out.parent} cannot be made: {error.strerror}") from error
 
 
 def _measured(tasks: list[tuple[str, Scheme | EventDriven]], e: float) -> list[Record]:
