@@ -55,10 +55,12 @@ class Guard:
         self._share = np.zeros(problem.system.nv)
         # the same of each pair
         self._ways: list[Array] = []
+        # of many bodies each is looked at; no velocity up to this takes any of them as far as it is thick
+        self._slow = 0.0
         for constraint in self._watched:
             if not hasattr(constraint, "envelope"):
-                # of many bodies each is looked at
                 self._share, self._ways = np.full(problem.system.nv, np.inf), []
+                self._slow = min(map(_least_thick, self._watched)) / h
                 break
             np.maximum(self._share, h * constraint.envelope / constraint.thickness.min(), out=self._share)
             self._ways.append(h * constraint.reach.T / constraint.thickness)
@@ -71,7 +73,7 @@ class Guard:
         rest = h
         for _ in range(_MOST_CUTS):
             self._check(new, h)
-            if self._ways and self._none_passes(np.maximum(np.abs(state.v), np.abs(new.v))):
+            if self._none_passes(np.maximum(np.abs(state.v), np.abs(new.v))):
                 break
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _REST * h:
@@ -86,6 +88,8 @@ class Guard:
 
     def _none_passes(self, v: Array) -> bool:
         """Tell whether no pair travels as far as it is thick at speeds of up to v, shape (nv,)."""
+        if not self._ways:
+            return float(v.max(initial=0.0)) < self._slow
         return float(self._share.dot(v)) < 1.0 or all((v.dot(ways) < 1.0).all() for ways in self._ways)
 
     def _check(self, state: Step, h: float) -> None:
@@ -133,3 +137,10 @@ class Guard:
                 return short if rise < -near else 1.0
         x = begin + advanced(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
+
+
+def _least_thick(constraint: Any) -> float:
+    """Return what tangent vectors, entry by entry, must exceed to carry something as far as it is thick."""
+    if hasattr(constraint, "least_way"):
+        return float(constraint.least_way)
+    return float(constraint.thickness.min() / constraint.envelope.sum())

@@ -11,6 +11,7 @@ from conftest import ROBOTS
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from mbvi.constraints.overlap import overlap
 from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 
@@ -322,6 +323,33 @@ def test_a_ball_deep_in_a_cylinder_is_thrown_back_the_short_way(where):
     np.testing.assert_allclose(run.v[-1], [0, 0, 10], atol=1e-12)
     np.testing.assert_allclose(np.abs(impact.normal[0]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(run.penetration().max(), 0.0149, atol=1e-9)
+
+
+def overlapping(seed):
+    """Two polyhedra in random poses that overlap, as shapes and as (R', p) stacked."""
+    rng = np.random.default_rng(seed)
+    shapes = [Box((0.2, 0.3, 0.15)) if rng.random() < 0.5 else Hull(0.2 * rng.normal(size=(12, 3))) for _ in range(2)]
+    places = []
+    for _ in range(2):
+        q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+        q *= np.sign(np.diag(r))
+        places.append(np.concatenate([q * np.sign(np.linalg.det(q)), rng.uniform(-0.05, 0.05, (1, 3))]))
+    return shapes, places
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_axes_of_faces_and_edges_give_the_depth_that_coal_gives(seed):
+    (a, b), places = overlapping(seed)
+    distance, normal, point = overlap(a, places[0], b, places[1])
+    result, request = coal.DistanceResult(), coal.DistanceRequest()
+    poses = [coal.Transform3s(np.ascontiguousarray(place[:3].T), place[3]) for place in places]
+    assert distance < 0.0
+    assert distance == pytest.approx(coal.distance(a.coal(), poses[0], b.coal(), poses[1], request, result), abs=1e-6)
+    np.testing.assert_allclose(normal, result.normal, atol=1e-4)
+    # half the depth from the one's surface, and from the other's
+    inside = [(point - place[3]) @ place[:3].T for place in places]
+    for shape, place, here, way in zip((a, b), places, inside, (normal, -normal), strict=True):
+        assert shape.exit(here[None], place[:3] @ way)[0] == pytest.approx(-0.5 * distance, abs=1e-9)
 
 
 def separation_of_boxes(size, pose):

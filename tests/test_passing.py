@@ -144,3 +144,30 @@ def meeting(seed):
 
 def test_what_may_pass_holds_every_pair_that_meets():
     assert sum(meeting(seed) for seed in range(20)) > 20
+
+
+def crowded(kind):
+    """Bodies close to each other, a plate, and where there are few spheres so many that all is in bulk."""
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_box((1.0, 1.0, 0.01), position=(0, 0, -0.03), fixed=True)
+    places = 0.045 * np.indices((5, 5, 3)).reshape(3, -1).T
+    if kind == "spheres":
+        scene.add_spheres(places, radius=np.linspace(0.01, 0.02, 75), mass=1.0)
+    else:
+        scene.add_boxes(places, (0.03, 0.02, 0.03), 1.0)
+    return scene.build()
+
+
+@pytest.mark.parametrize("kind", ["spheres", "boxes"])
+def test_up_to_the_least_way_nothing_passes_and_beyond_it_something_may(kind):
+    problem, rng = crowded(kind), np.random.default_rng(0)
+    watched = [c for c in problem.constraints.constraints if hasattr(c, "least_way")]
+    assert watched
+    for constraint in watched:
+        beyond = 0
+        for _ in range(200):
+            way = rng.uniform(-1.0, 1.0, problem.system.nv)
+            way *= constraint.least_way / np.abs(way).max()
+            assert not len(constraint.passable(problem.q0, 0.999 * way)[0])
+            beyond += len(constraint.passable(problem.q0, 8.0 * way)[0]) > 0
+        assert beyond

@@ -119,23 +119,29 @@ class Crowd:
         q, way : ndarray, shapes (nq,) and (nv,)
             Configuration, and the tangent vector that leads on from it.
         """
-        if self._reach is None:
-            self._reach = self._reaches()
         centres = self._places(q)[1]
         moved = self._places(self.system.integrate(q, way))[1] - centres
-        travel = self._reach @ np.abs(way)
+        travel = self._reaches() @ np.abs(way)
         i, j = may_pass(centres, moved, travel, self._bound, self._inner)
         kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
         i, j = i[kept], j[kept]
         return i * len(self._shapes) + j, travel[i] + travel[j], self._inner[i] + self._inner[j]
 
+    @property
+    def least_way(self) -> float:
+        """What tangent vectors, entry by entry, must exceed to carry a shape as far as it is thick."""
+        carried = self._reaches().sum(axis=1)
+        return float((self._inner[carried > 0.0] / carried[carried > 0.0]).min(initial=np.inf))
+
     def _reaches(self) -> csr_array:
         """Return how far each velocity can carry a point of each shape, shape (n, nv)."""
-        rows = [
-            csr_array(self.system.reach(s.body, s.position, s.shape.bound)[None] if s.body else (1, self.system.nv))
-            for s in self._shapes
-        ]
-        return vstack(rows, format="csr")
+        if self._reach is None:
+            nothing = csr_array((1, self.system.nv))
+            self._reach = vstack([
+                csr_array(self.system.reach(s.body, s.position, s.shape.bound)[None]) if s.body else nothing
+                for s in self._shapes
+            ], format="csr")  # fmt: skip
+        return self._reach
 
     def gaps(self, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs, shape (k,) [m]."""

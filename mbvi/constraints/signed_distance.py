@@ -13,9 +13,10 @@ from ..errors import MbviError
 from ..system import System
 from .balls import Balls, out_of_cylinder
 from .faces import most_facing
+from .overlap import overlap
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
-from .shapes import Cylinder, Ellipsoid, PlacedShape, Sphere
+from .shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 # Coal's own tolerance leaves normals of curved shapes wrong in the third digit; at a fine one its penetration depth
 # fails once in some hundred times, by an order of magnitude or outright
@@ -182,10 +183,19 @@ class SignedDistances(Pairs):
             if distance < check - _AGREEMENT * self._bound[k]:
                 distance, result = check, second
             if not abs(distance) < 1e100:
-                raise MbviError(
-                    f"{self.names[k]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
-                )
+                return self._overlap(k)
         return distance, np.array(result.normal), 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+
+    def _overlap(self, k: int) -> tuple[float, Array, Array]:
+        """Return what `_measure` does, of a pair for which Coal finds nothing."""
+        a, b = (self._placed[side].shape for side in self._sides[k])
+        if not (isinstance(a, Box | Hull) and isinstance(b, Box | Hull)):
+            raise MbviError(f"{self.names[k]}: Coal finds no penetration depth; take a smaller step or simpler shapes")
+        first, second = (
+            np.concatenate([pose.getRotation().T, pose.getTranslation()[None]])
+            for pose in (self._pose[side] for side in self._sides[k])
+        )
+        return overlap(a, first, b, second)
 
     def _ball_at_cylinder(self, a: int, b: int) -> tuple[float, Array, Array]:
         swapped = isinstance(self._placed[a].shape, Sphere)

@@ -259,6 +259,14 @@ class SphereWalls:
             )
         return gap
 
+    @property
+    def least_way(self) -> float:
+        """What tangent vectors, entry by entry, must exceed to carry a sphere and a wall as far as both are thick."""
+        carried = np.full(len(self._kind), np.sqrt(3.0))
+        for a, reach in self._reach:
+            carried[a] += reach.sum()
+        return float(((self._radii.min() + self._inner) / carried).min(initial=np.inf))
+
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may meet on a way longer than both are thick, their ways, and how thick they are.
 

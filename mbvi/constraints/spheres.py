@@ -148,6 +148,11 @@ class SphereContacts:
             rows[here[(i == body) | (j == body)]] += reach
         return rows
 
+    @property
+    def least_way(self) -> float:
+        """What tangent vectors, entry by entry, must exceed to carry a sphere by its radius."""
+        return float(self._radii.min() / np.sqrt(3.0))
+
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -102,8 +103,8 @@ def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
 
 def _like(rows: csr_array, data: Array) -> csr_array:
     """Return rows with other numbers in the same places."""
-    out = csr_array(rows.shape)
-    out.data, out.indices, out.indptr = data, rows.indices, rows.indptr
+    out = copy(rows)
+    out.data = data
     return out
 
 
