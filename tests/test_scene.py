@@ -128,13 +128,12 @@ def test_restitution_by_pair_link_before_robot():
     problem = scene.build()
     by_name = {}
     for constraint in problem.constraints.constraints:
-        e = getattr(constraint, "restitution", None)
-        if e is not None and hasattr(constraint, "names"):
-            by_name.update(zip(constraint.names, e, strict=True))
+        if hasattr(constraint, "names"):
+            by_name.update(zip(constraint.names, constraint.restitution, strict=True))
     assert by_name["h/foot | floor"] == 0.9
     assert by_name["h/thigh_0 | floor"] == 0.5
     assert by_name["balls[0] | floor"] == 0.1
-    assert problem.constraints.constraints[-1]._e[0, 0] == 0.7
+    assert problem.constraints.constraints[-1].restitution.tolist() == [0.7]
 
 
 def test_two_of_the_same_robot_get_names_of_their_own():

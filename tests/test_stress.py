@@ -3,17 +3,26 @@
 import dataclasses
 import json
 import sys
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import mbvi
 from mbvi.cli import app
+from mbvi.peers import PEERS
+from mbvi.peers.bodies import NoModelError
+from mbvi.stress.models import model_of
+from mbvi.stress.peers import peer_cell, sweep_peer
 from mbvi.stress.scene import StressScene
 from mbvi.stress.scenes import SCENES
-from mbvi.stress.sweep import SCHEMES, cell
+from mbvi.stress.sweep import SCHEMES, Cell, cell
 
 NAMES = {scene.name: scene for scene in SCENES}
 
@@ -75,6 +84,100 @@ def test_the_command_writes_numbers_and_a_picture(tmp_path):
     assert np.isclose(picture, np.array([0xB7, 0xDF, 0xB0]) / 255, atol=0.01).all(axis=-1).mean() > 0.1
     assert picture.min() < 0.1
     assert "<svg" in (tmp_path / "stress.svg").read_text()
+
+
+def modelled(name, h):
+    scene = NAMES[name]
+    problem = scene.make(h)
+    return problem, model_of(scene, problem)
+
+
+LEFT_OUT = {"near-grazing chaos", "slider-crank with play", "arm at full stretch", "50 s in a disc"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_scene_is_given_to_other_engines_in_its_own_coordinates_or_not_at_all(name, rng):
+    if name in LEFT_OUT:
+        with pytest.raises(NoModelError):
+            modelled(name, 1e-3)
+        return
+    problem, model = modelled(name, 1e-3)
+    q = problem.system.integrate(problem.q0, 1e-3 * rng.standard_normal(problem.system.nv))
+    v = rng.standard_normal(problem.system.nv)
+    again, rate = model.coordinates(model.state(q, v))
+    np.testing.assert_allclose(problem.system.difference(q, again), 0.0, atol=1e-12)
+    # angles that are small in the scene are turns about axes there
+    np.testing.assert_allclose(rate, v, atol=1e-12)
+    # what touches is as heavy in both
+    poses = model.state(problem.q0, v)
+    masses, inertias = np.array([b.mass for b in model.bodies]), np.array([b.inertia for b in model.bodies])
+    turns = Rotation.from_quat(poses.quaternion)
+    spins = turns.apply(poses.angular, inverse=True)
+    energy = 0.5 * (masses * (poses.linear**2).sum(axis=1)).sum() + 0.5 * (inertias * spins**2).sum()
+    assert energy == pytest.approx(problem.system.kinetic_energy(problem.q0, v), rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in LEFT_OUT and "ratio" not in n])
+def test_mujoco_moves_as_we_do_until_something_touches(name):
+    engine, off = import_module("mbvi.peers.in_mujoco"), []
+    for h in (1e-3, 1e-4):
+        problem, model = modelled(name, 1e-3)
+        peer = engine.Free(model, h)
+        peer.start(model.state(problem.q0, problem.v0))
+        # compared are steps after which one more is free
+        for here, ahead in pairwise(mbvi.steps(problem, mbvi.Centered(), step=h)):
+            if ahead.percussion.any() or ahead.t > 0.5:
+                break
+            peer.advance()
+            q, v = model.coordinates(peer.read())
+            found = np.append(problem.system.difference(here.q, q), v - here.v)
+        off.append(np.abs(found).max())
+    # Euler's method, and no more
+    assert off[1] < 1e-8 or off[1] == pytest.approx(0.1 * off[0], rel=0.1), off
+
+
+def test_mujoco_is_judged_as_we_are_with_its_setting_said():
+    found = peer_cell("in_mujoco", "rocking block", 1.03e-3, 60.0)
+    assert found.verdict == "held" and found.scheme.startswith("MuJoCo") and "solref" in found.setting
+    # too soft for what it carries
+    assert peer_cell("in_mujoco", "mass ratio 1e8", 1.03e-2, 60.0).verdict == "failed"
+    none = peer_cell("in_mujoco", "50 s in a disc", 1.03e-3, 60.0)
+    assert (none.verdict, none.setting) == ("not run", "") and "circle" in none.said
+
+
+def test_an_engine_whose_process_dies_fails_once(monkeypatch):
+    asked = []
+
+    @contextmanager
+    def dying(silent):
+        def call(what, *arguments):
+            asked.append(arguments[1:3])
+            if arguments[1:3] == ("rocking block", 0.1):
+                raise BrokenExecutor
+            return "Engine 1" if what.__name__ == "_name" else Cell(arguments[1], "Engine 1", 0, 0, 0, 0, 0)
+
+        yield call
+
+    monkeypatch.setattr("mbvi.stress.peers.worker", dying)
+    scenes = [NAMES["rocking block"], NAMES["obtuse corner"]]
+    found = list(sweep_peer(PEERS[0], scenes, (0.1, 0.01), 1.0))
+    assert [c.verdict for c in found] == ["failed", 0, 0, 0] and found[0].said == "its process died"
+    assert asked == [(), *product(("rocking block", "obtuse corner"), (0.1, 0.01))]
+
+
+def test_the_command_adds_the_engines_that_are_installed(tmp_path, monkeypatch):
+    missing = PEERS[1]._replace(imported="no_such_package")
+    monkeypatch.setattr("mbvi.peers.PEERS", (PEERS[0], missing))
+    asked = ["stress", "rocking", "stretch", "--step", "0.01", "--tolerance", "1e-6", "--peers", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert result.exit_code == 0 and f"{missing.name} is not installed" in result.stdout
+    cells = json.loads((tmp_path / "stress.json").read_text())["cells"]
+    found = {c["scene"]: c for c in cells if c["scheme"].startswith("MuJoCo")}
+    assert found["arm at full stretch"]["verdict"] == "not run" and "linkage" in found["arm at full stretch"]["said"]
+    assert found["rocking block"]["verdict"] == "degraded" and "solref" in found["rocking block"]["setting"]
+    assert found["rocking block"]["step"] == 0.0103
+    assert "MuJoCo" in (tmp_path / "stress.svg").read_text()
 
 
 def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):

@@ -32,8 +32,8 @@ def overlap(a: Polyhedron, place_a: Array, b: Polyhedron, place_b: Array) -> tup
     apart = (axes @ points[1].T).min(axis=1) - (axes @ points[0].T).max(axis=1)
     best = int(np.argmax(apart))
     distance, normal = float(apart[best]), axes[best]
-    outermost = [_outermost(p, n) for p, n in ((points[0], normal), (points[1], -normal))]
-    return distance, normal, _between(*outermost, normal, distance)
+    first, second = _outermost(points[0], normal), _outermost(points[1], -normal)
+    return distance, normal, _between(first, second, normal, distance)
 
 
 def _edges(shape: Polyhedron) -> Array:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ..constraints.shapes import Sphere
+from .bodies import Bodies, Poses
 from .rig import Array, Rig, State
 
 NAME = f"MuJoCo {mujoco.__version__}"
+# what a run that it gives up raises
+FAILURES: tuple[type[Exception], ...] = (mujoco.FatalError, mujoco.UnexpectedError)
 _TOLERANCE = 1e-12
 _RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 # omega h below e = 1, where contacts of three steps scatter restitution by where in a step they begin
@@ -33,31 +39,15 @@ class MuJoCo:
             )
             text = text.replace("</robot>", f'<link name="world"/>{floating}</robot>')
         spec = mujoco.MjSpec.from_string(text)
-        spec.compiler.balanceinertia = False
-        spec.option.timestep, spec.option.gravity = h, [0.0, 0.0, -9.81]
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        spec.option.tolerance, spec.option.iterations = _TOLERANCE, 100
         for geom in spec.geoms:
             geom.contype, geom.conaffinity = 0, 1
-        for normal, offset in rig.planes:
-            z = np.zeros(4)
-            mujoco.mju_quatZ2Vec(z, normal)
-            plane = mujoco.mjtGeom.mjGEOM_PLANE
-            spec.worldbody.add_geom(
-                type=plane, size=[0, 0, 1], pos=offset * normal, quat=z, contype=1, conaffinity=0, margin=0.0
-            )
-        for geom in spec.geoms:
-            geom.condim, geom.solref, geom.solimp = 1, _reference(e, h), _RIGID
-        self.model = spec.compile()
+        self.model = _compiled(spec, np.array([0.0, 0.0, -9.81]), rig.planes, e, h)
         self.data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in rig.joints]
         self._q = np.array([int(j.qposadr[0]) for j in joints], dtype=int)
         self._v = np.array([int(j.dofadr[0]) for j in joints], dtype=int)
         self._free = rig.free
-        self.settings = (
-            f"solref {_told(e)}, solimp {' '.join(map(str, _RIGID))}, condim 1, Euler, Newton solver with tolerance "
-            f"{_TOLERANCE:g}, contacts with the planes only"
-        )
+        self.settings = f"{_settings(e)}, contacts with the planes only"
 
     def start(self, state: State) -> None:
         """Put the rig there."""
@@ -88,6 +78,97 @@ class MuJoCo:
 
 
 Peer = MuJoCo
+
+
+class MuJoCoBodies:
+    """Free bodies in MuJoCo: balls on three slides, others on a free joint."""
+
+    continuous = False
+
+    def __init__(self, model: Bodies, h: float) -> None:
+        spec = mujoco.MjSpec()
+        box, ball = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE
+        for body in model.bodies:
+            here = spec.worldbody.add_body(mass=body.mass, inertia=body.inertia, explicitinertial=True)
+            if body.turns:
+                here.add_freejoint()
+            else:
+                for axis in np.eye(3):
+                    here.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+            shape = body.shape
+            for place in body.places:
+                if isinstance(shape, Sphere):
+                    here.add_geom(type=ball, size=[shape.radius, 0, 0], pos=place)
+                else:
+                    here.add_geom(type=box, size=0.5 * np.array(shape.size), pos=place)
+        for solid, centre in model.fixed:
+            spec.worldbody.add_geom(type=box, size=0.5 * np.array(solid.size), pos=centre)
+        self.model = _compiled(spec, model.gravity, model.planes, model.e, h)
+        self.data = mujoco.MjData(self.model)
+        first = self.model.body_jntadr[1:]
+        self._q = self.model.jnt_qposadr[first][:, None] + np.arange(3)
+        self._v = self.model.jnt_dofadr[first][:, None] + np.arange(3)
+        self._turning = np.flatnonzero([body.turns for body in model.bodies])
+        self._quaternion = self._q[self._turning, :1] + np.array([4, 5, 6, 3])
+        self._spin = self._v[self._turning] + 3
+        self._still = np.tile([0.0, 0.0, 0.0, 1.0], (len(model.bodies), 1))
+        self.settings = _settings(model.e)
+
+    def start(self, state: Poses) -> None:
+        """Put the bodies there."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._q], self.data.qvel[self._v] = state.position, state.linear
+        if self._turning.size:
+            turns = state.quaternion[self._turning]
+            self.data.qpos[self._quaternion] = turns
+            # in the body's own axes
+            self.data.qvel[self._spin] = Rotation.from_quat(turns).apply(state.angular[self._turning], inverse=True)
+
+    def advance(self) -> None:
+        """Take a step."""
+        mujoco.mj_step(self.model, self.data)
+
+    def read(self) -> Poses:
+        """Return where the bodies are."""
+        q, v = self.data.qpos, self.data.qvel
+        turns, spins = self._still.copy(), np.zeros((len(self._still), 3))
+        if self._turning.size:
+            turns[self._turning] = q[self._quaternion]
+            spins[self._turning] = Rotation.from_quat(turns[self._turning]).apply(v[self._spin])
+        return Poses(q[self._q], turns, v[self._v], spins)
+
+
+Free = MuJoCoBodies
+
+
+def _compiled(
+    spec: mujoco.MjSpec, gravity: Array, planes: Sequence[tuple[Array, float]], e: float, h: float
+) -> mujoco.MjModel:
+    """Return the model, with planes, our contacts and options."""
+    spec.compiler.balanceinertia = False
+    spec.option.timestep, spec.option.gravity = h, gravity
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.tolerance, spec.option.iterations = _TOLERANCE, 100
+    # what runs away is to be seen, not begun anew; and no file is to be written of it
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    mujoco.set_mju_user_warning(lambda text: None)
+    for normal, offset in planes:
+        z = np.zeros(4)
+        mujoco.mju_quatZ2Vec(z, normal)
+        plane = mujoco.mjtGeom.mjGEOM_PLANE
+        spec.worldbody.add_geom(
+            type=plane, size=[0, 0, 1], pos=offset * normal, quat=z, contype=1, conaffinity=0, margin=0.0
+        )
+    for geom in spec.geoms:
+        geom.condim, geom.solref, geom.solimp = 1, _reference(e, h), _RIGID
+    return spec.compile()
+
+
+def _settings(e: float) -> str:
+    return (
+        f"solref {_told(e)}, solimp {' '.join(map(str, _RIGID))}, condim 1, Euler, Newton solver with tolerance "
+        f"{_TOLERANCE:g}"
+    )
 
 
 def _turned(quaternion: Array, vector: Array, sense: float) -> Array:

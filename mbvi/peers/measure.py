@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from time import process_time
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, MbviError
+from ..problem import Problem
 from ..trajectory import Trajectory
 from ..work_precision import Case, Record, sampled_errors
 from ..work_precision.records import NOT
@@ -102,7 +104,8 @@ def _point(case: Case, model: Rig, engine: ModuleType, h: float, repeats: int) -
         peer.start(state)
         times.append(_time(peer, count))
         peer.start(state)
-        found.append(_judged(case, _recorded(case, model, peer, h, problem.t0, count), peer.continuous))
+        run = recorded(case.problem, case.name, model, peer, h, problem.t0, count)
+        found.append(_judged(case, run, peer.continuous))
     return record(case, engine.NAME, peer.settings, h, NOT, times, found)
 
 
@@ -134,23 +137,44 @@ def _time(peer: Engine, count: int) -> float:
     return process_time() - begin
 
 
-def _recorded(case: Case, model: Rig, peer: Engine, h: float, start: float, count: int) -> Trajectory:
-    problem = case.problem
+def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start: float, count: int) -> Trajectory:
+    """Return the steps that an engine takes from where it was put, as a run of ours.
+
+    Parameters
+    ----------
+    problem : Problem
+        Ours, which the engine has in it.
+    name : str
+        How it is called.
+    model : Rig or Bodies
+        How coordinates correspond.
+    peer : Engine or BodiesEngine
+        The engine, at its start.
+    h, start : float
+        Step and time of the start [s].
+    count : int
+        How many steps.
+
+    Raises
+    ------
+    ModelError
+        If numbers that are not finite come back.
+    """
     states = [model.coordinates(peer.read())]
     for _ in range(count):
         peer.advance()
         states.append(model.coordinates(peer.read()))
     q, v = (np.array(x) for x in zip(*states, strict=True))
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
-        raise ModelError(f"{case.name} runs away at h = {h:g} s")
+        raise ModelError(f"{name} runs away at h = {h:g} s")
     t = start + h * np.arange(count + 1)
-    depth = np.array([_depth(case, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
+    depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
     # new velocities move the configuration through the whole step: semi-implicit
     return Trajectory(
         t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth, _jump=0.0
     )  # fmt: skip
 
 
-def _depth(case: Case, t: float, q: Array) -> float:
-    gap = case.problem.constraints.active(t, q, case.problem.tolerance).gap
+def _depth(problem: Problem, t: float, q: Array) -> float:
+    gap = problem.constraints.active(t, q, problem.tolerance).gap
     return max(0.0, -float(gap.min(initial=0.0)))

@@ -18,7 +18,10 @@ from .scene import StressScene, compared, energy_drift, gain_or_penetration, mov
 
 _G = 9.81
 # radius of a sphere, diameter of a bead [m]
-_GRAIN, _BEAD = 0.1, 0.02
+_GRAIN, BEAD = 0.1, 0.02
+# of the table: gradients by height and two small angles, shape (100, 3)
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
+LEGS = np.column_stack([np.ones(100), np.sin(_ANGLES), -np.cos(_ANGLES)])
 
 
 def _bouncing_grid(h: float) -> Problem:
@@ -48,11 +51,9 @@ def _linear(row: Array, offset: float) -> GapFunction:
 
 def _table(h: float) -> Problem:
     """Return a disc on a hundred legs, by height and two small angles, let go three centimetres above the floor."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    legs = np.column_stack([np.ones(100), np.sin(angle), -np.cos(angle)])
     mass = np.diag([10.0, 2.5, 2.5])
     system = LagrangianSystem(mass=lambda q: mass, force=lambda t, q, v: np.array([-10.0 * _G, 0.0, 0.0]), dim=3)
-    rows = [_linear(row, 0.0) for row in legs]
+    rows = [_linear(row, 0.0) for row in LEGS]
     return Problem(system, rows, [0.03, 0.01, 0.005], np.zeros(3), restitution=0.5)
 
 
@@ -63,7 +64,7 @@ def _beads(h: float) -> Problem:
     system = LagrangianSystem(
         mass=lambda q: np.eye(n), force=lambda t, q, v: np.full(n, -_G), dim=n, potential=lambda q: float(_G * q.sum())
     )
-    gaps = [_linear(row, own) for row, own in zip(rows, [0.5 * _BEAD, *[_BEAD] * (n - 1)], strict=True)]
+    gaps = [_linear(row, own) for row, own in zip(rows, [0.5 * BEAD, *[BEAD] * (n - 1)], strict=True)]
     return Problem(system, gaps, 0.1 + 0.08 * np.arange(n), np.zeros(n), restitution=0.9)
 
 
@@ -103,7 +104,7 @@ BODIES = (
     ),
     StressScene("table on 100 legs", _table, 2.0, penetration(1.0), "penetration [m]", 1e-3, 2e-2),
     StressScene(
-        "ten beads, e = 0.9", _beads, 3.0, gain_or_penetration(_BEAD),
+        "ten beads, e = 0.9", _beads, 3.0, gain_or_penetration(BEAD),
         "gain of energy or penetration in diameters", 0.1, 0.5,
     ),
     compared("cradle, touching", _cradle(0.0), 1e-2),

@@ -35,6 +35,7 @@ def stress(
     long: Annotated[
         bool, typer.Option("--long", help="With the scenes that take minutes, at steps from 1e-6 to 0.5 s.")
     ] = False,
+    peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
     listed: Annotated[bool, typer.Option("--list", help="List the scenes and end.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
 ) -> None:
@@ -58,6 +59,8 @@ def stress(
             cells.append(cell)
             bar.set_postfix_str(f"{cell.scene}, {cell.scheme}", refresh=False)
             bar.update()
+    if peers:
+        cells += _peers(chosen, steps, budget)
     (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
     pictures = [out / "stress.png", out / "stress.svg"]
     draw(cells, pictures)
@@ -73,6 +76,26 @@ def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
     if missing:
         raise InputError(f"no scene's name holds {missing[0]!r}: see mbvi stress --list")
     return found or [s for s in SCENES if long or not s.long]
+
+
+def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float) -> list[Cell]:
+    from ..peers import PEERS
+    from .peers import sweep_peer
+
+    cells: list[Cell] = []
+    for peer in PEERS:
+        if not peer.installed:
+            print(f"{peer.name} is not installed: {peer.install}")
+            continue
+        with tqdm(total=len(scenes) * len(steps), unit="run", desc=peer.name) as bar:
+            try:
+                for cell in sweep_peer(peer, scenes, steps, budget):
+                    cells.append(cell)
+                    bar.set_postfix_str(cell.scene, refresh=False)
+                    bar.update()
+            except ImportError as error:
+                bar.write(f"{peer.name} cannot be loaded: {error}")
+    return cells
 
 
 def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The heat map of a sweep: scenes down, schemes and steps across."""
+"""The heat map of a sweep: scenes down, schemes or engines and steps across."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 from .sweep import Cell
 
 _COLOURS = {"held": "#b7dfb0", "degraded": "#ffe08a", "failed": "#f1a7a0", "too slow": "#d9d9d9",
-            "refused": "#eef1f5"}  # fmt: skip
+            "refused": "#eef1f5", "not run": "#ffffff"}  # fmt: skip
+_WORDS = {"too slow": "slow", "refused": "-", "not run": ""}
 _WIDTH, _HEIGHT, _MARGIN, _HEAD = 0.62, 0.34, 2.9, 2.0
 
 
@@ -54,8 +55,8 @@ def draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
 
 def number(cell: Cell) -> str:
     """Return a cell's number in few characters, or why it has none."""
-    if cell.verdict in ("too slow", "refused"):
-        return {"too slow": "slow", "refused": "-"}[cell.verdict]
+    if cell.verdict in _WORDS:
+        return _WORDS[cell.verdict]
     if cell.value == float("inf"):
         return "error"
     return "0" if cell.value == 0.0 else f"{cell.value:.0e}".replace("e-0", "e-").replace("e+0", "e")

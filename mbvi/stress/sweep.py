@@ -14,6 +14,7 @@ from ..errors import MbviError, UnsuitableError
 from ..projection import Projector
 from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from ..simulate import simulate
+from ..trajectory import Trajectory
 from .scene import StressScene
 
 # time-stepping schemes by the names they have in tables; each cell makes its own
@@ -36,18 +37,20 @@ class Cell:
     Attributes
     ----------
     scene, scheme : str
-        Their names.
+        Their names; an engine's instead of a scheme's.
     step : float
         Time step [s], or the tolerance of error control.
     value : float
         The scene's number; infinite where there is none.
     verdict : str
         "held", "degraded" or "failed"; "too slow" where the time given was not enough, "refused" where the scheme says
-        that the scene is not for it.
+        that the scene is not for it, "not run" where another engine cannot be given it.
     cpu : float
         CPU time [s].
     said : str
         What the run said of itself: its error, or its notes.
+    setting : str
+        How another engine was set.
     """
 
     scene: str
@@ -57,6 +60,7 @@ class Cell:
     verdict: str
     cpu: float
     said: str
+    setting: str = ""
 
 
 def sweep(
@@ -87,17 +91,25 @@ def sweep(
 
 def cell(scene: StressScene, name: str, scheme: Any, step: float, budget: float) -> Cell:
     """Run one cell; what goes wrong in it is its result. `step` is the tolerance of a scheme that has one."""
-    located = isinstance(scheme, EventDriven)
+
+    def run() -> Trajectory:
+        h = None if isinstance(scheme, EventDriven) else step
+        problem = scene.make(_USUAL if h is None else h)
+        return simulate(problem, scheme, duration=scene.duration, step=h, progress=False)
+
+    return judged(scene, name, step, budget, run)
+
+
+def judged(scene: StressScene, name: str, step: float, budget: float, run: Callable[[], Trajectory]) -> Cell:
+    """Return the cell of what a function runs, within a time."""
     start = time.process_time()
     value, verdict, said = float("inf"), "failed", ""
     try:
         with _limited(budget), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            problem = scene.make(_USUAL if located else step)
-            h = None if located else step
-            run = simulate(problem, scheme, duration=scene.duration, step=h, progress=False)
-            value = scene.measure(run)
-        verdict, said = scene.verdict(value), "; ".join(run.notes)
+            found = run()
+            value = scene.measure(found)
+        verdict, said = scene.verdict(value), "; ".join(found.notes)
     except _TooSlow:
         verdict, said = "too slow", f"more than {budget:g} s"
     except UnsuitableError as error:
