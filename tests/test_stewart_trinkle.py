@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import mbvi
 from mbvi.constraints import Crowd
 from mbvi.projection import Projector
+from mbvi.shipped import cube_of_spheres
 
 H = 2e-3
 
@@ -272,3 +273,27 @@ def test_a_box_under_a_heavier_one_stays(ratio):
     # heights and tilts; along the faces nothing holds them, and the heavy one's rounding moves the light one
     moved = np.abs(run.q[-1] - problem.q0)[:14].reshape(2, 7)
     assert moved[:, 2:5].max() < 1e-9
+
+
+@pytest.mark.slow
+def test_a_pile_of_the_cube_of_spheres_is_solved_to_the_end():
+    """Rows that depend on each other by symmetry: percussions carried from step to step stress them more and more."""
+    run = mbvi.simulate(cube_of_spheres(0.0), mbvi.StewartTrinkle(), step=1.03e-3, duration=2.0, progress=False)
+    assert run.residual.max() <= 1e-6
+    assert run.penetration().max() < 1e-6 * 0.1
+
+
+@pytest.mark.slow
+def test_a_thousand_boxes_poured_stay_out_of_each_other():
+    """Islands of hundreds of rows, many of them dependent: they are solved, and no box is deep in another."""
+    scene = mbvi.Scene()
+    scene.add_container((-0.2, -0.2, 0.0), (0.2, 0.2))
+    layer, row, column = np.unravel_index(np.arange(1000), (40, 5, 5))
+    places = 0.075 * np.stack([row - 2, column - 2, layer], axis=1) + [0.0, 0.0, 0.05]
+    scene.add_boxes(places, (0.04, 0.04, 0.04), 1.0, rotations=Rotation.random(1000, random_state=0).as_matrix())
+    problem = scene.build()
+    for step in mbvi.steps(problem, step=H):
+        assert step.active.gap.min(initial=0.0) > -5e-3 * problem.length
+        if step.t > 0.25:
+            break
+    assert len(step.active.gap) > 1000

@@ -210,7 +210,7 @@ def test_the_page_says_what_the_file_holds():
     for scene in told["scenes"]:
         name = scene["name"]
         assert name.split(",")[0].rsplit(" 1e", 1)[0] in causes
-        for scheme, step in (("Centered, positions projected", 1.03e-3), ("EventDriven", 1e-8)):
+        for scheme, step in (("default", 1.03e-3), ("EventDriven", 1e-8)):
             found = [c for c in told["cells"] if (c["scene"], c["scheme"]) == (name, scheme)]
             own = next(c for c in found if c["step"] == pytest.approx(step))
             assert (f"{own['value']:.0e}" if own["value"] is not None else own["verdict"]) in table[name]

@@ -18,7 +18,9 @@ from .metric import Array
 # rounds at most, steps of conjugate gradients a round, how much of the residual they leave
 _ROUNDS, _STEPS, _LEFT = 2000, 200, 0.1
 # sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut; after the last
-# number of such rounds the shift starts anew, for where it was raised long ago the steps stay short for good
+# number of such rounds the shift starts anew, for where it was raised long ago the steps stay short for good; and after
+# three times that, once, all of it from nothing: percussions that are carried along may stress what depends on each
+# other more and more, up to a thousand times what is needed
 _SWEEPS, _PATIENCE, _ANEW = 2, 4, 8
 # entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
 _DROP, _STIFFER = 0.05, 3e-3
@@ -68,7 +70,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
     inner_starts, inner_columns, inner = np.empty(m + 1, np.int32), np.empty(room, np.int32), np.empty(room)
     rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    shift, stiffer, residual, best, vain, whole = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0
+    shift, stiffer, residual, best, vain, whole, carried = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0, True
     for _ in range(_ROUNDS):
         # the gradient anew, for sums of changes drift
         residual = 0.0
@@ -86,6 +88,10 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
         vain += 1
         if vain % _ANEW == 0:
             shift, stiffer = _SHIFT, 0.0
+        if carried and vain >= 3 * _ANEW:
+            carried, residual, best, vain, whole = False, np.inf, np.inf, 0, 1.0
+            for a in range(m):
+                u[a], g[a] = 0.0, -d[a]
         if residual < 0.5 * best:
             best, vain = residual, 0
         # what a sweep lets press again may have been cut off for good reason: first the rest is to settle

@@ -17,8 +17,9 @@ from ..simulate import simulate
 from ..trajectory import Trajectory
 from .scene import StressScene
 
-# time-stepping schemes by the names they have in tables; each cell makes its own
+# time-stepping schemes by the names they have in tables; each cell makes its own, or leaves the choice to `simulate`
 SCHEMES: Mapping[str, Callable[[], Any]] = {
+    "default": lambda: None,
     "Paoli": Paoli,
     "MoreauJean": lambda: MoreauJean(0.5),
     "Centered": Centered,
