@@ -8,13 +8,12 @@ from ..constraints import Rows
 from ..constraints.active import chosen, stacked
 from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
-from ..projection import Projector, Push, TreePush
+from ..projection import Projection, Projector, Push, TreePush
 from ..system.system import Array
 from .step import Step
 
-_NONE = np.zeros((4, 0))
-# how often a step looks for what it has no row for yet
-_MOST = 6
+# how often a step looks for what it has no row for yet, and for gradients that have turned
+_MOST, _MOST_TURNED = 6, 2
 # of the scene's length, the depth by which gradients that turned within the step may be off
 _OFF = 1e-3
 
@@ -48,19 +47,27 @@ class StewartTrinkle:
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
-        push = problem.system.push(t, q, v, h)
+        system, end = problem.system, t + h
+        push = system.push(t, q, v, h)
         # walls that move are asked where they are half-way
         rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * push.free)), 0.5 * h)
-        for _ in range(_MOST):
-            step, way = _stepped(problem, rows, t + h, q, v, h, projector, push)
-            deepest = min(-problem.tolerance, float(step.active.gap.min(initial=0.0)) - 1e-12 * problem.length)
-            there = problem.constraints.near(step.t, step.q, deepest)
-            unseen = ~np.isin(there.constraint, rows.constraint) | (there.gap < -_OFF * problem.length)
-            if not unseen.any():
+        for turn in range(_MOST + 1):
+            way, lifted = _way(problem, rows, h, projector, push)
+            place, gap = system.integrate(q, h * way.velocity), rows.gap + h * rows.speeds(way.velocity)
+            deepest = min(-problem.tolerance, float(gap.min(initial=0.0)) - 1e-12 * problem.length)
+            there = problem.constraints.near(end, place, deepest)
+            unseen = ~np.isin(there.constraint, rows.constraint)
+            if turn < _MOST_TURNED:
+                unseen |= there.gap < -_OFF * problem.length
+            if turn == _MOST or not unseen.any():
                 break
             more = _back(chosen(there, unseen), h)
-            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ way))])
-        return _deepened(step, there) if there.gap.size else step
+            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ way.velocity))])
+        # what pushes out is no velocity
+        w, percussion, residual = _kept_apart(rows, h, projector, push, 0.0) if lifted else way
+        rates = np.array([percussion, rows.speeds(push.free), rows.speeds(w), rows.speeds(v)])
+        rows = rows._replace(gap=_deepened(gap, rows, there))
+        return Step(end, place, w, rows, rates, max(residual, way.residual))
 
 
 def _back(rows: Rows, time: float) -> Rows:
@@ -68,40 +75,40 @@ def _back(rows: Rows, time: float) -> Rows:
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
 
 
-def _stepped(
-    problem: Problem, rows: Rows, end: float, q: Array, v: Array, h: float, projector: Projector, push: Push | TreePush
-) -> tuple[Step, Array]:
-    """Return the step with the given rows, their gaps at its start, and the velocity that leads to its end."""
-    free, gap, system = push.free, rows.gap, problem.system
-    if not gap.size:
-        return Step(end, system.integrate(q, h * free), free, rows, _NONE, 0.0), free
+def _kept_apart(rows: Rows, h: float, projector: Projector, push: Push | TreePush, most: float) -> Projection:
+    """Return the velocity that leaves every gap of the rows open after a step, or as deep as it is beyond `most`."""
+    if not rows.gap.size:
+        return Projection(push.free, np.zeros(0), 0.0)
     _check(float(rows.restitution.max()))
-    still = 0.0 if rows.rate is None else rows.rate
-    w, percussion, residual = projector.project(
-        free, push.metric, rows.jacobian, -np.maximum(gap, 0.0) / h - still, rows.constraint
-    )
-    way = w
-    if (gap < -problem.tolerance).any():
+    lower = -np.maximum(rows.gap, -most) / h
+    if rows.rate is not None:
+        lower -= rows.rate
+    return projector.project(push.free, push.metric, rows.jacobian, lower, rows.constraint)
+
+
+def _way(
+    problem: Problem, rows: Rows, h: float, projector: Projector, push: Push | TreePush
+) -> tuple[Projection, bool]:
+    """Return the velocity that leads to the end of a step, and whether it pushes out what has sunk in."""
+    if (rows.gap < -problem.tolerance).any():
         try:
-            way, _, off = projector.project(free, push.metric, rows.jacobian, -gap / h - still, rows.constraint)
-            residual = max(residual, off)
+            return _kept_apart(rows, h, projector, push, np.inf), True
         except ProjectionError:
             # what is jammed stays as deep as it is: that is in the record
             pass
-    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(v)])
-    rows = rows._replace(gap=gap + h * rows.speeds(way))
-    return Step(end, system.integrate(q, h * way), w, rows, rates, residual), way
+    return _kept_apart(rows, h, projector, push, 0.0), False
 
 
-def _deepened(step: Step, there: Rows) -> Step:
-    """Return the step with the gaps that were found at its end where these are deeper than its rows say."""
-    rows = step.active
-    order = np.argsort(rows.constraint, kind="stable")
+def _deepened(gap: Array, rows: Rows, there: Rows) -> Array:
+    """Return the gaps of rows where these are not as deep as was found."""
     known = np.isin(there.constraint, rows.constraint)
+    if not known.any():
+        return gap
+    order = np.argsort(rows.constraint, kind="stable")
     place = order[np.searchsorted(rows.constraint[order], there.constraint[known])]
-    gap = rows.gap.copy()
+    gap = gap.copy()
     np.minimum.at(gap, place, there.gap[known])
-    return step._replace(active=rows._replace(gap=gap))
+    return gap
 
 
 def _check(e: float) -> None:
