@@ -120,6 +120,39 @@ def test_what_is_struck_within_the_step_is_seen():
     assert step.v[9] > 10.0
 
 
+LEVER = """<robot name="lever"><link name="base"/><link name="beam"><inertial><origin xyz="0.5 0 0"/><mass value="0.01"/>
+<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.02 0.02"/></geometry></collision></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="beam"/><axis xyz="0 -1 0"/></joint></robot>"""
+
+
+def test_what_a_lever_strikes_by_a_hair_is_seen_too(tmp_path):
+    """A ball strikes it near its hinge, and its tip goes ten times as far: out of reach, and by a thousandth less deep
+    than counts where gradients turn."""
+    path = tmp_path / "lever.urdf"
+    path.write_text(LEVER)
+
+    def struck(*targets):
+        scene = mbvi.Scene(gravity=(0, 0, 0))
+        scene.add_urdf(path, base="fixed")
+        scene.add_sphere(0.05, mass=100.0, position=(0.1, 0, -0.0601), velocity=(0, 0, 2.0))
+        for z in targets:
+            scene.add_sphere(0.05, mass=1e-4, position=(0.97, 0, z), name="target")
+        problem = scene.build()
+        return problem, next(mbvi.steps(problem, mbvi.StewartTrinkle(), step=H))
+
+    _, step = struck()
+    angle = np.arctan2(step.q[1], step.q[0])
+    assert angle * 0.97 > 5.0 * H * 2.0
+    # where it would touch the beam's upper face there
+    above = 0.97 * np.tan(angle) + 0.06 / np.cos(angle)
+    problem, step = struck(above - 1e-5)
+    rows = problem.constraints.near(step.t, step.q, 1e-6)
+    (gap,) = (f for a, f in zip(rows.constraint, rows.gap, strict=True) if "target" in problem.constraints.name(a))
+    assert gap == pytest.approx(0.0, abs=1e-9)
+    assert step.v[-1] > 1e-3
+
+
 def tumbling(count, seed=0):
     """Boxes in random poses over a box: corners, edges and faces turn into each other by several degrees a step."""
     scene = mbvi.Scene()
