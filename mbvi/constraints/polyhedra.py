@@ -25,12 +25,12 @@ class Polyhedron:
     vertices: Array
     faces: tuple[Array, Array]
 
-    @property
+    @cached_property
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the shape [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
 
-    @property
+    @cached_property
     def inner(self) -> float:
         """Radius of a ball that fits into the shape [m]."""
         normals, offsets = self.faces
