@@ -122,7 +122,8 @@ def test_what_is_struck_within_the_step_is_seen():
 
 LEVER = """<robot name="lever"><link name="base"/><link name="beam">
 <inertial><origin xyz="0.5 0 0"/><mass value="0.01"/>
-<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.02 0.02"/></geometry></collision></link>
+<inertia ixx="1e-4" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.02 0.02"/></geometry></collision></link>
 <joint name="turn" type="continuous"><parent link="base"/><child link="beam"/><axis xyz="0 -1 0"/></joint></robot>"""
 
 
