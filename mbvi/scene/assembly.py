@@ -28,6 +28,8 @@ from ..problem import Problem
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from .model import SceneModel
+from .reductions import REDUCTIONS, Omission
+from .still_joints import without_still_joints
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -51,11 +53,12 @@ class _Builder:
     """Systems, shapes and initial state, collected block after block."""
 
     items: SceneItems
+    reduce: tuple[str, ...]
     systems: list[System] = field(default_factory=list)
     shapes: list[PlacedShape] = field(default_factory=list)
     q0: list[Array] = field(default_factory=list)
     v0: list[Array] = field(default_factory=list)
-    omitted: list[tuple[str, str]] = field(default_factory=list)
+    omitted: list[Omission] = field(default_factory=list)
     apart: set[tuple[str, str]] = field(default_factory=set)
     limits: list[tuple[Array, Array, Array, Array, list[str]]] = field(default_factory=list)
     spheres: list[int] = field(default_factory=list)
@@ -70,6 +73,7 @@ class _Builder:
 
     def add_robot(self, item: RobotItem) -> None:
         nq, nv, nb = self.counts()
+        item, still = without_still_joints(item, self.reduce)
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
         self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
@@ -77,7 +81,7 @@ class _Builder:
         self.v0.append(item.v0)
         self.shapes += [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
         self.apart |= item.robot.apart
-        self.omitted += item.robot.omitted
+        self.omitted += [*item.robot.omitted, *still]
         joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
         here = np.array([model.idx_qs[j] for j in joints], dtype=np.intp)
         rate = np.array([model.idx_vs[j] for j in joints], dtype=np.intp)
@@ -123,7 +127,8 @@ class _Builder:
             self.shapes.append(placed)
         self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
         self.v0.append(np.concatenate([s.velocities.reshape(-1) for s in spheres]))
-        self.omitted.append((f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}", "no friction can turn them"))
+        what = f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}"
+        self.omitted.append(Omission(what, "no friction can turn them", dofs=3 * len(radii)))
 
     def constraints(self, system: System) -> Iterator[Constraint]:
         items = self.items
@@ -279,8 +284,8 @@ class _Builder:
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
 
 
-def assemble(items: SceneItems) -> Problem:
-    """Return the Problem of a scene.
+def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem:
+    """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
     Raises
     ------
@@ -289,7 +294,7 @@ def assemble(items: SceneItems) -> Problem:
     InadmissibleStartError
         If two things overlap at the start.
     """
-    builder = _Builder(items)
+    builder = _Builder(items, reduce)
     for robot in items.robots:
         builder.add_robot(robot)
     builder.add_bodies(items.bodies)
@@ -302,7 +307,7 @@ def assemble(items: SceneItems) -> Problem:
     system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
     constraints = list(builder.constraints(system))
     sizes = [s.shape.bound for s in builder.shapes if s.body]
-    model = SceneModel(items, tuple(builder.shapes), tuple(builder.omitted))
+    model = SceneModel(items, tuple(builder.shapes), tuple(builder.omitted), reduce)
     return Problem(
         system,
         constraints,

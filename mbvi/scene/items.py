@@ -14,7 +14,7 @@ from .urdf import Robot
 
 @dataclass(frozen=True)
 class RobotItem:
-    """A robot, where it stands, and how it starts."""
+    """A robot, where it stands, how it starts, and which of its joints stay as they are."""
 
     robot: Robot
     base: str
@@ -23,6 +23,7 @@ class RobotItem:
     q0: Array
     v0: Array
     control: Control | None
+    locked: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from ..constraints import (
 )
 from ..constraints.shapes import HalfSpace, PlacedShape
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .reductions import Omission, savings
 
 if TYPE_CHECKING:
     from ..motion import Motion
@@ -34,13 +35,16 @@ class SceneModel:
         What the user added.
     shapes : tuple of PlacedShape
         Every shape on the body that carries it; 0 is the world.
-    omitted : tuple of (str, str)
-        What was left out of the model, and why.
+    omitted : tuple of Omission
+        What was left out of the model, why, and what it saves.
+    reduce : tuple of str
+        The kinds of reductions that were asked for.
     """
 
     items: SceneItems
     shapes: tuple[PlacedShape, ...]
-    omitted: tuple[tuple[str, str], ...]
+    omitted: tuple[Omission, ...]
+    reduce: tuple[str, ...]
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -83,9 +87,11 @@ class SceneModel:
         lines.append(f"  restitution {', '.join(f'{x:g}' for x in sorted(e))}")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
         lines.append("Left out")
-        lines += [f"  {what}: {why}" for what, why in self.omitted] or ["  nothing"]
-        counted = Counter(why for what, why in self.omitted if what.startswith("pair "))
+        lines += [f"  {one}" for one in self.omitted] or ["  nothing"]
+        counted = Counter(one.why.partition(",")[0] for one in self.omitted if one.what.startswith("pair "))
         lines += [f"  ({n} pairs: {why})" for why, n in counted.items()]
+        saved = savings(self.omitted)
+        lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -18,6 +18,8 @@ from .assembly import assemble
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, positive, rotation_matrix, vector
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .reductions import REDUCTIONS, checked_reductions
+from .still_joints import checked_locked
 from .urdf import initial_state, load_robot
 from .walls import Walls
 
@@ -62,6 +64,7 @@ class Scene(Walls, Grains):
         control: Control | None = None,
         name: str | None = None,
         srdf: str | None = None,
+        locked: Sequence[str] = (),
     ) -> str:
         """Add a robot.
 
@@ -77,18 +80,20 @@ class Scene(Walls, Grains):
             Initial positions and velocities by joint name; zero by default, or the middle of the limits where these
             leave zero out.
         control : callable, optional
-            control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v.
+            control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v, locked joints not among them.
         name : str, optional
             The URDF's own by default.
         srdf : path, optional
             File whose `disable_collisions` pairs are left out.
+        locked : sequence of str, optional
+            Joints that stay at their initial positions.
 
         Raises
         ------
         UrdfError
             If a file is missing, is no URDF, or describes no physical mechanism.
         InputError
-            On an unknown joint, a wrong shape, a rotation that is none.
+            On an unknown joint, a locked one that is to move, a wrong shape, a rotation that is none.
         """
         if base not in ("free", "fixed"):
             raise InputError(f"base must be 'free' or 'fixed'; got {base!r}")
@@ -101,7 +106,8 @@ class Scene(Walls, Grains):
             robot = load_robot(path, base, turn, place, name, srdf)
         self._items.new_name(robot.name, robot.name)
         q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control))
+        still = checked_locked(robot, base, q0, v0, locked)
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still))
         return robot.name
 
     def add_sphere(
@@ -241,17 +247,23 @@ class Scene(Walls, Grains):
                 raise InputError(f"unknown name {name!r}; known are {', '.join(known) or 'none yet'}")
         self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
 
-    def build(self) -> Problem:
+    def build(self, reduce: Collection[str] = REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
+
+        Parameters
+        ----------
+        reduce : collection of str
+            Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
+            whose limits leave them no range.
 
         Raises
         ------
         InputError
-            If nothing moves.
+            If nothing moves, or a reduction is unknown.
         InadmissibleStartError
             If two things overlap at the start.
         """
-        return assemble(self._items)
+        return assemble(self._items, checked_reductions(reduce))
 
     def _add_body(self, shape: Convex, mass: float, default: str, **body: Unpack[BodyArguments]) -> str:
         unknown = set(body) - set(BodyArguments.__annotations__)
