@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ROBOTS
+from conftest import ROBOTS, real_robot
 
 import mbvi
 
@@ -129,3 +129,114 @@ def test_locks_that_cannot_be_are_refused(tmp_path):
         hopper(HOPPER.read_text(), tmp_path, locked=["hip"])
     with pytest.raises(mbvi.InputError, match="unknown reduction 'joint'; known are joints, "):
         add().build(reduce=["joint"])
+
+
+# --- pairs that can never meet
+
+ARMS = {
+    "arm": (ROBOTS / "arm" / "arm.urdf", "fixed", 25),
+    "biped": (ROBOTS / "biped" / "biped.urdf", "free", 100),
+    "hopper": (HOPPER, "free", 4),
+    "panda": ("panda_description/urdf/panda.urdf", "fixed", 25),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "fixed", 5),
+}
+
+
+def robot_scene(name):
+    file, base, _ = ARMS[name]
+    scene = mbvi.Scene(restitution=0.5)
+    path = real_robot(file) if isinstance(file, str) else file
+    if base == "fixed":
+        scene.add_halfspace((0, 0, 1), -2.0 if name == "ur5" else -0.01, name="floor")
+        scene.add_halfspace((1, 0, 0.3), -0.5, name="wall")
+        scene.add_box((0.3, 0.3, 0.3), position=(0, 0, 4), fixed=True)
+    scene.add_urdf(path, base=base, name=name, position=(0, 0, 0))
+    return scene
+
+
+def bounds_of(problem):
+    """Pairs that are left out because they are always apart, and by how much at least."""
+    kept = [one for one in problem.scene.omitted if one.why.startswith("always apart")]
+    return {one.what.removeprefix("pair "): float(one.why.split("by ")[1].split(" m")[0]) for one in kept}
+
+
+def gaps_by_name(problem, q):
+    gaps = {}
+    for constraint in problem.constraints.constraints:
+        if hasattr(constraint, "nearest"):
+            for name, gap in zip(constraint.names, constraint.gap(0.0, q), strict=True):
+                # a half-space comes second in its names
+                gaps[name] = gap
+                gaps[" | ".join(reversed(name.split(" | ")))] = gap
+    return gaps
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.filterwarnings("ignore")
+def test_pairs_left_out_keep_their_distance_within_the_limits(name, rng):
+    scene = robot_scene(name)
+    full, reduced = scene.build(reduce=()), scene.build()
+    bounds, model = bounds_of(reduced), full.system.model
+    assert len(bounds) >= ARMS[name][2] and all(bound > 0.0 for bound in bounds.values())
+    # nothing is lost on the way: what is not asked is named
+    assert len(full.constraints) - len(reduced.constraints) == len(bounds)
+    joints = [j for j in range(1, model.njoints) if model.nvs[j] == 1]
+    least = dict.fromkeys(bounds, np.inf)
+    for k in range(150):
+        q = full.q0.copy()
+        for j in joints:
+            i = model.idx_qs[j]
+            low, high = model.lowerPositionLimit[i], model.upperPositionLimit[i]
+            widen = 0.05 if "R" in model.joints[j].shortname().removeprefix("JointModel")[0] else 0.005
+            # every other at the very ends, where two things are nearest as a rule
+            x = rng.random() if k % 2 else rng.integers(2)
+            q[i] = low - widen + x * (high - low + 2 * widen)
+        gaps = gaps_by_name(full, q)
+        for pair in bounds:
+            least[pair] = min(least[pair], gaps[pair])
+    # Coal's own precision
+    assert all(least[pair] >= bound - 1e-6 for pair, bound in bounds.items())
+
+
+CHAIN = """<robot name="chain">
+  <link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 -1 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="crank"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <link name="ball"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 0 1"/>
+    <limit lower="{lower}" upper="0.5" effort="1" velocity="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="crank"/><child link="ball"/><origin xyz="1 0 0"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.01" effort="1" velocity="1"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_a_pair_that_can_just_meet_is_kept(base, tmp_path):
+    # two balls on a circle meet at this angle; limits are held to 0.05 rad
+    meet = 2 * np.arcsin(0.1)
+    for lower, bounded in ((meet - 0.01, 0), (meet + 0.045, 0), (meet + 0.06, 1)):
+        (tmp_path / "chain.urdf").write_text(CHAIN.format(lower=lower - np.pi / 2))
+        scene = mbvi.Scene()
+        scene.add_urdf(tmp_path / "chain.urdf", base=base)
+        problem = scene.build()
+        assert len(bounds_of(problem)) == bounded
+        if bounded:
+            # at the widened limits
+            nearest = 2 * np.sin(0.5 * (lower - 0.05)) - 0.2
+            (bound,) = bounds_of(problem).values()
+            assert 0.2 * nearest < bound < nearest
+
+
+def test_a_robot_moves_the_same_without_pairs_that_never_meet():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), -0.01, name="floor")
+    scene.add_urdf(ROBOTS / "arm" / "arm.urdf", base="fixed")
+    scene.add_sphere(0.05, 2.0, position=(0.45, 0.05, 0.9), velocity=(0, 0, -3))
+    problems = [scene.build(reduce=reduce) for reduce in (["pairs"], [])]
+    assert len(problems[0].constraints) < len(problems[1].constraints)
+    runs = [mbvi.simulate(p, mbvi.Paoli(), step=1e-3, duration=0.5) for p in problems]
+    assert runs[0].impacts
+    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0, atol=1e-10)

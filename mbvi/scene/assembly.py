@@ -26,6 +26,7 @@ from ..constraints.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sp
 from ..errors import InputError
 from ..problem import Problem
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .always_apart import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from .model import SceneModel
 from .reductions import REDUCTIONS, Omission
@@ -130,6 +131,18 @@ class _Builder:
         what = f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}"
         self.omitted.append(Omission(what, "no friction can turn them", dofs=3 * len(radii)))
 
+    def leave_out_pairs(self) -> None:
+        """Leave out the pairs that can never meet."""
+        if "pairs" not in self.reduce:
+            return
+        still = {name: wall for name, wall in self.items.walls.items() if wall.motion is None}
+        for a, b, bound in always_apart(self.systems, self.shapes, still, self.apart):
+            self.apart.add((a, b))
+            # rounded down
+            digit = 10.0 ** (np.floor(np.log10(bound)) - 1)
+            why = f"always apart within the limits of their joints, by {digit * np.floor(bound / digit):.2g} m at least"
+            self.omitted.append(Omission(f"pair {a} | {b}", why, pairs=1))
+
     def constraints(self, system: System) -> Iterator[Constraint]:
         items = self.items
         for here, rate, lower, upper, names in self.limits:
@@ -155,7 +168,7 @@ class _Builder:
         yield from self._moving_walls(system, single, moving)
 
     def _at_walls(self, system: Any, walls: dict[str, HalfSpace], shapes: list[PlacedShape]) -> Iterator[Any]:
-        pairs = [(name, wall, s) for name, wall in walls.items() for s in shapes]
+        pairs = [(n, wall, s) for n, wall in walls.items() for s in shapes if (n, s.name) not in self.apart]
         if pairs:
             labels = [f"{s.name} | {name}" for name, _, s in pairs]
             e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
@@ -224,7 +237,7 @@ class _Builder:
     def _crowd(self, system: System) -> Crowd:
         """Return the pairs of shapes that are no two spheres, none of them listed."""
         number = {s.name: k for k, s in enumerate(self.shapes)}
-        apart = {(number[a], number[b]) for a, b in self.apart}
+        apart = {(number[a], number[b]) for a, b in self.apart if a in number}
         n = len(self.shapes)
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         sphere, bulk = np.zeros(n, bool), self._bulk()
@@ -304,6 +317,7 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
     if len(builder.spheres) > _FEW_SPHERES:
         # the plain forms of their kernels take all pairs at once
         load()
+    builder.leave_out_pairs()
     system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
     constraints = list(builder.constraints(system))
     sizes = [s.shape.bound for s in builder.shapes if s.body]
