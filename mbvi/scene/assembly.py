@@ -30,6 +30,7 @@ from .always_apart import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from .model import SceneModel
 from .reductions import REDUCTIONS, Omission
+from .simplified import Simplified
 from .still_joints import without_still_joints
 
 # more spheres than these meet their walls in bulk
@@ -63,6 +64,8 @@ class _Builder:
     apart: set[tuple[str, str]] = field(default_factory=set)
     limits: list[tuple[Array, Array, Array, Array, list[str]]] = field(default_factory=list)
     spheres: list[int] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+    simplified: Simplified = field(default_factory=Simplified)
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many q, v and bodies there are so far."""
@@ -80,7 +83,8 @@ class _Builder:
         self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
         self.q0.append(item.q0)
         self.v0.append(item.v0)
-        self.shapes += [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
+        placed = [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
+        self.shapes += [self.simplify(s, item.tolerance) for s in placed]
         self.apart |= item.robot.apart
         self.omitted += [*item.robot.omitted, *still]
         joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
@@ -102,7 +106,7 @@ class _Builder:
             else:
                 body += 1
                 placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
-            self.shapes.append(placed)
+            self.shapes.append(self.simplify(placed, b.tolerance))
         if not moving:
             return
         masses = np.array([b.mass for b in moving])
@@ -125,11 +129,18 @@ class _Builder:
         for k, (name, radius, color) in enumerate(zip(names, radii, colors, strict=True)):
             placed = PlacedShape(name, Sphere(float(radius)), nb + k + 1, np.eye(3), np.zeros(3), color)
             self.spheres.append(len(self.shapes))
+            self.sizes.append(float(radius))
             self.shapes.append(placed)
         self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
         self.v0.append(np.concatenate([s.velocities.reshape(-1) for s in spheres]))
         what = f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}"
         self.omitted.append(Omission(what, "no friction can turn them", dofs=3 * len(radii)))
+
+    def simplify(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
+        """Return a shape that does for another, whose size still counts."""
+        if placed.body:
+            self.sizes.append(placed.shape.bound)
+        return self.simplified.of(placed, tolerance) if "shapes" in self.reduce else placed
 
     def leave_out_pairs(self) -> None:
         """Leave out the pairs that can never meet."""
@@ -318,9 +329,9 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
         # the plain forms of their kernels take all pairs at once
         load()
     builder.leave_out_pairs()
+    builder.omitted += builder.simplified.omitted()
     system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
     constraints = list(builder.constraints(system))
-    sizes = [s.shape.bound for s in builder.shapes if s.body]
     model = SceneModel(items, tuple(builder.shapes), tuple(builder.omitted), reduce)
     return Problem(
         system,
@@ -328,6 +339,6 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
         np.concatenate(builder.q0),
         np.concatenate(builder.v0),
         restitution=items.restitution,
-        length=float(np.median(sizes)) if sizes else 1.0,
+        length=float(np.median(builder.sizes)) if builder.sizes else 1.0,
         scene=model,
     )

@@ -164,6 +164,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "q0": item.q0.tolist(),
         "v0": item.v0.tolist(),
         "locked": item.locked,
+        "tolerance": item.tolerance,
         "control": None if item.control is None else _source(item.control),
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
@@ -182,7 +183,7 @@ def _robot_back(data: dict[str, Any]) -> RobotItem:
     omitted = tuple(Omission(*one) for one in data["omitted"])
     robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model))
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
-    return RobotItem(robot, data["base"], position, rotation, *start, None, locked)
+    return RobotItem(robot, data["base"], position, rotation, *start, None, locked, data.get("tolerance"))
 
 
 def _vector(values: list[float]) -> Array:

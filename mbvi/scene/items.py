@@ -14,7 +14,10 @@ from .urdf import Robot
 
 @dataclass(frozen=True)
 class RobotItem:
-    """A robot, where it stands, how it starts, and which of its joints stay as they are."""
+    """A robot, where it stands, how it starts, and which of its joints stay as they are.
+
+    `tolerance` is that of simpler shapes than its hulls.
+    """
 
     robot: Robot
     base: str
@@ -24,11 +27,15 @@ class RobotItem:
     v0: Array
     control: Control | None
     locked: tuple[str, ...] = ()
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
 class BodyItem:
-    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one."""
+    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one.
+
+    `tolerance` is that of a simpler shape than its hull.
+    """
 
     name: str
     shape: Convex
@@ -41,6 +48,7 @@ class BodyItem:
     angular_velocity: Array
     fixed: bool
     motion: Motion | None = None
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)

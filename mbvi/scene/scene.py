@@ -16,7 +16,7 @@ from ..problem import check_restitution
 from ..system.articulated import Control
 from .assembly import assemble
 from .grains import Grains
-from .inputs import BodyArguments, mesh_of, positive, rotation_matrix, vector
+from .inputs import BodyArguments, mesh_of, optional_positive, positive, rotation_matrix, vector
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .reductions import REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
@@ -65,6 +65,7 @@ class Scene(Walls, Grains):
         name: str | None = None,
         srdf: str | None = None,
         locked: Sequence[str] = (),
+        tolerance: float | None = None,
     ) -> str:
         """Add a robot.
 
@@ -87,6 +88,8 @@ class Scene(Walls, Grains):
             File whose `disable_collisions` pairs are left out.
         locked : sequence of str, optional
             Joints that stay at their initial positions.
+        tolerance : float, optional
+            As `add_mesh`, for each of its meshes [m].
 
         Raises
         ------
@@ -106,8 +109,8 @@ class Scene(Walls, Grains):
             robot = load_robot(path, base, turn, place, name, srdf)
         self._items.new_name(robot.name, robot.name)
         q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
-        still = checked_locked(robot, base, q0, v0, locked)
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still))
+        still, within = checked_locked(robot, base, q0, v0, locked), optional_positive(tolerance, "tolerance")
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
         return robot.name
 
     def add_sphere(
@@ -215,15 +218,19 @@ class Scene(Walls, Grains):
         path: str | os.PathLike[str],
         mass: float = 1.0,
         scale: float = 1.0,
+        tolerance: float | None = None,
         **body: Unpack[BodyArguments],
     ) -> str:
         """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
 
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
-        file's coordinates [m per unit].
+        file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
+        as that, or else as the hull of as few vertices as that takes; by default the first within 1e-9 of its size.
+        Mass and inertia stay the hull's.
         """
         hull = Hull(positive(scale, "scale") * mesh_of(Path(path))[0])
-        return self._add_body(hull, mass, Path(path).stem, **body)
+        within = optional_positive(tolerance, "tolerance")
+        return self._add_body(hull, mass, Path(path).stem, within, **body)
 
     def set_restitution(self, first: str, second: str, e: float) -> None:
         """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
@@ -254,7 +261,8 @@ class Scene(Walls, Grains):
         ----------
         reduce : collection of str
             Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
-            whose limits leave them no range.
+            whose limits leave them no range. "pairs": those that the limits of joints keep apart. "shapes": hulls
+            that a simpler shape does for, see `add_mesh`.
 
         Raises
         ------
@@ -265,7 +273,14 @@ class Scene(Walls, Grains):
         """
         return assemble(self._items, checked_reductions(reduce))
 
-    def _add_body(self, shape: Convex, mass: float, default: str, **body: Unpack[BodyArguments]) -> str:
+    def _add_body(
+        self,
+        shape: Convex,
+        mass: float,
+        default: str,
+        tolerance: float | None = None,
+        **body: Unpack[BodyArguments],
+    ) -> str:
         unknown = set(body) - set(BodyArguments.__annotations__)
         if unknown:
             raise InputError(
@@ -282,5 +297,7 @@ class Scene(Walls, Grains):
         if isinstance(shape, Hull):
             centre, inertia = shape.mass_properties(mass)
         fixed = bool(body.get("fixed", False)) or motion is not None
-        self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion))
+        self._items.bodies.append(
+            BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion, tolerance)
+        )
         return name
