@@ -13,6 +13,7 @@ from ..errors import MbviError
 from ..system import System
 from .balls import Balls, out_of_cylinder
 from .faces import most_facing
+from .in_line import one_of_each_line
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
 from .shapes import Cylinder, Ellipsoid, PlacedShape, Sphere
@@ -41,6 +42,8 @@ class SignedDistances(Pairs):
         The two shapes of each pair.
     names, restitution
         As `Pairs`.
+    line : ndarray, shape (3,), optional
+        The normal of the plane that all moves in: of contact points in line with it one is taken.
     """
 
     def __init__(
@@ -50,8 +53,10 @@ class SignedDistances(Pairs):
         second: Sequence[PlacedShape],
         names: Sequence[str],
         restitution: Array,
+        line: Array | None = None,
     ) -> None:
         super().__init__(system, first, second, names, restitution)
+        self._line = line
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
@@ -140,6 +145,9 @@ class SignedDistances(Pairs):
                     sides = self._sides[k]
                     poses = self._pose[sides[0]], self._pose[sides[1]]
                     found = self._patches.find(sides, poses, middle, n, distance)
+                    if found is not None and self._line is not None:
+                        kept = one_of_each_line(found[0], self._line)
+                        found = found[0][kept], found[1][kept]
             # no line along the normal crosses more than the depth
             depths = [] if found is None else np.maximum(found[1], distance).tolist()
             # where edges cross none of the patch's corners may be as deep

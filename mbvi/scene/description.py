@@ -44,6 +44,7 @@ def describe(problem: Problem) -> str:
             "reduce": problem.scene.reduce,
             "gravity": items.gravity.tolist(),
             "restitution": items.restitution,
+            "plane": items.plane,
             "pair_restitution": [[*sorted(pair), e] for pair, e in items.pair_restitution.items()],
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -64,7 +65,7 @@ def restore(text: str) -> Problem | None:
     data = json.loads(text)
     if data["kind"] != "scene":
         return None
-    items = SceneItems(np.array(data["gravity"]), data["restitution"])
+    items = SceneItems(np.array(data["gravity"]), data["restitution"], data.get("plane"))
     for a, *b, e in data["pair_restitution"]:
         items.pair_restitution[frozenset((a, *b))] = e
     for wall in data["walls"]:

@@ -89,6 +89,7 @@ class SceneItems:
 
     gravity: Array
     restitution: float
+    plane: str | None = None
     walls: dict[str, HalfSpace] = field(default_factory=dict)
     surfaces: list[SurfaceItem] = field(default_factory=list)
     robots: list[RobotItem] = field(default_factory=list)

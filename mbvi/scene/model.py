@@ -67,7 +67,8 @@ class SceneModel:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
         lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
-        lines.append(f"  {problem.system.nv} degrees of freedom in all")
+        planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
+        lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
         for given in problem.constraints.constraints:
             moves = isinstance(given, MovingWalls)
             constraint = given.constraint if isinstance(given, MovingWalls) else given
@@ -102,13 +103,15 @@ def _parts(system: System) -> tuple[System, ...]:
 def _describe(system: System) -> str:
     if isinstance(system, ArticulatedSystem):
         model = system.model
-        base = "free" if "FreeFlyer" in model.joints[1].shortname() else "fixed"
-        joints = model.njoints - 1 - (base == "free")
+        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
+        joints = model.njoints - 1 - (base != "fixed")
         mass = sum(i.mass for i in list(model.inertias)[1:])
         name = system.bodies[1].split("/")[0]
         return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
     if isinstance(system, Spheres):
-        return f"{system.nv // 3} sphere{'s' * (system.nv > 3)}, 3 degrees of freedom each"
+        n = len(system.bodies) - 1
+        return f"{n} sphere{'s' * (n > 1)}, {system.nv // n} degrees of freedom each"
     if isinstance(system, FreeBodies):
-        return f"{system.nv // 6} free bod{'ies' if system.nv > 6 else 'y'}, 6 degrees of freedom each"
+        n = len(system.bodies) - 1
+        return f"{n} free bod{'ies' if n > 1 else 'y'}, {system.nv // n} degrees of freedom each"
     return f"a system of {system.nv} degrees of freedom"

@@ -18,6 +18,7 @@ from .assembly import assemble
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, optional_positive, positive, rotation_matrix, vector
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .plane import checked_plane
 from .reductions import REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
 from .urdf import initial_state, load_robot
@@ -41,6 +42,10 @@ class Scene(Walls, Grains):
         Acceleration of gravity [m/s^2].
     restitution : float
         Newton's e in [0, 1] of every contact and joint limit without one of its own.
+    plane : "xy", "xz" or "yz", optional
+        The plane that all moves in: spheres have two degrees of freedom, bodies and free bases of robots three, two
+        along the plane's axes and a turn from the first axis to the second. Where the data are symmetric about the
+        plane that is the motion in space; else things are held in it without friction.
 
     Notes
     -----
@@ -48,9 +53,16 @@ class Scene(Walls, Grains):
     the robots in their order, then the rigid bodies, then the spheres.
     """
 
-    def __init__(self, gravity: Sequence[float] | Array = (0.0, 0.0, -9.81), restitution: float = 0.0) -> None:
+    def __init__(
+        self,
+        gravity: Sequence[float] | Array = (0.0, 0.0, -9.81),
+        restitution: float = 0.0,
+        plane: str | None = None,
+    ) -> None:
         self._items = SceneItems(
-            gravity=vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
+            gravity=vector(gravity, "gravity"),
+            restitution=float(check_restitution(restitution, 1)[0]),
+            plane=checked_plane(plane),
         )
 
     def add_urdf(
@@ -262,12 +274,12 @@ class Scene(Walls, Grains):
         reduce : collection of str
             Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
             whose limits leave them no range. "pairs": those that the limits of joints keep apart. "shapes": hulls
-            that a simpler shape does for, see `add_mesh`.
+            that a simpler shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
 
         Raises
         ------
         InputError
-            If nothing moves, or a reduction is unknown.
+            If nothing moves, a reduction is unknown, or something leaves the scene's plane.
         InadmissibleStartError
             If two things overlap at the start.
         """
