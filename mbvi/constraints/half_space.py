@@ -256,7 +256,8 @@ class HalfSpaceContacts(Pairs):
             # columns of rotation diag(half axes), one after the other
             swell = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
             if lines is not None:
-                kept = one_of_each_line(np.concatenate([points, swell], axis=1), lines[pair])
+                # a rim's centre in line with points of it: others of these are the lowest then
+                kept = one_of_each_line(points, lines[pair])
                 self.in_line += len(points) - len(kept)
                 points, swell = points[kept], swell[kept]
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))

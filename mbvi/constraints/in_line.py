@@ -15,14 +15,13 @@ def one_of_each_line(points: Array, line: Array) -> Array:
 
     Parameters
     ----------
-    points : ndarray, shape (k, n)
-        Points, and what else must agree, three numbers by three.
+    points : ndarray, shape (k, 3)
+        The points.
     line : ndarray, shape (3,)
         The unit direction.
     """
-    parts = points.reshape(len(points), -1, 3)
-    flat = (parts - (parts @ line)[:, :, None] * line).reshape(len(points), -1)
+    flat = points - (points @ line)[:, None] * line
     beside = np.abs(flat[:, None] - flat).max(axis=2)
-    size = np.abs(parts[:, None] - parts).max(initial=0.0)
+    size = np.ptp(points, axis=0).max(initial=0.0)
     known = np.tril(beside <= _BESIDE * size, -1).any(axis=1)
     return np.flatnonzero(~known)
