@@ -129,7 +129,7 @@ def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(run):
     assert ["left_finger_joint", "prismatic", "1", "0", "to", "0.04", "m"] in lines
     assert ["left_finger", "box", "0.065", "x", "0.012", "x", "0.024", "left_finger_joint"] in lines
     assert ["elbow", "cylinder", "radius", "0.045,", "length", "0.1", "joint3"] in lines
-    assert "8 degrees of freedom" in out and "36 pairs of shapes" in out
+    assert "8 degrees of freedom" in out and "43 pairs of shapes" in out
     assert "pair arm/elbow | arm/forearm: adjacent links" in out
 
 

@@ -20,7 +20,7 @@ from ..system import ArticulatedSystem, System
 # steps violate limits a little: what ranges are widened by [rad, m]
 MARGIN = 0.05, 0.005
 # distances to be measured, in all and for a pair, and what looking at a pair costs in such units
-_MOST, _MOST_EACH, _LOOK = 12_000, 800, 25
+_MOST, _MOST_EACH, _LOOK = 8_000, 400, 25
 # boxes looked at together
 _AT_ONCE = 48
 _ONE = np.eye(3)
