@@ -5,7 +5,7 @@ import pytest
 from conftest import ROBOTS, real_robot
 
 import mbvi
-from mbvi.constraints import HalfSpaceContacts
+from mbvi.constraints import HalfSpaceContacts, SignedDistances
 from mbvi.constraints.shapes import PlacedShape, Sphere
 from mbvi.system import FreeBodies
 
@@ -266,3 +266,50 @@ def test_spheres_move_as_bodies_that_turn():
     assert len(runs[0].impacts) >= 2
     centres = runs[0].q.reshape(-1, 2, 3), runs[1].q.reshape(-1, 2, 7)[:, :, :3]
     np.testing.assert_allclose(*centres, rtol=0, atol=1e-12)
+
+
+# --- bodies at rest
+
+
+def tower_and_ball(e):
+    """Boxes that stand on each other until a ball comes."""
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    c, s = np.cos(0.3), np.sin(0.3)
+    for k in range(3):
+        turn = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+        scene.add_box((0.2, 0.2, 0.1), position=(0.01 * (k % 2), 0.02 * k, 0.05 + 0.1 * k), rotation=turn)
+    scene.add_sphere(0.05, 1.0, (1.0, 0.05, 0.26), (-6.0, 0, 1))
+    return scene
+
+
+@pytest.mark.parametrize("scheme", EVERY_SCHEME, ids=lambda s: type(s).__name__)
+def test_what_stands_still_is_measured_once_and_moves_the_same(scheme, monkeypatch):
+    scene = tower_and_ball(0.0 if isinstance(scheme, mbvi.StewartTrinkle) else 0.3)
+    asked, measure = [0], SignedDistances._measure
+
+    def counted(self, k):
+        asked[0] += 1
+        return measure(self, k)
+
+    monkeypatch.setattr(SignedDistances, "_measure", counted)
+    runs, counts = [], []
+    for reduce in (["rest"], []):
+        asked[0] = 0
+        runs.append(mbvi.simulate(scene.build(reduce), scheme, step=1e-3, duration=0.12))
+        counts.append(asked[0])
+        runs.append(mbvi.simulate(scene.build(reduce), scheme, step=1e-3, duration=0.2))
+    assert not runs[0].impacts and runs[1].impacts
+    # two contacts a step, and hardly one where noise now and then adds up to more than rounding; these two keep moving
+    own = isinstance(scheme, mbvi.SchatzmanPaoli | mbvi.StewartTrinkle)
+    assert counts[1] > 200 and (own or counts[0] < counts[1] / 5)
+    for kept, asked_again in zip(runs[:2], runs[2:], strict=True):
+        np.testing.assert_allclose(kept.q, asked_again.q, rtol=0, atol=1e-10)
+
+
+def test_what_is_kept_at_rest_does_not_show_in_later_runs():
+    problem = tower_and_ball(0.3).build()
+    first, second = (mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.2) for _ in range(2))
+    fresh = mbvi.simulate(tower_and_ball(0.3).build(), mbvi.Paoli(), step=1e-3, duration=0.2)
+    for later in (second, fresh):
+        np.testing.assert_allclose(later.q, first.q, rtol=0, atol=1e-14)

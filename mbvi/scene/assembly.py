@@ -44,6 +44,7 @@ class _Meetings:
     def __init__(self, blocks: Blocks, lines: dict[int, Array]) -> None:
         self.blocks, self.items, self.lines = blocks, blocks.items, lines
         self.line = None if blocks.axes is None else blocks.axes[2]
+        self.at_rest = "rest" in blocks.reduce
         self.shapes, self.spheres, self.walls, self.apart = blocks.shapes, blocks.spheres, blocks.walls, blocks.apart
 
     def constraints(self, system: System) -> Iterator[Constraint]:
@@ -92,7 +93,9 @@ class _Meetings:
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
         e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
-        return SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e, self.line)
+        return SignedDistances(
+            system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e, self.line, self.at_rest
+        )
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
@@ -153,7 +156,7 @@ class _Meetings:
             apart = np.isin(i * n + j, known)
             return sphere[i] & sphere[j] | closed[i] & sphere[j] | driven[i] | driven[j] | apart
 
-        return Crowd(system, self.shapes, left_out, self.items.restitution_of, self.line)
+        return Crowd(system, self.shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _crowd_around(
         self,
@@ -171,7 +174,7 @@ class _Meetings:
         def left_out(i: Array, j: Array) -> Array:
             return (i >= len(shapes)) | closed[i] & sphere[j]
 
-        return Crowd(seen, everything, left_out, self.items.restitution_of, self.line)
+        return Crowd(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..errors import InputError
 
-REDUCTIONS = ("joints", "pairs", "shapes", "plane")
+REDUCTIONS = ("joints", "pairs", "shapes", "plane", "rest")
 
 
 class Omission(NamedTuple):
