@@ -150,7 +150,7 @@ def _robot(scene: mbvi.Scene, file: Path, nv: int, held: bool = False, **options
     """Return a robot and its torques: zeros, to be filled in where a control is to hold it."""
     torque = np.zeros(nv)
     scene.add_urdf(file, control=(lambda t, q, v: torque) if held else None, **options)
-    return scene.build(), torque
+    return scene.build(reduce=()), torque
 
 
 def _quadruped(

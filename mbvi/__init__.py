@@ -17,7 +17,7 @@ from .errors import (
 )
 from .problem import Problem
 from .projection import Forks, Projection, forks, impact, project
-from .scene import Scene
+from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from .simulate import simulate, steps
 from .system import LagrangianSystem
@@ -27,6 +27,7 @@ from .trajectory_file import load
 __version__ = "0.1.0"
 
 __all__ = [
+    "REDUCTIONS",
     "Centered",
     "Diagnosis",
     "DivergedError",

@@ -7,7 +7,7 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -105,13 +105,15 @@ def simulate(
 def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     """Say what of a robot on a floor is modelled, what is left out, and why."""
     from .robot_tables import joint_table, shape_table
+    from .scene import REDUCTIONS
 
     try:
         problem = _on_floor(robot, base, None, _RESTITUTION, {}, srdf)
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf)
+        # no pair is apart for good only because it stands there
+        problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf, set(REDUCTIONS) - {"pairs"})
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
@@ -220,16 +222,22 @@ def _joint_positions(given: Sequence[str]) -> dict[str, float]:
 
 
 def _placed(
-    robot: Path, base: Base, z: float, restitution: float, joints: dict[str, float], srdf: Path | None
+    robot: Path,
+    base: Base,
+    z: float,
+    restitution: float,
+    joints: dict[str, float],
+    srdf: Path | None,
+    reduce: Collection[str] | None = None,
 ) -> Problem:
-    from .scene import Scene
+    from .scene import REDUCTIONS, Scene
 
     scene = Scene(restitution=restitution)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     scene.add_urdf(
         robot, base=base.value, position=(0.0, 0.0, z), joints=joints, srdf=None if srdf is None else str(srdf)
     )
-    return scene.build()
+    return scene.build(REDUCTIONS if reduce is None else reduce)
 
 
 def _on_floor(
@@ -244,7 +252,7 @@ def _on_floor(
         except InadmissibleStartError as error:
             raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
     height = _DROP if height is None else height
-    problem = _placed(robot, base, _HIGH, restitution, joints, srdf)
+    problem = _placed(robot, base, _HIGH, restitution, joints, srdf, ())
     floors = [c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts)]
     lowest = [_HIGH - float(c.gap(problem.t0, problem.q0).min()) for c in floors]
     return _placed(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)

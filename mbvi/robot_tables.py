@@ -6,15 +6,17 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from .system import ArticulatedSystem
+
 if TYPE_CHECKING:
     from .constraints.shapes import PlacedShape
     from .problem import Problem
 
 
 def joint_table(problem: Problem) -> str:
-    """Return name, type, degrees of freedom and limits of each joint of a scene's robot."""
-    assert problem.scene is not None
-    model = problem.scene.items.robots[0].robot.model
+    """Return name, type, degrees of freedom and limits of each joint of a robot alone in its scene."""
+    assert isinstance(problem.system, ArticulatedSystem)
+    model = problem.system.model
     rows = []
     for joint in range(1, model.njoints):
         kind = _joint_kind(model.joints[joint])
@@ -30,9 +32,9 @@ def joint_table(problem: Problem) -> str:
 
 
 def shape_table(problem: Problem) -> str:
-    """Return link, kind, size and bearer of each shape of a scene's robot."""
-    assert problem.scene is not None
-    model = problem.scene.items.robots[0].robot.model
+    """Return link, kind, size and bearer of each shape of a robot alone in its scene."""
+    assert problem.scene is not None and isinstance(problem.system, ArticulatedSystem)
+    model = problem.system.model
     rows = []
     for placed in problem.scene.shapes:
         mover = model.names[placed.body] if placed.body else "fixed"

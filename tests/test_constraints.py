@@ -111,7 +111,7 @@ def test_gradients_of_a_robot(robot, rng):
     scene.add_halfspace((0.1, -0.2, 1), -3.0)
     scene.add_urdf(ROBOTS / robot / f"{robot}.urdf", base=base)
     scene.add_sphere(0.1, position=(3, 0, 0))
-    problem = scene.build()
+    problem = scene.build(reduce=())
     q = problem.system.integrate(problem.q0, 0.3 * rng.normal(size=problem.system.nv))
     checked = 0
     for constraint in problem.constraints.constraints:

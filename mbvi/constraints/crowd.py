@@ -31,6 +31,8 @@ class Crowd:
         left_out(i, j) -> ndarray of bool: which pairs of shapes, i < j, are not looked at.
     restitution_of : callable
         restitution_of(a, b) -> e of two shapes by name.
+    line, at_rest
+        As `SignedDistances`.
 
     Notes
     -----
@@ -44,8 +46,10 @@ class Crowd:
         shapes: Sequence[PlacedShape],
         left_out: Callable[[Array, Array], Array],
         restitution_of: Callable[[str, str], float],
+        line: Array | None = None,
+        at_rest: bool = True,
     ) -> None:
-        self.system = system
+        self.system, self._line, self._at_rest = system, line, at_rest
         self._shapes, self._left_out, self._restitution_of = tuple(shapes), left_out, restitution_of
         self._body = np.array([s.body for s in shapes], dtype=np.int64)
         self._moving = np.unique(self._body[self._body > 0])
@@ -109,7 +113,9 @@ class Crowd:
     def _listing(self, i: Array, j: Array) -> _Listed:
         first, second = [self._shapes[k] for k in i.tolist()], [self._shapes[k] for k in j.tolist()]
         e = np.array([self._restitution_of(a.name, b.name) for a, b in zip(first, second, strict=True)])
-        return _Listed(self.system, first, second, i * len(self._shapes) + j, e, self._geometry)
+        return _Listed(
+            self.system, first, second, i * len(self._shapes) + j, e, self._geometry, self._line, self._at_rest
+        )
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
@@ -180,10 +186,12 @@ class _Listed(SignedDistances):
         numbers: Array,
         restitution: Array,
         geometry: dict[int, Any],
+        line: Array | None,
+        at_rest: bool,
     ) -> None:
         self._numbers, self._known = numbers, geometry
         names = [f"{a.name} | {b.name}" for a, b in zip(first, second, strict=True)]
-        super().__init__(system, first, second, names, restitution)
+        super().__init__(system, first, second, names, restitution, line, at_rest)
 
     def _reckon(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
         pass

@@ -16,6 +16,7 @@ import numpy as np
 from ..compiled import kernel
 from ..system import System, articulated
 from .active import Rows
+from .in_line import one_of_each_line
 from .pairs import Array, Contacts, Pairs
 from .shapes import HalfSpace, PlacedShape
 
@@ -226,6 +227,13 @@ class HalfSpaceContacts(Pairs):
         The shape of each pair.
     names, restitution
         As `Pairs`.
+    lines : ndarray, shape (n, 3), optional
+        Where all moves in a plane, its normal as each shape's body has it; of points in line with it one is taken.
+
+    Attributes
+    ----------
+    in_line : int
+        How many points are not.
     """
 
     def __init__(
@@ -235,8 +243,9 @@ class HalfSpaceContacts(Pairs):
         shapes: Sequence[PlacedShape],
         names: Sequence[str],
         restitution: Array,
+        lines: Array | None = None,
     ) -> None:
-        self._numbered_from = -1
+        self._numbered_from, self.in_line = -1, 0
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # there one kernel does it all
         self._one_mechanism = hasattr(system, "kinematics")
@@ -246,6 +255,11 @@ class HalfSpaceContacts(Pairs):
             points = centres @ placed.rotation.T + placed.position
             # columns of rotation diag(half axes), one after the other
             swell = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
+            if lines is not None:
+                # a rim's centre in line with points of it: others of these are the lowest then
+                kept = one_of_each_line(points, lines[pair])
+                self.in_line += len(points) - len(kept)
+                points, swell = points[kept], swell[kept]
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
             numbers.append(np.concatenate([points, swell, rest], axis=1))
             owner.extend([pair] * len(points))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -13,6 +13,7 @@ from ..errors import MbviError
 from ..system import System
 from .balls import Balls, out_of_cylinder
 from .faces import most_facing
+from .in_line import one_of_each_line
 from .overlap import overlap
 from .pairs import Array, Contacts, Pairs
 from .separating_axis import SeparatingAxes
@@ -29,6 +30,20 @@ _MOST_TURN, _LEAST_TURN = 0.3, 1e-5
 _PATCH_DEPTH = 0.02
 # by how much less a patch's deepest corner may be in than the shapes are, in the same radii
 _CORNER = 1e-6
+# what places are rounded to where contacts are kept at rest: some 1e-14 [m], so that rounding is no motion
+_GRID = 2.0**47
+
+
+class _Kept(NamedTuple):
+    """What was found of a pair: where its bodies stood, if their patch was looked for, and its contacts."""
+
+    where: bytes
+    patched: bool
+    distance: float
+    axis: Array
+    gap: list[float]
+    point: list[Array]
+    normal: Array
 
 
 class SignedDistances(Pairs):
@@ -42,6 +57,10 @@ class SignedDistances(Pairs):
         The two shapes of each pair.
     names, restitution
         As `Pairs`.
+    line : ndarray, shape (3,), optional
+        The normal of the plane that all moves in: of contact points in line with it one is taken.
+    at_rest : bool
+        Whether what is known of a pair is kept while both bodies stand still.
     """
 
     def __init__(
@@ -51,8 +70,12 @@ class SignedDistances(Pairs):
         second: Sequence[PlacedShape],
         names: Sequence[str],
         restitution: Array,
+        line: Array | None = None,
+        at_rest: bool = True,
     ) -> None:
         super().__init__(system, first, second, names, restitution)
+        self._line, self._at_rest = line, at_rest
+        self._kept: dict[int, _Kept] = {}
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
@@ -73,6 +96,7 @@ class SignedDistances(Pairs):
         self._faced = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
         both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
+        self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
         self._bounds = np.empty(len(self._sides))
         self._balls = Balls(self._placed, self._axes.frame, both)
         self._round = self._balls.are.tolist().__getitem__
@@ -110,7 +134,7 @@ class SignedDistances(Pairs):
             np.minimum.at(self._bounds, contacts.pair, contacts.gap)
         return self._bounds[pairs]
 
-    def _place(self, places: Array, pairs: Array) -> None:
+    def _place(self, places: Array, pairs: list[int]) -> None:
         """Bring the poses of the shapes in the given pairs to where their bodies are."""
         for k in {side for pair in pairs for side in self._sides[pair]}:
             placed, frame = self._placed[k], self._axes.frame.item(k)
@@ -125,35 +149,47 @@ class SignedDistances(Pairs):
             if balls is not None:
                 self._axes.keep(places, pairs, balls[2])
                 return Contacts(pairs, *balls)
-        self._place(places, pairs)
+        if self._at_rest:
+            places = np.round(places * _GRID) / _GRID
         pair: list[int] = []
         gap: list[float] = []
         point: list[Array] = []
         normal: list[Array] = []
         for k in pairs.tolist():
-            distance, n, middle = self._measure(k)
-            self._axes.keep(places, np.array([k]), n[None])
-            found = None
-            if distance <= tolerance:
-                if self._faced[k]:
-                    n = self._sharpened(k, n, distance)
-                if not self._smooth[k]:
-                    sides = self._sides[k]
-                    poses = self._pose[sides[0]], self._pose[sides[1]]
-                    found = self._patches.find(sides, poses, middle, n, distance)
-            # no line along the normal crosses more than the depth
-            depths = [] if found is None else np.maximum(found[1], distance).tolist()
-            # where edges cross none of the patch's corners may be as deep
-            if not depths or min(depths) > distance + _CORNER * self._bound[k]:
-                gap.append(distance)
-                point.append(middle)
-            if found is not None:
-                gap.extend(depths)
-                point.extend(found[0])
-            new = len(gap) - len(pair)
-            pair.extend([k] * new)
-            normal.extend([n] * new)
+            where, kept = places[self._frames[k]].tobytes(), self._kept.get(k)
+            if kept is None or kept.where != where or kept.patched != (kept.distance <= tolerance):
+                self._place(places, [k])
+                kept = self._found(k, where, tolerance)
+                if self._at_rest:
+                    self._kept[k] = kept
+                self._axes.keep(places, np.array([k]), kept.axis[None])
+            gap.extend(kept.gap)
+            point.extend(kept.point)
+            pair.extend([k] * len(kept.gap))
+            normal.extend([kept.normal] * len(kept.gap))
         return Contacts(np.array(pair), np.array(gap), np.array(point), np.array(normal))
+
+    def _found(self, k: int, where: bytes, tolerance: float) -> _Kept:
+        """Return the contacts of one pair whose shapes are placed."""
+        distance, axis, middle = self._measure(k)
+        n, patch = axis, None
+        if distance <= tolerance:
+            if self._faced[k]:
+                n = self._sharpened(k, axis, distance)
+            if not self._smooth[k]:
+                sides = self._sides[k]
+                poses = self._pose[sides[0]], self._pose[sides[1]]
+                patch = self._patches.find(sides, poses, middle, n, distance)
+                if patch is not None and self._line is not None:
+                    one = one_of_each_line(patch[0], self._line)
+                    patch = patch[0][one], patch[1][one]
+        # no line along the normal crosses more than the depth
+        gap = [] if patch is None else np.maximum(patch[1], distance).tolist()
+        point = [] if patch is None else list(patch[0])
+        # where edges cross none of the patch's corners may be as deep
+        if not gap or min(gap) > distance + _CORNER * self._bound[k]:
+            gap, point = [distance, *gap], [middle, *point]
+        return _Kept(where, distance <= tolerance, distance, axis, gap, point, n)
 
     def _sharpened(self, k: int, n: Array, distance: float) -> Array:
         """Return the normal of a face that Coal's own, uncertain where the shapes just touch, may stand for."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ..compiled import load
 from ..constraints import (
@@ -25,9 +23,12 @@ from ..constraints import (
 from ..constraints.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
 from ..problem import Problem
-from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
-from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from ..system import BlockSystem, System
+from .blocks import Blocks, blocks_of
+from .items import SceneItems, SurfaceItem
 from .model import SceneModel
+from .plane import check_plane, in_line
+from .reductions import REDUCTIONS
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -35,108 +36,29 @@ _FEW_SPHERES = 33
 _MANY_PAIRS = 300
 # more other shapes than these have their pairs listed when near
 _FEW_SHAPES = 60
-_PALETTE = (
-    (0.20, 0.45, 0.70, 1.0),
-    (0.90, 0.55, 0.20, 1.0),
-    (0.30, 0.60, 0.40, 1.0),
-    (0.75, 0.35, 0.40, 1.0),
-    (0.50, 0.45, 0.70, 1.0),
-    (0.85, 0.75, 0.35, 1.0),
-)
-_GREY = (0.7, 0.7, 0.72, 1.0)
 
 
-@dataclass
-class _Builder:
-    """Systems, shapes and initial state, collected block after block."""
+class _Meetings:
+    """What in a scene meets what."""
 
-    items: SceneItems
-    systems: list[System] = field(default_factory=list)
-    shapes: list[PlacedShape] = field(default_factory=list)
-    q0: list[Array] = field(default_factory=list)
-    v0: list[Array] = field(default_factory=list)
-    omitted: list[tuple[str, str]] = field(default_factory=list)
-    apart: set[tuple[str, str]] = field(default_factory=set)
-    limits: list[tuple[Array, Array, Array, Array, list[str]]] = field(default_factory=list)
-    spheres: list[int] = field(default_factory=list)
-
-    def counts(self) -> tuple[int, int, int]:
-        """Return how many q, v and bodies there are so far."""
-        return (
-            sum(s.nq for s in self.systems),
-            sum(s.nv for s in self.systems),
-            sum(len(s.bodies) - 1 for s in self.systems),
-        )
-
-    def add_robot(self, item: RobotItem) -> None:
-        nq, nv, nb = self.counts()
-        model = item.robot.model.copy()
-        model.gravity.linear = self.items.gravity
-        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
-        self.q0.append(item.q0)
-        self.v0.append(item.v0)
-        self.shapes += [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
-        self.apart |= item.robot.apart
-        self.omitted += item.robot.omitted
-        joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
-        here = np.array([model.idx_qs[j] for j in joints], dtype=np.intp)
-        rate = np.array([model.idx_vs[j] for j in joints], dtype=np.intp)
-        lower, upper = model.lowerPositionLimit[here], model.upperPositionLimit[here]
-        names = [f"{item.robot.name}/{model.names[j]}" for j in joints]
-        # Pinocchio writes "no limit" as the largest float
-        lower, upper = np.where(lower < -1e100, -np.inf, lower), np.where(upper > 1e100, np.inf, upper)
-        if joints and (np.isfinite(lower) | np.isfinite(upper)).any():
-            self.limits.append((here + nq, rate + nv, lower, upper, names))
-
-    def add_bodies(self, bodies: list[BodyItem]) -> None:
-        moving = [b for b in bodies if not b.fixed]
-        body = self.counts()[2]
-        for k, b in enumerate(bodies):
-            if b.fixed:
-                placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, _GREY, b.motion)
-            else:
-                body += 1
-                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
-            self.shapes.append(placed)
-        if not moving:
-            return
-        masses = np.array([b.mass for b in moving])
-        inertias = np.array([b.inertia for b in moving])
-        names = tuple(b.name for b in moving)
-        self.systems.append(FreeBodies(masses, inertias, self.items.gravity, names))
-        for b in moving:
-            quaternion = pin.Quaternion(b.rotation).normalized().coeffs()
-            self.q0.append(np.concatenate([b.position + b.rotation @ b.centre, quaternion]))
-            self.v0.append(np.concatenate([b.velocity, b.rotation.T @ b.angular_velocity]))
-
-    def add_spheres(self, spheres: list[SphereItem]) -> None:
-        if not spheres:
-            return
-        nb = self.counts()[2]
-        names = [n for item in spheres for n in item.names()]
-        radii = np.concatenate([s.radii for s in spheres])
-        self.systems.append(Spheres(np.concatenate([s.masses for s in spheres]), self.items.gravity, tuple(names)))
-        colors = [_PALETTE[(k + 1) % len(_PALETTE)] for k, s in enumerate(spheres) for _ in s.radii]
-        for k, (name, radius, color) in enumerate(zip(names, radii, colors, strict=True)):
-            placed = PlacedShape(name, Sphere(float(radius)), nb + k + 1, np.eye(3), np.zeros(3), color)
-            self.spheres.append(len(self.shapes))
-            self.shapes.append(placed)
-        self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
-        self.v0.append(np.concatenate([s.velocities.reshape(-1) for s in spheres]))
-        self.omitted.append((f"rotation of {len(radii)} sphere{'s' * (len(radii) > 1)}", "no friction can turn them"))
+    def __init__(self, blocks: Blocks, lines: dict[int, Array]) -> None:
+        self.blocks, self.items, self.lines = blocks, blocks.items, lines
+        self.line = None if blocks.axes is None else blocks.axes[2]
+        self.at_rest = "rest" in blocks.reduce
+        self.shapes, self.spheres, self.walls, self.apart = blocks.shapes, blocks.spheres, blocks.walls, blocks.apart
 
     def constraints(self, system: System) -> Iterator[Constraint]:
         items = self.items
-        for here, rate, lower, upper, names in self.limits:
+        for here, rate, lower, upper, names in self.blocks.limits:
             yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution)
         bulk = self._bulk()
         single = [s for k, s in enumerate(self.shapes) if s.body and k not in bulk]
         moving = [s for s in self.shapes if s.body]
-        still = {name: wall for name, wall in items.walls.items() if wall.motion is None}
+        still = {name: wall for name, wall in self.walls.items() if wall.motion is None}
         yield from self._at_walls(system, still, single)
         yield from self._at_surfaces(system, [s for s in items.surfaces if s.motion is None], moving)
         if len(self.shapes) - len(self.spheres) > _FEW_SHAPES or (bulk and len(self.shapes) > len(bulk)):
-            yield self._crowd(system)
+            yield from self._crowd(system)
             pairs = []
         else:
             pairs = list(self._shape_pairs())
@@ -150,11 +72,12 @@ class _Builder:
         yield from self._moving_walls(system, single, moving)
 
     def _at_walls(self, system: Any, walls: dict[str, HalfSpace], shapes: list[PlacedShape]) -> Iterator[Any]:
-        pairs = [(name, wall, s) for name, wall in walls.items() for s in shapes]
+        pairs = [(n, wall, s) for n, wall in walls.items() for s in shapes if (n, s.name) not in self.apart]
         if pairs:
             labels = [f"{s.name} | {name}" for name, _, s in pairs]
             e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
-            yield HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e)
+            lines = np.array([self.lines[s.body] for _, _, s in pairs]) if self.lines else None
+            yield HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines)
 
     def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:
         for item in surfaces:
@@ -170,7 +93,9 @@ class _Builder:
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
         e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
-        return SignedDistances(system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e)
+        return SignedDistances(
+            system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e, self.line, self.at_rest
+        )
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
@@ -180,11 +105,11 @@ class _Builder:
         `single` are the shapes that meet walls and shapes one by one, of all that are moving.
         """
         fixed, bulk = [s for s in self.shapes if not s.body], len(single) < len(moving)
-        given = [wall.motion for wall in self.items.walls.values()]
+        given = [wall.motion for wall in self.walls.values()]
         given += [item.motion for item in self.items.surfaces] + [shape.motion for shape in fixed]
         for motion in {id(motion): motion for motion in given if motion is not None}.values():
             seen: Any = SeenFrom(system, motion, self._where_spheres(system))
-            walls = {name: wall for name, wall in self.items.walls.items() if wall.motion is motion}
+            walls = {name: wall for name, wall in self.walls.items() if wall.motion is motion}
             shapes = [s for s in fixed if s.motion is motion]
             solid = [s for s in shapes if bulk and isinstance(s.shape, Box | Capsule)]
             pairs = [(a, b) for a in shapes for b in (single if a in solid else moving)]
@@ -216,22 +141,27 @@ class _Builder:
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
-    def _crowd(self, system: System) -> Crowd:
-        """Return the pairs of shapes that are no two spheres, none of them listed."""
-        number = {s.name: k for k, s in enumerate(self.shapes)}
-        apart = {(number[a], number[b]) for a, b in self.apart}
-        n = len(self.shapes)
+    def _crowd(self, system: System) -> Iterator[Crowd]:
+        """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
+        bulk, free = bool(self._bulk()), {self.shapes[k].name for k in self.spheres}
+        # where spheres meet all others in bulk, these are among themselves
+        alone = bulk and all(s.name in free or s.motion or isinstance(s.shape, Box | Capsule) for s in self.shapes)
+        shapes = [s for s in self.shapes if not (alone and s.name in free)]
+        if len({s.body for s in shapes}) < 2:
+            return
+        sphere = np.array([s.name in free for s in shapes])
+        closed = np.array([bulk and isinstance(s.shape, Box | Capsule) for s in shapes])
+        number = {s.name: k for k, s in enumerate(shapes)}
+        n = len(shapes)
+        apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
-        sphere, bulk = np.zeros(n, bool), self._bulk()
-        sphere[self.spheres] = True
-        closed = np.array([bool(bulk) and isinstance(s.shape, Box | Capsule) for s in self.shapes])
-        driven = np.array([s.motion is not None for s in self.shapes])
+        driven = np.array([s.motion is not None for s in shapes])
 
         def left_out(i: Array, j: Array) -> Array:
             apart = np.isin(i * n + j, known)
             return sphere[i] & sphere[j] | closed[i] & sphere[j] | driven[i] | driven[j] | apart
 
-        return Crowd(system, self.shapes, left_out, self.items.restitution_of)
+        yield Crowd(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _crowd_around(
         self,
@@ -249,7 +179,7 @@ class _Builder:
         def left_out(i: Array, j: Array) -> Array:
             return (i >= len(shapes)) | closed[i] & sphere[j]
 
-        return Crowd(seen, everything, left_out, self.items.restitution_of)
+        return Crowd(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
@@ -279,36 +209,28 @@ class _Builder:
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
 
 
-def assemble(items: SceneItems) -> Problem:
-    """Return the Problem of a scene.
+def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem:
+    """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
     Raises
     ------
     InputError
-        If nothing moves.
+        If nothing moves, or something leaves the scene's plane.
     InadmissibleStartError
         If two things overlap at the start.
     """
-    builder = _Builder(items)
-    for robot in items.robots:
-        builder.add_robot(robot)
-    builder.add_bodies(items.bodies)
-    builder.add_spheres(items.spheres)
-    if not builder.systems:
+    check_plane(items)
+    blocks = blocks_of(items, reduce)
+    if not blocks.systems:
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
-    if len(builder.spheres) > _FEW_SPHERES:
+    if len(blocks.spheres) > _FEW_SPHERES:
         # the plain forms of their kernels take all pairs at once
         load()
-    system: Any = builder.systems[0] if len(builder.systems) == 1 else BlockSystem(builder.systems)
-    constraints = list(builder.constraints(system))
-    sizes = [s.shape.bound for s in builder.shapes if s.body]
-    model = SceneModel(items, tuple(builder.shapes), tuple(builder.omitted))
-    return Problem(
-        system,
-        constraints,
-        np.concatenate(builder.q0),
-        np.concatenate(builder.v0),
-        restitution=items.restitution,
-        length=float(np.median(sizes)) if sizes else 1.0,
-        scene=model,
-    )
+    system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
+    q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
+    blocks.leave_out_pairs(system, q0)
+    constraints = list(_Meetings(blocks, blocks.lines(system, q0)).constraints(system))
+    omitted = (*blocks.omitted, *blocks.simplified.omitted(), *in_line(constraints))
+    length = float(np.median(blocks.sizes)) if blocks.sizes else 1.0
+    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce)
+    return Problem(system, constraints, q0, v0, restitution=items.restitution, length=length, scene=scene)

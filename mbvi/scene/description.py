@@ -16,6 +16,7 @@ from ..constraints.triangles import Surface
 from ..motion import Motion, Oscillation, Rotation, Translation
 from .assembly import assemble
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from .reductions import REDUCTIONS, Omission
 from .urdf import Robot, build_model
 
 if TYPE_CHECKING:
@@ -40,8 +41,10 @@ def describe(problem: Problem) -> str:
     return json.dumps(
         {
             "kind": "scene",
+            "reduce": problem.scene.reduce,
             "gravity": items.gravity.tolist(),
             "restitution": items.restitution,
+            "plane": items.plane,
             "pair_restitution": [[*sorted(pair), e] for pair, e in items.pair_restitution.items()],
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -62,7 +65,7 @@ def restore(text: str) -> Problem | None:
     data = json.loads(text)
     if data["kind"] != "scene":
         return None
-    items = SceneItems(np.array(data["gravity"]), data["restitution"])
+    items = SceneItems(np.array(data["gravity"]), data["restitution"], data.get("plane"))
     for a, *b, e in data["pair_restitution"]:
         items.pair_restitution[frozenset((a, *b))] = e
     for wall in data["walls"]:
@@ -72,7 +75,7 @@ def restore(text: str) -> Problem | None:
     shapes = [_shape_back(s) for s in data.get("shapes", ())]
     items.bodies += [_body_back(b, shapes) for b in data["bodies"]]
     items.spheres += [SphereItem(**_arrays(s)) for s in data["spheres"]]
-    return assemble(items)
+    return assemble(items, tuple(data.get("reduce", REDUCTIONS)))
 
 
 def lost(text: str) -> bool:
@@ -161,6 +164,8 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "rotation": item.rotation.tolist(),
         "q0": item.q0.tolist(),
         "v0": item.v0.tolist(),
+        "locked": item.locked,
+        "tolerance": item.tolerance,
         "control": None if item.control is None else _source(item.control),
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
@@ -176,9 +181,10 @@ def _robot_back(data: dict[str, Any]) -> RobotItem:
         for s in data["shapes"]
     )
     apart = frozenset((a, b) for a, b in data["apart"])
-    omitted = tuple((a, b) for a, b in data["omitted"])
+    omitted = tuple(Omission(*one) for one in data["omitted"])
     robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model))
-    return RobotItem(robot, data["base"], position, rotation, _vector(data["q0"]), _vector(data["v0"]), None)
+    start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
+    return RobotItem(robot, data["base"], position, rotation, *start, None, locked, data.get("tolerance"))
 
 
 def _vector(values: list[float]) -> Array:

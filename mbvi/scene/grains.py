@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..constraints.shapes import Array, Box, Hull
-from .inputs import many_masses, many_positive, many_rotations, many_vectors, mesh_of, positive
+from .inputs import many_masses, many_positive, many_rotations, many_vectors, mesh_of, optional_positive, positive
 from .items import BodyItem, SceneItems, SphereItem
 
 Numbers = float | Sequence[float] | Array
@@ -121,6 +121,7 @@ class Grains:
         velocities: Array | None = None,
         angular_velocities: Array | None = None,
         name: str | None = None,
+        tolerance: float | None = None,
     ) -> str:
         """Add many homogeneous bodies of one shape, the convex hull of points or of a mesh file.
 
@@ -136,6 +137,8 @@ class Grains:
             Metres per unit of the points or the file.
         rotations, velocities, angular_velocities, name
             As `add_boxes`; velocities are those of the centres of mass. "grains" by default.
+        tolerance : float, optional
+            As `add_mesh` [m].
 
         Raises
         ------
@@ -144,14 +147,15 @@ class Grains:
         """
         centres = many_vectors(positions, "positions")
         points = mesh_of(Path(shape))[0] if isinstance(shape, str | os.PathLike) else many_vectors(shape, "shape")
-        hull = Hull(positive(scale, "scale") * points)
+        hull, within = Hull(positive(scale, "scale") * points), optional_positive(tolerance, "tolerance")
         masses = many_masses(mass, density, np.full(len(centres), hull.volume))
         name = self._items.new_name(name, "grains")
         centre, inertia = hull.mass_properties(1.0)
         moves = _motions(len(centres), rotations, velocities, angular_velocities)
         for k, (place, turn, speed, spin) in enumerate(zip(centres, *moves, strict=True)):
             m = float(masses[k])
-            item = BodyItem(f"{name}[{k}]", hull, m, m * inertia, centre, place, turn, speed, spin, False)
+            at = place, turn, speed, spin
+            item = BodyItem(f"{name}[{k}]", hull, m, m * inertia, centre, *at, False, tolerance=within)
             self._items.bodies.append(item)
         return name
 

@@ -72,6 +72,11 @@ def positive(value: float, name: str) -> float:
     return float(value)
 
 
+def optional_positive(value: float | None, name: str) -> float | None:
+    """Return None, or a positive, finite number."""
+    return None if value is None else positive(value, name)
+
+
 def many_vectors(values: Array | Sequence[Sequence[float]], name: str, count: int | None = None) -> Array:
     """Return an array of vectors, shape (n, 3), of which there is one at least, or `count`."""
     try:

@@ -14,7 +14,10 @@ from .urdf import Robot
 
 @dataclass(frozen=True)
 class RobotItem:
-    """A robot, where it stands, and how it starts."""
+    """A robot, where it stands, how it starts, and which of its joints stay as they are.
+
+    `tolerance` is that of simpler shapes than its hulls.
+    """
 
     robot: Robot
     base: str
@@ -23,11 +26,16 @@ class RobotItem:
     q0: Array
     v0: Array
     control: Control | None
+    locked: tuple[str, ...] = ()
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
 class BodyItem:
-    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one."""
+    """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one.
+
+    `tolerance` is that of a simpler shape than its hull.
+    """
 
     name: str
     shape: Convex
@@ -40,6 +48,7 @@ class BodyItem:
     angular_velocity: Array
     fixed: bool
     motion: Motion | None = None
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +89,7 @@ class SceneItems:
 
     gravity: Array
     restitution: float
+    plane: str | None = None
     walls: dict[str, HalfSpace] = field(default_factory=dict)
     surfaces: list[SurfaceItem] = field(default_factory=list)
     robots: list[RobotItem] = field(default_factory=list)

@@ -17,6 +17,7 @@ from ..constraints import (
 )
 from ..constraints.shapes import HalfSpace, PlacedShape
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .reductions import Omission, savings
 
 if TYPE_CHECKING:
     from ..motion import Motion
@@ -34,13 +35,16 @@ class SceneModel:
         What the user added.
     shapes : tuple of PlacedShape
         Every shape on the body that carries it; 0 is the world.
-    omitted : tuple of (str, str)
-        What was left out of the model, and why.
+    omitted : tuple of Omission
+        What was left out of the model, why, and what it saves.
+    reduce : tuple of str
+        The kinds of reductions that were asked for.
     """
 
     items: SceneItems
     shapes: tuple[PlacedShape, ...]
-    omitted: tuple[tuple[str, str], ...]
+    omitted: tuple[Omission, ...]
+    reduce: tuple[str, ...]
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -63,7 +67,8 @@ class SceneModel:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
         lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
-        lines.append(f"  {problem.system.nv} degrees of freedom in all")
+        planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
+        lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
         for given in problem.constraints.constraints:
             moves = isinstance(given, MovingWalls)
             constraint = given.constraint if isinstance(given, MovingWalls) else given
@@ -83,9 +88,11 @@ class SceneModel:
         lines.append(f"  restitution {', '.join(f'{x:g}' for x in sorted(e))}")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
         lines.append("Left out")
-        lines += [f"  {what}: {why}" for what, why in self.omitted] or ["  nothing"]
-        counted = Counter(why for what, why in self.omitted if what.startswith("pair "))
+        lines += [f"  {one}" for one in self.omitted] or ["  nothing"]
+        counted = Counter(one.why.partition(",")[0] for one in self.omitted if one.what.startswith("pair "))
         lines += [f"  ({n} pairs: {why})" for why, n in counted.items()]
+        saved = savings(self.omitted)
+        lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
 
 
@@ -96,13 +103,15 @@ def _parts(system: System) -> tuple[System, ...]:
 def _describe(system: System) -> str:
     if isinstance(system, ArticulatedSystem):
         model = system.model
-        base = "free" if "FreeFlyer" in model.joints[1].shortname() else "fixed"
-        joints = model.njoints - 1 - (base == "free")
+        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
+        joints = model.njoints - 1 - (base != "fixed")
         mass = sum(i.mass for i in list(model.inertias)[1:])
         name = system.bodies[1].split("/")[0]
         return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
     if isinstance(system, Spheres):
-        return f"{system.nv // 3} sphere{'s' * (system.nv > 3)}, 3 degrees of freedom each"
+        n = len(system.bodies) - 1
+        return f"{n} sphere{'s' * (n > 1)}, {system.nv // n} degrees of freedom each"
     if isinstance(system, FreeBodies):
-        return f"{system.nv // 6} free bod{'ies' if system.nv > 6 else 'y'}, 6 degrees of freedom each"
+        n = len(system.bodies) - 1
+        return f"{n} free bod{'ies' if n > 1 else 'y'}, {system.nv // n} degrees of freedom each"
     return f"a system of {system.nv} degrees of freedom"

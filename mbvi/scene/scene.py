@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -16,8 +16,11 @@ from ..problem import check_restitution
 from ..system.articulated import Control
 from .assembly import assemble
 from .grains import Grains
-from .inputs import BodyArguments, mesh_of, positive, rotation_matrix, vector
+from .inputs import BodyArguments, mesh_of, optional_positive, positive, rotation_matrix, vector
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .plane import checked_plane
+from .reductions import REDUCTIONS, checked_reductions
+from .still_joints import checked_locked
 from .urdf import initial_state, load_robot
 from .walls import Walls
 
@@ -39,6 +42,10 @@ class Scene(Walls, Grains):
         Acceleration of gravity [m/s^2].
     restitution : float
         Newton's e in [0, 1] of every contact and joint limit without one of its own.
+    plane : "xy", "xz" or "yz", optional
+        The plane that all moves in: spheres have two degrees of freedom, bodies and free bases of robots three, two
+        along the plane's axes and a turn from the first axis to the second. Where the data are symmetric about the
+        plane that is the motion in space; else things are held in it without friction.
 
     Notes
     -----
@@ -46,9 +53,16 @@ class Scene(Walls, Grains):
     the robots in their order, then the rigid bodies, then the spheres.
     """
 
-    def __init__(self, gravity: Sequence[float] | Array = (0.0, 0.0, -9.81), restitution: float = 0.0) -> None:
+    def __init__(
+        self,
+        gravity: Sequence[float] | Array = (0.0, 0.0, -9.81),
+        restitution: float = 0.0,
+        plane: str | None = None,
+    ) -> None:
         self._items = SceneItems(
-            gravity=vector(gravity, "gravity"), restitution=float(check_restitution(restitution, 1)[0])
+            gravity=vector(gravity, "gravity"),
+            restitution=float(check_restitution(restitution, 1)[0]),
+            plane=checked_plane(plane),
         )
 
     def add_urdf(
@@ -62,6 +76,8 @@ class Scene(Walls, Grains):
         control: Control | None = None,
         name: str | None = None,
         srdf: str | None = None,
+        locked: Sequence[str] = (),
+        tolerance: float | None = None,
     ) -> str:
         """Add a robot.
 
@@ -77,18 +93,22 @@ class Scene(Walls, Grains):
             Initial positions and velocities by joint name; zero by default, or the middle of the limits where these
             leave zero out.
         control : callable, optional
-            control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v.
+            control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v, locked joints not among them.
         name : str, optional
             The URDF's own by default.
         srdf : path, optional
             File whose `disable_collisions` pairs are left out.
+        locked : sequence of str, optional
+            Joints that stay at their initial positions.
+        tolerance : float, optional
+            As `add_mesh`, for each of its meshes [m].
 
         Raises
         ------
         UrdfError
             If a file is missing, is no URDF, or describes no physical mechanism.
         InputError
-            On an unknown joint, a wrong shape, a rotation that is none.
+            On an unknown joint, a locked one that is to move, a wrong shape, a rotation that is none.
         """
         if base not in ("free", "fixed"):
             raise InputError(f"base must be 'free' or 'fixed'; got {base!r}")
@@ -101,7 +121,8 @@ class Scene(Walls, Grains):
             robot = load_robot(path, base, turn, place, name, srdf)
         self._items.new_name(robot.name, robot.name)
         q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control))
+        still, within = checked_locked(robot, base, q0, v0, locked), optional_positive(tolerance, "tolerance")
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
         return robot.name
 
     def add_sphere(
@@ -209,15 +230,19 @@ class Scene(Walls, Grains):
         path: str | os.PathLike[str],
         mass: float = 1.0,
         scale: float = 1.0,
+        tolerance: float | None = None,
         **body: Unpack[BodyArguments],
     ) -> str:
         """Add the convex hull of a mesh file (STL, OBJ, DAE) as a homogeneous body; the rest as `add_box`.
 
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
-        file's coordinates [m per unit].
+        file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
+        as that, or else as the hull of as few vertices as that takes; by default the first within 1e-9 of its size.
+        Mass and inertia stay the hull's.
         """
         hull = Hull(positive(scale, "scale") * mesh_of(Path(path))[0])
-        return self._add_body(hull, mass, Path(path).stem, **body)
+        within = optional_positive(tolerance, "tolerance")
+        return self._add_body(hull, mass, Path(path).stem, within, **body)
 
     def set_restitution(self, first: str, second: str, e: float) -> None:
         """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
@@ -241,19 +266,34 @@ class Scene(Walls, Grains):
                 raise InputError(f"unknown name {name!r}; known are {', '.join(known) or 'none yet'}")
         self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
 
-    def build(self) -> Problem:
+    def build(self, reduce: Collection[str] = REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
+
+        Parameters
+        ----------
+        reduce : collection of str
+            Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
+            whose limits leave them no range. "pairs": those that the limits of joints keep apart. "shapes": hulls
+            that a simpler shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
+            "rest": contacts of shapes that stand still are not measured again.
 
         Raises
         ------
         InputError
-            If nothing moves.
+            If nothing moves, a reduction is unknown, or something leaves the scene's plane.
         InadmissibleStartError
             If two things overlap at the start.
         """
-        return assemble(self._items)
+        return assemble(self._items, checked_reductions(reduce))
 
-    def _add_body(self, shape: Convex, mass: float, default: str, **body: Unpack[BodyArguments]) -> str:
+    def _add_body(
+        self,
+        shape: Convex,
+        mass: float,
+        default: str,
+        tolerance: float | None = None,
+        **body: Unpack[BodyArguments],
+    ) -> str:
         unknown = set(body) - set(BodyArguments.__annotations__)
         if unknown:
             raise InputError(
@@ -270,5 +310,7 @@ class Scene(Walls, Grains):
         if isinstance(shape, Hull):
             centre, inertia = shape.mass_properties(mass)
         fixed = bool(body.get("fixed", False)) or motion is not None
-        self._items.bodies.append(BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion))
+        self._items.bodies.append(
+            BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion, tolerance)
+        )
         return name

@@ -10,11 +10,12 @@ import pinocchio as pin
 
 from ..constraints.shapes import Array, PlacedShape
 from ..errors import UrdfError
+from .reductions import Omission
 
 
 def pairs_left_out(
     model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]]
-) -> tuple[set[tuple[str, str]], list[tuple[str, str]]]:
+) -> tuple[set[tuple[str, str]], list[Omission]]:
     """Return the pairs of a robot's own shapes that are not asked, and in words why."""
     poses = [_poses(model, shapes, q) for q in (pin.neutral(model), reference)]
     geometry = [s.shape.coal() for s in shapes]
@@ -39,7 +40,7 @@ def pairs_left_out(
         (overlapping, "overlap at the neutral configuration"),
         (srdf, "disabled by the SRDF"),
     )
-    return apart, [(f"pair {a} | {b}", reason) for pairs, reason in reasons for a, b in pairs]
+    return apart, [Omission(f"pair {a} | {b}", why, pairs=1) for pairs, why in reasons for a, b in pairs]
 
 
 def disabled_pairs(srdf: str | None, name: str) -> set[frozenset[str]]:

@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ..errors import InputError, UrdfError
+from .reductions import Omission
 from .self_pairs import disabled_pairs, pairs_left_out
 from .urdf_checks import check_inertias, check_links, check_mass_matrix, check_masses, check_meshes, check_shapes
 
@@ -37,7 +38,7 @@ class Robot:
         Convex collision shapes on the joints' frames; body 0 is the base of a fixed robot.
     apart : frozenset of (str, str)
         Pairs of shapes that are not asked, in the order of `shapes`.
-    omitted : tuple of (str, str)
+    omitted : tuple of Omission
         What was left out, and why.
     reference : ndarray, shape (nq,)
         Neutral configuration; a joint whose limits leave zero out stands in the middle of them.
@@ -48,7 +49,7 @@ class Robot:
     model: pin.Model
     shapes: tuple[PlacedShape, ...]
     apart: frozenset[tuple[str, str]]
-    omitted: tuple[tuple[str, str], ...] = field(repr=False)
+    omitted: tuple[Omission, ...] = field(repr=False)
     reference: Array = field(repr=False)
 
 
@@ -171,21 +172,21 @@ def _move_base(objects: Sequence[pin.GeometryObject], rotation: Array, position:
 
 def _shapes(
     geometry: pin.GeometryModel, name: str, colors: dict[str, tuple[float, float, float, float]]
-) -> tuple[list[PlacedShape], list[tuple[str, str]]]:
+) -> tuple[list[PlacedShape], list[Omission]]:
     items = list(geometry.geometryObjects)
     links = [item.name.rsplit("_", 1)[0] for item in items]
     shapes: list[PlacedShape] = []
-    omitted: list[tuple[str, str]] = []
+    omitted: list[Omission] = []
     for item, link in zip(items, links, strict=True):
         # a link's only shape goes by the link's name
         label = f"{name}/{link if links.count(link) == 1 else item.name}"
         try:
             shape = convex(item.geometry)
         except InputError as error:
-            omitted.append((f"shape {label}", str(error)))
+            omitted.append(Omission(f"shape {label}", str(error)))
             continue
         if isinstance(shape, Hull):
-            omitted.append((f"mesh {label}", f"replaced by its convex hull of {len(shape.vertices)} vertices"))
+            omitted.append(Omission(f"mesh {label}", f"replaced by its convex hull of {len(shape.vertices)} vertices"))
         pose = item.placement
         color = colors.get(link, (0.6, 0.65, 0.72, 1.0))
         rotation, position = np.array(pose.rotation), np.array(pose.translation)
@@ -236,7 +237,7 @@ def _colors(root: ElementTree.Element) -> dict[str, tuple[float, float, float, f
     return colors
 
 
-def _reference(model: pin.Model) -> tuple[Array, list[tuple[str, str]]]:
+def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
     """Return the neutral configuration moved inside the limits, and which joints were moved."""
     q = pin.neutral(model)
     moved = []
@@ -249,13 +250,12 @@ def _reference(model: pin.Model) -> tuple[Array, list[tuple[str, str]]]:
             raise UrdfError(f"joint '{model.names[joint]}': its lower limit {lower:g} is above its upper {upper:g}")
         if not lower <= 0.0 <= upper:
             q[k] = 0.5 * (lower + upper)
-            moved.append(
-                (f"zero of joint {model.names[joint]}", f"outside its limits; it starts at their middle, {q[k]:.4g}")
-            )
+            why = f"outside its limits; it starts at their middle, {q[k]:.4g}"
+            moved.append(Omission(f"zero of joint {model.names[joint]}", why))
     return q, moved
 
 
-def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[tuple[str, str]]:
+def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
     """Return what the URDF says and the model does not: dry friction, effort and velocity limits, mimic joints."""
     found = []
     names = [model.names[j] for j in range(1, model.njoints) if model.nvs[j]]
@@ -265,12 +265,12 @@ def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[tuple[str, 
         if model.upperDryFrictionLimit[model.idx_vs[j]] > 0.0
     ]
     if dry:
-        found.append((f"dry friction of {', '.join(dry)}", "constraints are perfect: no friction is modelled"))
+        found.append(Omission(f"dry friction of {', '.join(dry)}", "constraints are perfect: no friction is modelled"))
     if root.find("joint/limit") is not None:
-        found.append(("effort and velocity limits", "they bound motors; clip in your control"))
+        found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
     for joint in root.findall("joint"):
         if joint.find("mimic") is not None:
-            found.append((f"mimic of joint {joint.get('name')}", "the joint moves on its own"))
+            found.append(Omission(f"mimic of joint {joint.get('name')}", "the joint moves on its own"))
     return found
 
 

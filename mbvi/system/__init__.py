@@ -4,6 +4,16 @@ from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .bodies import FreeBodies, Spheres
 from .lagrangian import LagrangianSystem
+from .planar import PlanarBodies, PlanarSpheres
 from .system import System
 
-__all__ = ["ArticulatedSystem", "BlockSystem", "FreeBodies", "LagrangianSystem", "Spheres", "System"]
+__all__ = [
+    "ArticulatedSystem",
+    "BlockSystem",
+    "FreeBodies",
+    "LagrangianSystem",
+    "PlanarBodies",
+    "PlanarSpheres",
+    "Spheres",
+    "System",
+]

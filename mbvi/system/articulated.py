@@ -324,6 +324,8 @@ class ArticulatedSystem:
         width = self.model.nvs[joint]
         if "FreeFlyer" in kind:
             return np.array([1.0] * 3 + [distance] * 3), 0.0
+        if "Planar" in kind:
+            return np.array([1.0, 1.0, distance]), 0.0
         if "JointModelR" in kind or "Spherical" in kind:
             return np.full(width, distance), 0.0
         if "JointModelP" in kind and width == 1:

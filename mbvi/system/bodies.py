@@ -134,7 +134,7 @@ class FreeBodies:
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
         blocks[:, 3:, 3:] = inertias
-        self._metric = BodiesMetric(blocks)
+        self._metric: Metric = BodiesMetric(blocks)
         self._weight = masses[:, None] * gravity
 
     def integrate(self, q: Array, dv: Array) -> Array:

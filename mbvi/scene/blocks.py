@@ -1,0 +1,206 @@
+"""The things in a scene as blocks of q and v: systems, placed shapes, initial state, and what was left out of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ..constraints.shapes import Array, HalfSpace, PlacedShape, Sphere
+from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
+from .always_apart import always_apart
+from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .plane import axes_of, beside, check_robot, on_planar_base
+from .reductions import Omission
+from .simplified import Simplified
+from .still_joints import without_still_joints
+
+_PALETTE = (
+    (0.20, 0.45, 0.70, 1.0),
+    (0.90, 0.55, 0.20, 1.0),
+    (0.30, 0.60, 0.40, 1.0),
+    (0.75, 0.35, 0.40, 1.0),
+    (0.50, 0.45, 0.70, 1.0),
+    (0.85, 0.75, 0.35, 1.0),
+)
+_GREY = (0.7, 0.7, 0.72, 1.0)
+_PLANAR = "the scene is planar"
+
+
+@dataclass
+class Blocks:
+    """Systems, shapes and initial state, collected block after block.
+
+    Attributes
+    ----------
+    items : SceneItems
+        What the user added.
+    reduce : tuple of str
+        The kinds of reductions that are asked for.
+    systems, q0, v0
+        One each of what moves together.
+    shapes : list of PlacedShape
+        Of all of them, and of the world.
+    walls : dict of str to HalfSpace
+        Those that something may meet.
+    omitted : list of Omission
+        What was left out.
+    apart : set of (str, str)
+        Pairs that are not asked.
+    limits
+        Of each robot: where in q and in v, lower and upper limits, and names of its joints.
+    spheres : list of int
+        Which of the shapes are free spheres.
+    sizes : list of float
+        Of all shapes that move [m].
+    axes : ndarray, shape (3, 3), or None
+        In rows two axes and the normal of the plane that all moves in.
+    """
+
+    items: SceneItems
+    reduce: tuple[str, ...]
+    walls: dict[str, HalfSpace]
+    axes: Array | None
+    systems: list[System] = field(default_factory=list)
+    shapes: list[PlacedShape] = field(default_factory=list)
+    q0: list[Array] = field(default_factory=list)
+    v0: list[Array] = field(default_factory=list)
+    omitted: list[Omission] = field(default_factory=list)
+    apart: set[tuple[str, str]] = field(default_factory=set)
+    limits: list[tuple[Array, Array, Array, Array, list[str]]] = field(default_factory=list)
+    spheres: list[int] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+    simplified: Simplified = field(default_factory=Simplified)
+
+    def counts(self) -> tuple[int, int, int]:
+        """Return how many q, v and bodies there are so far."""
+        return (
+            sum(s.nq for s in self.systems),
+            sum(s.nv for s in self.systems),
+            sum(len(s.bodies) - 1 for s in self.systems),
+        )
+
+    def add_robot(self, item: RobotItem) -> None:
+        """Add a robot."""
+        nq, nv, nb = self.counts()
+        item, still = without_still_joints(item, self.reduce)
+        if self.items.plane:
+            check_robot(item, self.items.plane)
+        if self.axes is not None and item.base == "free":
+            item = on_planar_base(item, self.axes)
+            still.append(Omission(f"motion of {item.robot.name}'s base out of the plane", _PLANAR, dofs=3))
+        model = item.robot.model.copy()
+        model.gravity.linear = self.items.gravity
+        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
+        self.q0.append(item.q0)
+        self.v0.append(item.v0)
+        placed = [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
+        self.shapes += [self.simplify(s, item.tolerance) for s in placed]
+        self.apart |= item.robot.apart
+        self.omitted += [*item.robot.omitted, *still]
+        joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
+        here = np.array([model.idx_qs[j] for j in joints], dtype=np.intp)
+        rate = np.array([model.idx_vs[j] for j in joints], dtype=np.intp)
+        lower, upper = model.lowerPositionLimit[here], model.upperPositionLimit[here]
+        names = [f"{item.robot.name}/{model.names[j]}" for j in joints]
+        # Pinocchio writes "no limit" as the largest float
+        lower, upper = np.where(lower < -1e100, -np.inf, lower), np.where(upper > 1e100, np.inf, upper)
+        if joints and (np.isfinite(lower) | np.isfinite(upper)).any():
+            self.limits.append((here + nq, rate + nv, lower, upper, names))
+
+    def add_bodies(self, bodies: list[BodyItem]) -> None:
+        """Add all bodies, those of the world too."""
+        moving = [b for b in bodies if not b.fixed]
+        body = self.counts()[2]
+        for k, b in enumerate(bodies):
+            if b.fixed:
+                placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, _GREY, b.motion)
+            else:
+                body += 1
+                placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
+            self.shapes.append(self.simplify(placed, b.tolerance))
+        if not moving:
+            return
+        masses = np.array([b.mass for b in moving])
+        inertias = np.array([b.inertia for b in moving])
+        names = tuple(b.name for b in moving)
+        for b in moving:
+            quaternion = pin.Quaternion(b.rotation).normalized().coeffs()
+            self.q0.append(np.concatenate([b.position + b.rotation @ b.centre, quaternion]))
+        if self.axes is None:
+            self.systems.append(FreeBodies(masses, inertias, self.items.gravity, names))
+            self.v0 += [np.concatenate([b.velocity, b.rotation.T @ b.angular_velocity]) for b in moving]
+            return
+        normals = np.array([b.rotation.T @ self.axes[2] for b in moving])
+        self.systems.append(PlanarBodies(masses, inertias, self.items.gravity, names, self.axes, normals))
+        along, normal = self.axes[:2], self.axes[2:]
+        self.v0 += [np.concatenate([along @ b.velocity, normal @ b.angular_velocity]) for b in moving]
+        what = f"motion of {len(moving)} bod{'ies' if len(moving) > 1 else 'y'} out of the plane"
+        self.omitted.append(Omission(what, _PLANAR, dofs=3 * len(moving)))
+
+    def add_spheres(self, spheres: list[SphereItem]) -> None:
+        """Add all spheres, which come last."""
+        if not spheres:
+            return
+        nb = self.counts()[2]
+        names = [n for item in spheres for n in item.names()]
+        radii = np.concatenate([s.radii for s in spheres])
+        masses, velocities = (np.concatenate([getattr(s, name) for s in spheres]) for name in ("masses", "velocities"))
+        if self.axes is None:
+            self.systems.append(Spheres(masses, self.items.gravity, tuple(names)))
+        else:
+            self.systems.append(PlanarSpheres(masses, self.items.gravity, tuple(names), self.axes))
+            velocities = velocities @ self.axes[:2].T
+        self.v0.append(velocities.ravel())
+        colors = [_PALETTE[(k + 1) % len(_PALETTE)] for k, s in enumerate(spheres) for _ in s.radii]
+        for k, (name, radius, color) in enumerate(zip(names, radii, colors, strict=True)):
+            placed = PlacedShape(name, Sphere(float(radius)), nb + k + 1, np.eye(3), np.zeros(3), color)
+            self.spheres.append(len(self.shapes))
+            self.sizes.append(float(radius))
+            self.shapes.append(placed)
+        self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
+        what = f"of {len(radii)} sphere{'s' * (len(radii) > 1)}"
+        self.omitted.append(Omission(f"rotation {what}", "no friction can turn them", dofs=3 * len(radii)))
+        if self.axes is not None:
+            self.omitted.append(Omission(f"motion {what} out of the plane", _PLANAR, dofs=len(radii)))
+
+    def simplify(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
+        """Return a shape that does for another, whose size still counts."""
+        if placed.body:
+            self.sizes.append(placed.shape.bound)
+        return self.simplified.of(placed, tolerance) if "shapes" in self.reduce else placed
+
+    def lines(self, system: System, q0: Array) -> dict[int, Array]:
+        """Return the normal of a planar scene's plane as each body has it, by its number."""
+        if self.axes is None:
+            return {}
+        bodies = np.arange(1, len(system.bodies))
+        return dict(zip(bodies.tolist(), system.placements(q0, bodies)[:, :3] @ self.axes[2], strict=True))
+
+    def leave_out_pairs(self, system: System, q0: Array) -> None:
+        """Leave out the half-spaces and the pairs that can never meet."""
+        if self.axes is not None:
+            for name, omission in beside(self.walls, self.shapes, system, q0, self.axes):
+                del self.walls[name]
+                self.omitted.append(omission)
+        if "pairs" not in self.reduce:
+            return
+        still = {name: wall for name, wall in self.walls.items() if wall.motion is None}
+        for a, b, bound in always_apart(self.systems, self.shapes, still, self.apart):
+            self.apart.add((a, b))
+            # rounded down
+            digit = 10.0 ** (np.floor(np.log10(bound)) - 1)
+            why = f"always apart within the limits of their joints, by {digit * np.floor(bound / digit):.2g} m at least"
+            self.omitted.append(Omission(f"pair {a} | {b}", why, pairs=1))
+
+
+def blocks_of(items: SceneItems, reduce: tuple[str, ...]) -> Blocks:
+    """Return the blocks of a scene, in the order of q and v."""
+    planar = items.plane is not None and "plane" in reduce
+    blocks = Blocks(items, reduce, dict(items.walls), axes_of(items.plane) if planar and items.plane else None)
+    for robot in items.robots:
+        blocks.add_robot(robot)
+    blocks.add_bodies(items.bodies)
+    blocks.add_spheres(items.spheres)
+    return blocks

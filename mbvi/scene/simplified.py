@@ -1,0 +1,50 @@
+"""Hulls of a scene that a simpler shape does for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from ..constraints.shapes import Hull, PlacedShape
+from ..constraints.simpler import Simpler, simpler
+from .reductions import Omission
+
+
+@dataclass
+class Simplified:
+    """What stands for which hull, each looked at once, and the names of the shapes it does so for."""
+
+    _known: dict[tuple[int, float | None], tuple[Hull, Simpler | None, list[str]]] = field(default_factory=dict)
+
+    def of(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
+        """Return a shape, or in its place the simpler one that does for it within a tolerance [m]."""
+        hull = placed.shape
+        if not isinstance(hull, Hull):
+            return placed
+        key = id(hull), tolerance
+        if key not in self._known:
+            self._known[key] = hull, simpler(hull, tolerance), []
+        _, found, names = self._known[key]
+        if found is None:
+            return placed
+        names.append(placed.name)
+        rotation, position = placed.rotation @ found.rotation, placed.rotation @ found.position + placed.position
+        return replace(placed, shape=found.shape, rotation=rotation, position=position)
+
+    def omitted(self) -> list[Omission]:
+        """Return what was left out by that."""
+        told = []
+        for hull, found, names in self._known.values():
+            if found is None:
+                continue
+            what = f"hull {names[0]}" + (f" and {len(names) - 1} alike" if len(names) > 1 else "")
+            before, after = len(hull.vertices), len(found.shape.standing_points()[0])
+            kind = type(found.shape).__name__.lower()
+            by = f"a hull of {after} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
+            saved = max(before - after, 0) * len(names)
+            told.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
+        return told
+
+
+def _up(distance: float) -> str:
+    """Return a distance in two digits, rounded up."""
+    return f"{distance * 1.05 + 1e-17:.1e}"

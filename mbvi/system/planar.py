@@ -1,0 +1,183 @@
+"""Bodies that move in a plane: q is that of three dimensions, v has two velocities along the plane and a rate of turn.
+
+A body's velocities in the plane are constant combinations of those in space: its centre's are taken in the world, and
+the axis it turns about, the plane's normal, stands still in it. So M is constant and diagonal, and nothing turns out of
+the plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.sparse import csr_array
+
+from ..projection import DiagonalMetric
+from . import rotations
+from .bodies import FreeBodies, Spheres
+from .sparse_rows import MOST_DENSE, rows_of_two
+from .system import Array
+
+
+class PlanarSpheres(Spheres):
+    """Frictionless spheres in a plane: two degrees of freedom each.
+
+    Parameters
+    ----------
+    masses, gravity, names
+        As `Spheres`.
+    axes : ndarray, shape (3, 3)
+        In its rows two axes of the world in their order, and their cross product.
+    """
+
+    def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...], axes: Array) -> None:
+        super().__init__(masses, gravity, names)
+        self.nv = 2 * len(masses)
+        self.sparse = self.nv > MOST_DENSE
+        self._along = _columns(axes)
+        self._metric = DiagonalMetric(np.repeat(masses, 2))
+        # where in q its velocities go
+        self._places = np.add.outer(np.arange(0, self.nq, 3), np.arange(3)[self._along]).ravel()
+        self._gravity = np.tile(gravity[self._along], len(masses))
+        self._weight = masses[:, None] * gravity
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        moved = q.copy()
+        moved[self._places] += dv
+        return moved
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        return (q1 - q0).take(self._places)
+
+    def potential_energy(self, t: float, q: Array) -> float:
+        return float(-(q.reshape(-1, 3) * self._weight).sum())
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        pull = normal[:, self._along]
+        return _rows(self.nv, self.sparse, first, second, -pull, pull)
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
+        reach = np.zeros(self.nv)
+        reach[2 * body - 2 : 2 * body] = 1.0
+        return reach
+
+
+class PlanarBodies(FreeBodies):
+    """Free rigid bodies in a plane: three degrees of freedom each.
+
+    Parameters
+    ----------
+    masses, inertias, gravity, names
+        As `FreeBodies`.
+    axes : ndarray, shape (3, 3)
+        As `PlanarSpheres`.
+    normals : ndarray, shape (n, 3)
+        The plane's normal in each body's axes.
+    """
+
+    def __init__(
+        self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...], axes: Array, normals: Array
+    ) -> None:
+        super().__init__(masses, inertias, gravity, names)
+        self.nv = 3 * len(masses)
+        self.velocity_dependent = False
+        self.sparse = self.nv > MOST_DENSE
+        self._axes, self._along, self._normals = axes, _columns(axes), normals
+        moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
+        diagonal = np.stack([masses, masses, moments], axis=1).ravel()
+        self._metric = DiagonalMetric(diagonal)
+        pull = np.zeros((len(masses), 3))
+        pull[:, :2] = gravity[self._along]
+        self._pull = pull.ravel()
+        self._load = diagonal * self._pull
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        old, step = q.reshape(-1, 7), dv.reshape(-1, 3)
+        new = old.copy()
+        new[:, :3][:, self._along] += step[:, :2]
+        new[:, 3:] = rotations.compose(old[:, 3:], rotations.exp(step[:, 2:] * self._normals))
+        new[:, 3:] /= np.sqrt(np.einsum("ij,ij->i", new[:, 3:], new[:, 3:]))[:, None]
+        return new.reshape(-1)
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        full = super().difference(q0, q1).reshape(-1, 6)
+        dv = np.empty((len(full), 3))
+        dv[:, :2] = full[:, :3][:, self._along]
+        dv[:, 2] = np.vecdot(full[:, 3:], self._normals)
+        return dv.reshape(-1)
+
+    def force(self, t: float, q: Array, v: Array) -> Array:
+        return self._load
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return v + h * self._pull
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._pull
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        return v
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        centres, pulls = q.reshape(-1, 7)[:, :3], np.zeros((2, len(point), 3))
+        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
+            here = np.flatnonzero(side)
+            torque = np.cross(point[here] - centres[side[here] - 1], normal[here])
+            pull[here, :2], pull[here, 2] = sign * normal[here][:, self._along], sign * torque @ self._axes[2]
+        return _rows(self.nv, self.sparse, first, second, *pulls)
+
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        full = np.zeros((len(self._normals), 6))
+        full[:, 3:] = v.reshape(-1, 3)[:, 2:] * self._normals
+        return super().point_bias(q, full.ravel(), bodies, points)
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
+        reach = np.zeros(self.nv)
+        reach[3 * body - 3 : 3 * body - 1], reach[3 * body - 1] = 1.0, radius + float(np.linalg.norm(centre))
+        return reach
+
+
+def _columns(axes: Array) -> slice:
+    """Return which coordinates two axes of the world are, in ascending order."""
+    first, second = np.argmax(axes[:2], axis=1).tolist()
+    return slice(first, second + 1, second - first)
+
+
+def _rows(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
+    """Return rows that touch the blocks of two bodies."""
+    if sparse:
+        return rows_of_two(nv, first, second, left, right)
+    rows, width = np.zeros((len(left), nv)), left.shape[1]
+    for side, pull in ((first, left), (second, right)):
+        here = np.flatnonzero(side)
+        rows[here[:, None], width * side[here, None] - width + np.arange(width)] += pull[here]
+    return rows
+
+
+def planar_base(model: pin.Model, pose: pin.SE3, axes: Array) -> pin.Model:
+    """Return a mechanism whose free base moves in a plane only.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Its first joint is free.
+    pose : pinocchio.SE3
+        Where the base starts: the angle of its joint is counted from there.
+    axes : ndarray, shape (3, 3)
+        As `PlanarSpheres`.
+    """
+    across = float(axes[2] @ pose.translation) * axes[2]
+    inner = pin.SE3(axes @ pose.rotation, np.zeros(3))
+    flat = pin.Model()
+    flat.name, flat.gravity = model.name, model.gravity
+    flat.addJoint(0, pin.JointModelPlanar(), pin.SE3(axes.T.copy(), across), model.names[1])
+    flat.appendBodyToJoint(1, model.inertias[1], inner)
+    for joint in range(2, model.njoints):
+        parent, place = model.parents[joint], model.jointPlacements[joint]
+        flat.addJoint(parent, model.joints[joint], inner * place if parent == 1 else place, model.names[joint])
+        flat.appendBodyToJoint(joint, model.inertias[joint], pin.SE3.Identity())
+    # past the base both list the same joints
+    flat.lowerPositionLimit[4:], flat.upperPositionLimit[4:] = (
+        model.lowerPositionLimit[7:], model.upperPositionLimit[7:]
+    )  # fmt: skip
+    flat.damping[3:], flat.armature[3:] = model.damping[6:], model.armature[6:]
+    return flat
