@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..constraints.shapes import Box, Sphere
 from ..errors import MbviError
@@ -94,6 +93,13 @@ class Bodies:
     fixed: tuple[tuple[Box, Array], ...] = ()
 
 
+def rotated(quaternion: Array, vector: Array, sense: float = 1.0) -> Array:
+    """Return vectors, shape (n, 3), turned by unit quaternions, or back if `sense` is -1; NaN where these are."""
+    axis, w = sense * quaternion[:, :3], quaternion[:, 3:]
+    across = 2.0 * np.cross(axis, vector)
+    return np.asarray(vector + w * across + np.cross(axis, across))
+
+
 class BodiesEngine(Protocol):
     """Another engine with free bodies in it, at one step; see `Engine`."""
 
@@ -138,10 +144,9 @@ def of_scene(problem: Problem, duration: float) -> Bodies:
     still = np.tile([0.0, 0.0, 0.0, 1.0], (balls, 1))
 
     def state(q: Array, v: Array) -> Poses:
-        # scipy takes no read-only arrays
-        poses, rates = np.array(q[: 7 * count]).reshape(-1, 7), np.array(v[: 6 * count]).reshape(-1, 6)
+        poses, rates = q[: 7 * count].reshape(-1, 7), v[: 6 * count].reshape(-1, 6)
         turns = poses[:, 3:]
-        spins = Rotation.from_quat(turns).apply(rates[:, 3:]) if count else np.zeros((0, 3))
+        spins = rotated(turns, rates[:, 3:])
         centres, speeds = q[7 * count :].reshape(-1, 3), v[6 * count :].reshape(-1, 3)
         return Poses(
             np.concatenate([poses[:, :3], centres]), np.concatenate([turns, still]),
@@ -150,7 +155,7 @@ def of_scene(problem: Problem, duration: float) -> Bodies:
 
     def coordinates(s: Poses) -> tuple[Array, Array]:
         turns = s.quaternion[:count]
-        spins = Rotation.from_quat(turns).apply(s.angular[:count], inverse=True) if count else np.zeros((0, 3))
+        spins = rotated(turns, s.angular[:count], -1.0)
         q, v = np.hstack([s.position[:count], turns]), np.hstack([s.linear[:count], spins])
         return np.append(q, s.position[count:]), np.append(v, s.linear[count:])
 

@@ -167,7 +167,8 @@ class DrakeBodies:
         """Return where the bodies are."""
         q = self._plant.GetPositions(self._context)[self._q]
         v = self._plant.GetVelocities(self._context)[self._v]
-        return Poses(q[:, :3], q[:, 3:], v[:, :3], v[:, 3:])
+        # it integrates quaternions off the unit sphere, and takes them by their direction
+        return Poses(q[:, :3], q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1)[:, None], v[:, :3], v[:, 3:])
 
 
 Free = DrakeBodies

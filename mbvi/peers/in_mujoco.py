@@ -7,10 +7,9 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..constraints.shapes import Sphere
-from .bodies import Bodies, Poses
+from .bodies import Bodies, Poses, rotated
 from .rig import Array, Rig, State
 
 NAME = f"MuJoCo {mujoco.__version__}"
@@ -118,11 +117,10 @@ class MuJoCoBodies:
         """Put the bodies there."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self._q], self.data.qvel[self._v] = state.position, state.linear
-        if self._turning.size:
-            turns = state.quaternion[self._turning]
-            self.data.qpos[self._quaternion] = turns
-            # in the body's own axes
-            self.data.qvel[self._spin] = Rotation.from_quat(turns).apply(state.angular[self._turning], inverse=True)
+        turns = state.quaternion[self._turning]
+        self.data.qpos[self._quaternion] = turns
+        # in the body's own axes
+        self.data.qvel[self._spin] = rotated(turns, state.angular[self._turning], -1.0)
 
     def advance(self) -> None:
         """Take a step."""
@@ -132,9 +130,8 @@ class MuJoCoBodies:
         """Return where the bodies are."""
         q, v = self.data.qpos, self.data.qvel
         turns, spins = self._still.copy(), np.zeros((len(self._still), 3))
-        if self._turning.size:
-            turns[self._turning] = q[self._quaternion]
-            spins[self._turning] = Rotation.from_quat(turns[self._turning]).apply(v[self._spin])
+        turns[self._turning] = q[self._quaternion]
+        spins[self._turning] = rotated(turns[self._turning], v[self._spin])
         return Poses(q[self._q], turns, v[self._v], spins)
 
 

@@ -23,6 +23,8 @@ from .rig import Array, Engine, Rig, rig
 _FREE, _COARSE, _FINE = 0.9, 1e-3, 1e-4
 # an integrator of order one comes ten times nearer; what agrees to this needs to come no nearer
 _NEARER, _NEAR = 0.15, 1e-7
+# by how much a quaternion may be off the unit sphere
+_UNIT = 1e-3
 
 
 class ModelError(MbviError):
@@ -160,10 +162,19 @@ def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start
     ModelError
         If numbers that are not finite come back.
     """
-    states = [model.coordinates(peer.read())]
+
+    def read() -> tuple[Array, Array]:
+        state = peer.read()
+        # where a body is turned by no rotation there are no coordinates
+        if not (np.abs(np.linalg.norm(state.quaternion, axis=-1) - 1.0) < _UNIT).all():
+            raise ModelError(f"{name} runs away at h = {h:g} s")
+        found: tuple[Array, Array] = model.coordinates(state)
+        return found
+
+    states = [read()]
     for _ in range(count):
         peer.advance()
-        states.append(model.coordinates(peer.read()))
+        states.append(read())
     q, v = (np.array(x) for x in zip(*states, strict=True))
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
         raise ModelError(f"{name} runs away at h = {h:g} s")
