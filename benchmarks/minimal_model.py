@@ -156,6 +156,23 @@ def planar_discs() -> mbvi.Scene:
     return scene
 
 
+def resting_tower() -> mbvi.Scene:
+    """Return four boxes that rest on each other."""
+    scene = floor()
+    for k in range(4):
+        scene.add_box((0.2, 0.2, 0.1), position=(0.01 * (k % 2), 0, 0.05 + 0.1 * k))
+    return scene
+
+
+def resting_field() -> mbvi.Scene:
+    """Return six towers of two boxes at rest, one of which a ball hits half way through the run."""
+    scene = floor()
+    for k in range(12):
+        scene.add_box((0.2, 0.2, 0.1), position=(0.5 * (k // 2), 0.02 * (k % 2), 0.05 + 0.1 * (k % 2)))
+    scene.add_sphere(0.05, 1.0, (0.5, 0, 1.0), (0, 0, -1.75))
+    return scene
+
+
 def cases(folder: Path) -> dict[str, tuple[Build, Build]]:
     """Return the full and the reduced model of each case."""
     return {
@@ -171,6 +188,9 @@ def cases(folder: Path) -> dict[str, tuple[Build, Build]]:
         "plane: four boxes on each other": of(planar_tower(), "plane"),
         "plane: hopper": of(planar_hopper(), "plane"),
         "plane: 100 spheres between walls": of(planar_discs(), "plane"),
+        "rest: tower of four boxes": of(resting_tower(), "rest"),
+        "rest: six towers of two, a ball hits one": of(resting_field(), "rest"),
+        "rest: 12 boxes that never rest": of(planar_boxes(), "rest"),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -18,6 +19,7 @@ from .projection import Projector, Push
 from .recorder import Recorder
 from .schemes import EventDriven, Scheme, Step
 from .schemes.step import law
+from .sleep import Sleepers
 from .trajectory import Trajectory
 from .trajectory_file import Writer
 
@@ -132,20 +134,29 @@ def simulate(
     total = whole + (rest > 1e-9 * h)
     recorder = Recorder(problem, 1 + -(-total // int(every)), getattr(scheme, "jump", 1.0), notes)
     guard = Guard(problem, scheme, h)
-    with Writer(out, problem, scheme, h, recorder) as writer, Progress(total, progress) as bar:
+    with (
+        Writer(out, problem, scheme, h, recorder) as writer,
+        Progress(total, progress) as bar,
+        Sleepers(problem, h) as sleepers,
+    ):
         state = _start(problem, projector)
         recorder.step(state, True)
         look, swift = 0.0, True
         for i in range(1, total + 1):
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else rest
-            new = scheme.step(problem, t, state.q, state.v, length, projector)
-            # written so that a NaN is swift too
-            was_swift, swift = swift, not new.v.dot(new.v) < guard.limit
-            if swift or was_swift:
-                *cuts, new = guard.followed(t, state, new, length, projector)
+            if sleepers.any:
+                *cuts, state = sleepers.stepped(partial(guard.steps, t, state, length, projector), length)
                 for cut in cuts:
                     recorder.step(cut, False)
-            state = new
+            else:
+                new = scheme.step(problem, t, state.q, state.v, length, projector)
+                # written so that a NaN is swift too
+                was_swift, swift = swift, not new.v.dot(new.v) < guard.limit
+                if swift or was_swift:
+                    *cuts, new = guard.followed(t, state, new, length, projector)
+                    for cut in cuts:
+                        recorder.step(cut, False)
+                state = new
             recorder.step(state, i % every == 0 or i == total)
             if perf_counter() >= look:
                 look = min(writer.poll(), bar.poll(i))

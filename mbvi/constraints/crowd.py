@@ -69,6 +69,7 @@ class Crowd:
         self._listed: _Listed | None = None
         self._asked: tuple[bytes, _Listed] | None = None
         self._lists = -1
+        self._still: Array | None = None
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
@@ -97,9 +98,16 @@ class Crowd:
         if self._listed is None or self._lists != self._neighbours.lists:
             self._lists = self._neighbours.lists
             self._listed = self._list(*np.divmod(pairs, len(self._shapes)), turns, centres)
+            self._listed.leave_out(self._still)
         if not len(self._listed.names):
             return None
         return self._listed.active(t, q, tolerance, None)
+
+    def leave_out(self, still: Array | None) -> None:
+        """As `Pairs`."""
+        self._still = still
+        if self._listed is not None:
+            self._listed.leave_out(still)
 
     def _list(self, i: Array, j: Array, turns: Array, centres: Array) -> _Listed:
         """Return those pairs that may be near until shapes moved by the skin."""

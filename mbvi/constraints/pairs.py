@@ -163,6 +163,9 @@ class Pairs:
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
         self._pair: Array | None = None
+        # which pairs are left out, and those due that are not
+        self._resting: Array | None = None
+        self._awake: tuple[Array, Array] | None = None
         self._budget = np.full(len(self.names), -np.inf)
         self._reckon(first, second)
         self.forget()
@@ -218,10 +221,21 @@ class Pairs:
             self.forget()
         elif travel.size:
             self._spend(tolerance, travel)
-        due = self._due
+        due = self._due if self._resting is None else self._not_resting(self._resting)
         if not due.size:
             return None
         return self.rows(q, due, tolerance)
+
+    def leave_out(self, still: Array | None) -> None:
+        """Leave out the pairs of bodies that both stand still, shape (bodies,) of bool; None leaves out none."""
+        self._resting = None if still is None else still[self._first_body] & still[self._second_body]
+        self._awake = None
+
+    def _not_resting(self, resting: Array) -> Array:
+        # the same array again where nothing changed: what was gathered for it is found by that
+        if self._awake is None or self._awake[0] is not self._due:
+            self._awake = self._due, self._due[~resting[self._due]]
+        return self._awake[1]
 
     def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:
         """Return the rows of some pairs within the tolerance; where a pair has none, its budget is known anew."""

@@ -122,6 +122,8 @@ class Blocks:
             self.shapes.append(self.simplify(placed, b.tolerance))
         if not moving:
             return
+        if "rest" in self.reduce:
+            self.omitted.append(Omission("free bodies at rest", "they sleep until something touches them"))
         masses = np.array([b.mass for b in moving])
         inertias = np.array([b.inertia for b in moving])
         names = tuple(b.name for b in moving)

@@ -275,7 +275,8 @@ class Scene(Walls, Grains):
             Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
             whose limits leave them no range. "pairs": those that the limits of joints keep apart. "shapes": hulls
             that a simpler shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
-            "rest": contacts of shapes that stand still are not measured again.
+            "rest": free bodies at rest sleep until something touches them, and contacts of shapes that stand still
+            are not measured again.
 
         Raises
         ------

@@ -114,6 +114,8 @@ class FreeBodies:
     ----------
     sparse : bool
         Whether its rows are: where it has many bodies, or a system that it is part of has.
+    pull : float
+        Acceleration of free fall [m/s^2].
 
     Notes
     -----
@@ -136,6 +138,13 @@ class FreeBodies:
         blocks[:, 3:, 3:] = inertias
         self._metric: Metric = BodiesMetric(blocks)
         self._weight = masses[:, None] * gravity
+        # of those that are not held
+        self._acting = self._weight
+        self.pull = float(np.linalg.norm(gravity))
+
+    def hold(self, held: Array) -> None:
+        """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
+        self._acting = np.where(held[:, None], 0.0, self._weight)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         old, step = q.reshape(-1, 7), dv.reshape(-1, 6)
@@ -159,7 +168,7 @@ class FreeBodies:
         g = np.empty((len(self._masses), 6))
         spin = v.reshape(-1, 6)[:, 3:]
         momentum = np.einsum("kij,kj->ki", self._inertias, spin)
-        g[:, :3] = self._weight
+        g[:, :3] = self._acting
         g[:, 3] = momentum[:, 1] * spin[:, 2] - momentum[:, 2] * spin[:, 1]
         g[:, 4] = momentum[:, 2] * spin[:, 0] - momentum[:, 0] * spin[:, 2]
         g[:, 5] = momentum[:, 0] * spin[:, 1] - momentum[:, 1] * spin[:, 0]

@@ -87,8 +87,13 @@ class PlanarBodies(FreeBodies):
         self._metric = DiagonalMetric(diagonal)
         pull = np.zeros((len(masses), 3))
         pull[:, :2] = gravity[self._along]
-        self._pull = pull.ravel()
-        self._load = diagonal * self._pull
+        self._falling = pull
+        self._diagonal = diagonal
+        self.hold(np.zeros(len(masses), bool))
+
+    def hold(self, held: Array) -> None:
+        self._pull = np.where(held[:, None], 0.0, self._falling).ravel()
+        self._load = self._diagonal * self._pull
 
     def integrate(self, q: Array, dv: Array) -> Array:
         old, step = q.reshape(-1, 7), dv.reshape(-1, 3)
