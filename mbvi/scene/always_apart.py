@@ -98,7 +98,7 @@ def _candidates(
     """Yield the pairs whose distance depends on few joints, all of them bounded."""
     carried = [(s, chains[s.body]) for s in shapes if s.motion is None]
     held = [(s, chain) for s, chain in carried if chain is not None]
-    moving = []
+    moving: list[tuple[PlacedShape, list[tuple[int, _Joint | None]] | None]] = []
     for j, (b, chain) in enumerate(held):
         # nothing of the world meets the world, of which there may be much
         for a, other in held[:j] if b.body else moving:
