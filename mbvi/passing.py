@@ -38,8 +38,6 @@ class Guard:
     ----------
     limit : float
         v . v below which nothing can pass anything, and no velocity runs away.
-    cuts : int
-        How many steps were cut.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
@@ -50,7 +48,7 @@ class Guard:
             c for c in problem.constraints.constraints
             if hasattr(c, "passable") and (not hasattr(c, "thickness") or np.isfinite(c.thickness).any())
         ]  # fmt: skip
-        self.limit, self.cuts = _RUNAWAY, 0
+        self.limit = _RUNAWAY
         # how far each velocity takes any two bodies in a step, in units of the thinnest
         self._share = np.zeros(problem.system.nv)
         # the same of each pair
@@ -85,7 +83,6 @@ class Guard:
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _REST * h:
                 break
-            self.cuts += 1
             cut = self._scheme.step(self._problem, t + h - rest, state.q, state.v, part * rest, projector)
             self._check(cut, h)
             yield cut

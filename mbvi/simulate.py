@@ -141,29 +141,28 @@ def simulate(
     ):
         state = _start(problem, projector)
         recorder.step(state, True)
-        look, swift = 0.0, True
+        look, swift, cut_steps = 0.0, True, 0
         for i in range(1, total + 1):
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else rest
             if sleepers.any:
-                *cuts, state = sleepers.stepped(partial(guard.steps, t, state, length, projector), length)
-                for cut in cuts:
-                    recorder.step(cut, False)
+                *cuts, new = sleepers.stepped(partial(guard.steps, t, state, length, projector), length)
             else:
+                cuts = []
                 new = scheme.step(problem, t, state.q, state.v, length, projector)
                 # written so that a NaN is swift too
                 was_swift, swift = swift, not new.v.dot(new.v) < guard.limit
                 if swift or was_swift:
                     *cuts, new = guard.followed(t, state, new, length, projector)
-                    for cut in cuts:
-                        recorder.step(cut, False)
-                state = new
+            for cut in cuts:
+                recorder.step(cut, False)
+            state, cut_steps = new, cut_steps + len(cuts)
             recorder.step(state, i % every == 0 or i == total)
             if perf_counter() >= look:
                 look = min(writer.poll(), bar.poll(i))
         # the sum of the steps is off by rounding
         recorder.t[-1] = problem.t0 + duration
-    if guard.cuts:
-        recorder.notes.append(f"{guard.cuts} steps were cut where a body would have passed through another")
+    if cut_steps:
+        recorder.notes.append(f"{cut_steps} steps were cut where a body would have passed through another")
     return recorder.trajectory(scheme, h)
 
 

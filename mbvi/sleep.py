@@ -102,12 +102,16 @@ class Sleepers:
             self._set([island for island in self._islands if not touched[island.bodies].any()])
             found = advance()
         kept = self._kept
-        self._watch(found[-1])
+        # what is kept is that of a whole step
+        if len(found) == 1 and length == self._h:
+            self._watch(found[0])
         if kept is None:
             return found
-        rates = kept.rates.copy()
-        rates[:2] *= length / self._h
-        return [_with(step, kept.rows, rates) for step in found]
+        ends = [found[-1].t - length, *(step.t for step in found)]
+        return [
+            _with(step, kept, (end - begin) / self._h)
+            for step, begin, end in zip(found, ends[:-1], ends[1:], strict=True)
+        ]
 
     def _touched(self, found: list[Step]) -> Array:
         """Return which bodies sleep and are touched or moved, shape (n,)."""
@@ -115,15 +119,9 @@ class Sleepers:
         for step in found:
             touched |= step.v[v].reshape(-1, self._width).any(axis=1)
             if step.active.gap.size:
-                touched[self._nodes(step.active)[1]] = True
+                column = step.active.jacobian[:, v].nonzero()[1]
+                touched[column // self._width] = True
         return touched & self._asleep
-
-    def _nodes(self, rows: Rows) -> tuple[Array, Array]:
-        """Return rows and the free bodies in them, entry by entry."""
-        row, column = rows.jacobian.nonzero()
-        body = (column - self._first) // self._width
-        ours = (column >= self._first) & (body < self._count)
-        return row[ours], body[ours]
 
     def _watch(self, step: Step) -> None:
         """Put islands at rest to sleep."""
@@ -179,8 +177,11 @@ class Sleepers:
             constraint.leave_out(still)
 
 
-def _with(step: Step, rows: Rows, rates: Array) -> Step:
-    """Return a step with some more rows."""
+def _with(step: Step, kept: _Island, share: float) -> Step:
+    """Return a step, by its share of a whole one, with what carries the sleepers."""
+    rows, rates = kept.rows, kept.rates.copy()
+    # percussions, and what the forces alone would do
+    rates[:2] *= share
     if not step.active.gap.size:
         return step._replace(active=rows, rates=rates)
     return step._replace(active=stacked([step.active, rows]), rates=np.concatenate([step.rates, rates], axis=1))

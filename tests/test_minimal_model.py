@@ -1,5 +1,7 @@
 """What is left out of a model changes nothing: each reduction on and off, or against a model that spells it out."""
 
+import json
+
 import numpy as np
 import pytest
 from conftest import ROBOTS, real_robot
@@ -7,6 +9,7 @@ from conftest import ROBOTS, real_robot
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, SignedDistances
 from mbvi.constraints.shapes import PlacedShape, Sphere
+from mbvi.scene.description import describe, restore
 from mbvi.system import FreeBodies
 
 HOPPER = ROBOTS / "hopper" / "hopper.urdf"
@@ -313,3 +316,11 @@ def test_what_is_kept_at_rest_does_not_show_in_later_runs():
     fresh = mbvi.simulate(tower_and_ball(0.3).build(), mbvi.Paoli(), step=1e-3, duration=0.2)
     for later in (second, fresh):
         np.testing.assert_allclose(later.q, first.q, rtol=0, atol=1e-14)
+
+
+def test_files_without_reductions_come_back_whole(tmp_path):
+    problem = hopper(knee_without_range(HOPPER.read_text(), 0.25), tmp_path).build()
+    assert (problem.system.nv, restore(describe(problem)).system.nv) == (7, 7)
+    text = json.loads(describe(problem))
+    del text["reduce"]
+    assert restore(json.dumps(text)).system.nv == 8

@@ -98,8 +98,10 @@ def _candidates(
     """Yield the pairs whose distance depends on few joints, all of them bounded."""
     carried = [(s, chains[s.body]) for s in shapes if s.motion is None]
     held = [(s, chain) for s, chain in carried if chain is not None]
+    moving: list[tuple[PlacedShape, list[tuple[int, _Joint | None]] | None]] = []
     for j, (b, chain) in enumerate(held):
-        for a, other in held[:j]:
+        # nothing of the world meets the world, of which there may be much
+        for a, other in held[:j] if b.body else moving:
             if a.body == b.body or (a.name, b.name) in known:
                 continue
             assert chain is not None and other is not None
@@ -111,6 +113,8 @@ def _candidates(
         if joints and None not in joints and len(joints) <= _MOST_JOINTS:
             for named in walls.items():
                 yield named, _Side(b, joints)  # type: ignore[arg-type]
+        if b.body:
+            moving.append((b, chain))
 
 
 def _chains(systems: Sequence[System]) -> list[list[tuple[int, _Joint | None]] | None]:

@@ -16,7 +16,7 @@ from ..constraints.triangles import Surface
 from ..motion import Motion, Oscillation, Rotation, Translation
 from .assembly import assemble
 from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
-from .reductions import REDUCTIONS, Omission
+from .reductions import Omission
 from .urdf import Robot, build_model
 
 if TYPE_CHECKING:
@@ -75,7 +75,8 @@ def restore(text: str) -> Problem | None:
     shapes = [_shape_back(s) for s in data.get("shapes", ())]
     items.bodies += [_body_back(b, shapes) for b in data["bodies"]]
     items.spheres += [SphereItem(**_arrays(s)) for s in data["spheres"]]
-    return assemble(items, tuple(data.get("reduce", REDUCTIONS)))
+    # files of before there were reductions hold states of all
+    return assemble(items, tuple(data.get("reduce", ())))
 
 
 def lost(text: str) -> bool:
