@@ -8,7 +8,7 @@ import pinocchio as pin
 from scipy.sparse import csr_array
 from test_same_as_before import is_free, path_of
 
-from mbvi.constraints import HalfSpaceContacts, half_space, sphere_walls, triangles
+from mbvi.constraints import HalfSpaceContacts, sphere_walls, standing, triangles
 from mbvi.constraints.balls import Balls
 from mbvi.constraints.separating_axis import SeparatingAxes
 from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
@@ -270,7 +270,7 @@ def sift(rng):
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
 
 
-def standing(rng):
+def shapes_on_walls(rng):
     """Shapes of every kind on a robot above two walls, and the points of some pairs; now and then a rim is level."""
     system, q, _ = moving_robot(rng)
     shapes = placed_on(rng, range(1, len(system.bodies)))
@@ -286,13 +286,13 @@ def standing(rng):
 
 
 def lowest(rng):
-    kinematics, selection, _ = standing(rng)
+    kinematics, selection, _ = shapes_on_walls(rng)
     i = int(rng.integers(len(selection.pair)))
     return kinematics.poses, int(selection.owners[i, 0]), selection.numbers, i, np.full(4, np.nan)
 
 
 def stand(rng):
-    kinematics, selection, _ = standing(rng)
+    kinematics, selection, _ = shapes_on_walls(rng)
     k = len(selection.pair)
     return kinematics.poses, selection.owners, selection.numbers, np.full(k, np.nan), np.full((k, 3), np.nan)
 
@@ -307,9 +307,9 @@ def last_time(rng, gap, tolerance):
 
 
 def touch(rng):
-    kinematics, selection, n = standing(rng)
+    kinematics, selection, n = shapes_on_walls(rng)
     gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
-    half_space._stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    standing.stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
     tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
     index, near = last_time(rng, gap, tolerance)
     written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
@@ -561,8 +561,8 @@ ARGUMENTS = {
     "_use_up": use_up,
     "_spend": spend,
     "sift": sift,
-    "_lowest": lowest,
-    "_stand": stand,
+    "lowest": lowest,
+    "stand": stand,
     "_touch": touch,
     "_reached": reached,
     "_reach": reach,

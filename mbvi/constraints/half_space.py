@@ -15,14 +15,13 @@ import numpy as np
 
 from ..compiled import kernel
 from ..system import System, articulated
+from . import standing
 from .active import Rows
 from .in_line import one_of_each_line
 from .pairs import Array, Contacts, Pairs
 from .shapes import HalfSpace, PlacedShape
 
 _MOST_SELECTIONS = 1000
-# a rim tilted by less than this is level: any point of it will do
-_LEVEL = 1e-9
 
 
 class _Near(NamedTuple):
@@ -63,83 +62,6 @@ class _Selection:
     near: _Near
 
 
-def _lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
-    """Write contact point and gap, shape (4,), of one point of a body above a half-space.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    body : int
-        Which of them it is.
-    numbers, i
-        As of `_Selection`, and which of its rows.
-    """
-    P, number = places[body], numbers[i]
-    swell, up = number[3:12].reshape(3, 3), number[12:15]
-    toward = swell @ (P[:3] @ up)
-    length = np.linalg.norm(toward)
-    lowest = -toward / length if length > _LEVEL * np.abs(swell).max() else np.array([1.0, 0.0, 0.0])
-    world = (number[:3] + lowest @ swell) @ P[:3] + P[3]
-    out[:3], out[3] = world - number[15] * up, world @ up - number[16]
-
-
-@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])", plain=_lowest_plain)
-def _lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
-    P, n = places, numbers
-    x, y, z = n[i, 0], n[i, 1], n[i, 2]
-    if n[i, 3] != 0.0 or n[i, 4] != 0.0 or n[i, 5] != 0.0:
-        u = P[body, 0, 0] * n[i, 12] + P[body, 0, 1] * n[i, 13] + P[body, 0, 2] * n[i, 14]
-        v = P[body, 1, 0] * n[i, 12] + P[body, 1, 1] * n[i, 13] + P[body, 1, 2] * n[i, 14]
-        w = P[body, 2, 0] * n[i, 12] + P[body, 2, 1] * n[i, 13] + P[body, 2, 2] * n[i, 14]
-        a = n[i, 3] * u + n[i, 4] * v + n[i, 5] * w
-        b = n[i, 6] * u + n[i, 7] * v + n[i, 8] * w
-        c = n[i, 9] * u + n[i, 10] * v + n[i, 11] * w
-        length, largest = np.sqrt(a * a + b * b + c * c), 0.0
-        for k in range(3, 12):
-            largest = max(largest, abs(n[i, k]))
-        if length > _LEVEL * largest:
-            a, b, c = -a / length, -b / length, -c / length
-        else:
-            a, b, c = 1.0, 0.0, 0.0
-        x += n[i, 3] * a + n[i, 6] * b + n[i, 9] * c
-        y += n[i, 4] * a + n[i, 7] * b + n[i, 10] * c
-        z += n[i, 5] * a + n[i, 8] * b + n[i, 11] * c
-    out[3] = -n[i, 16]
-    for k in range(3):
-        where = x * P[body, 0, k] + y * P[body, 1, k] + z * P[body, 2, k] + P[body, 3, k]
-        out[3] += where * n[i, 12 + k]
-        out[k] = where - n[i, 15] * n[i, 12 + k]
-
-
-def _stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
-    """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    owners, numbers
-        As of `_Selection`.
-    """
-    local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
-    R, origin = places[owners[:, 0], :3], places[owners[:, 0], 3]
-    toward = np.matvec(swell, np.matvec(R, up))
-    length = np.sqrt(np.vecdot(toward, toward))[:, None]
-    tilted = length > _LEVEL * np.abs(swell).max(axis=(1, 2), initial=0.0)[:, None]
-    lowest = np.where(tilted, -toward / np.where(tilted, length, 1.0), np.array([1.0, 0.0, 0.0]))
-    world = np.vecmat(local + np.vecmat(lowest, swell), R) + origin
-    gap[:], point[:] = np.vecdot(world, up) - numbers[:, 16], world - numbers[:, 15:16] * up
-
-
-@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])", plain=_stand_plain)
-def _stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
-    out = np.empty(4)
-    for i in range(len(owners)):
-        _lowest(places, owners[i, 0], numbers, i, out)
-        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
-
-
 def _touch_plain(
     poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
     budget: Array, index: Array, gap: Array, point: Array, rows: Array,
@@ -169,7 +91,7 @@ def _touch_plain(
         Whether they are those of the last time; only then are gap, point and rows written in full.
     """
     gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
-    _stand_plain(poses, owners, numbers, gaps, points)
+    standing.stand_plain(poses, owners, numbers, gaps, points)
     found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
     budget[pair] = np.inf
     np.minimum.at(budget, pair, gaps)
@@ -198,7 +120,7 @@ def _touch(
         budget[owners[i, 1]] = np.inf
     for i in range(len(owners)):
         body, pair = owners[i, 0], owners[i, 1]
-        _lowest(poses, body, numbers, i, out)
+        standing.lowest(poses, body, numbers, i, out)
         budget[pair] = min(budget[pair], out[3])
         if out[3] <= tolerance:
             same = same and count < room and index[1 + count] == i
@@ -333,7 +255,7 @@ class HalfSpaceContacts(Pairs):
             places = self.system.kinematics(q).poses  # type: ignore[attr-defined]
         else:
             places = self.system.placements(q, selection.bodies)
-        _stand(places, selection.owners, selection.numbers, gap, point)
+        standing.stand(places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
     def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:
