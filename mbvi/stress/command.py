@@ -31,7 +31,7 @@ def stress(
     ] = None,
     step: Annotated[list[float] | None, typer.Option(help="Time step [s]; repeatable.")] = None,
     tolerance: Annotated[list[float] | None, typer.Option(help="Tolerance of EventDriven; repeatable.")] = None,
-    budget: Annotated[float, typer.Option(help="Time that one run may take [s].")] = 10.0,
+    budget: Annotated[float, typer.Option(help="CPU time that one run may take [s].")] = 10.0,
     long: Annotated[
         bool, typer.Option("--long", help="With the scenes that take minutes, at steps from 1e-6 to 0.5 s.")
     ] = False,

@@ -78,7 +78,7 @@ def sweep(
     tolerances : sequence of float
         Tolerances of `EventDriven`.
     budget : float
-        Time that one run may take [s].
+        CPU time that one run may take [s].
     """
     # kernels are compiled before any run is timed
     Projector()
@@ -112,7 +112,7 @@ def judged(scene: StressScene, name: str, step: float, budget: float, run: Calla
             value = scene.measure(found)
         verdict, said = scene.verdict(value), "; ".join(found.notes)
     except _TooSlow:
-        verdict, said = "too slow", f"more than {budget:g} s"
+        verdict, said = "too slow", f"more than {budget:g} s of CPU time"
     except UnsuitableError as error:
         verdict, said = "refused", str(error)
     except MbviError as error:
@@ -125,18 +125,18 @@ class _TooSlow(Exception):
 
 
 class _limited:
-    """Raises `_TooSlow` in the main thread after so many seconds."""
+    """Raises `_TooSlow` in the main thread after so many seconds of CPU time, however busy the machine is."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
 
     def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGALRM, self._ring)
-        signal.setitimer(signal.ITIMER_REAL, self._seconds)
+        self._before = signal.signal(signal.SIGPROF, self._ring)
+        signal.setitimer(signal.ITIMER_PROF, self._seconds)
 
     def __exit__(self, *error: object) -> None:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, self._before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, self._before)
 
     @staticmethod
     def _ring(number: int, frame: FrameType | None) -> None:
