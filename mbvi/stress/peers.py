@@ -33,7 +33,7 @@ def sweep_peer(peer: Peer, scenes: Sequence[StressScene], steps: Sequence[float]
     steps : sequence of float
         [s].
     budget : float
-        Time that one run may take [s].
+        CPU time that one run may take [s].
 
     Raises
     ------
