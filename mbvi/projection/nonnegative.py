@@ -14,6 +14,9 @@ from .metric import Array
 ROUNDING = 1e-13
 # a pivot of the scaled G under the first belongs to a dependent row, over the second to an independent one
 _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
+# slack under which a row touches, and how often what pulls is cut off
+_TIGHT, _MOST_SHARES = 1e-9, 100
+_REFINEMENTS = 2
 
 
 def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
@@ -224,3 +227,32 @@ def exchange(G: Array, d: Array, chosen: Array) -> bool:
         chosen[entering] = True
         size += 1
     return False
+
+
+def shared(G: Array, d: Array) -> Array | None:
+    """Return a solution u in which all rows that are tight press, as far as none of them pulls; None if none was found.
+
+    Where the least u on the tight rows pulls somewhere, the nearest to what of it presses is taken, again and again.
+
+    Parameters
+    ----------
+    G : ndarray, shape (m, m)
+        Scaled Delassus matrix.
+    d : ndarray, shape (m,)
+        Missing rates, the largest of them 1.
+    """
+    chosen, u, base = np.empty(len(d), bool), np.empty(len(d)), np.zeros(len(d))
+    if not (exchange(G, d, chosen) and settle(G, d, chosen, base, u)):
+        return None
+    chosen = G @ u - d <= _TIGHT
+    for _ in range(_MOST_SHARES):
+        if not settle(G, d, chosen, base, u):
+            return None
+        if u.min() >= -ROUNDING:
+            correction = np.empty(len(d))
+            for _ in range(_REFINEMENTS):
+                if settle(G, d - G @ u, chosen, np.zeros(len(d)), correction):
+                    u += correction
+            return np.maximum(u, 0.0)
+        base = np.maximum(u, 0.0)
+    return None

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array, issparse
 
 from ..compiled import load, plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
-from . import few_rows
+from . import few_rows, nonnegative
 from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
 from .large import Large, contradictory
 from .metric import Array, Metric, as_metric
@@ -27,6 +27,8 @@ from .tree import TreePush
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
 _FEW, _POSITIVE = 32, 1e-7
+# rows up to which those that press are exchanged one by one before ProxQP is asked
+_EXCHANGED = 64
 
 
 class Projection(NamedTuple):
@@ -220,6 +222,10 @@ class Projector:
         G = A.T @ A
         if len(d) <= _FEW:
             yield solve_on(A, G, d, d > 0.0) if last is None else solve_on(A, G, d, last > 0.0, last)
+        if len(d) <= _EXCHANGED:
+            shared = nonnegative.shared(np.ascontiguousarray(G), np.ascontiguousarray(d))
+            yield None if shared is None else Candidate(A @ shared, shared)
+        # what it stops at depends on where its memory begins
         p = np.maximum(self._solver.solve(G, d), 0.0)
         yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
         yield Candidate(A @ p, p)
