@@ -203,6 +203,9 @@ def test_scenes_are_listed_and_unknown_ones_refused():
     assert isinstance(result.exception, mbvi.InputError)
 
 
+_COUNTED = ("held", "degraded", "failed", "too slow")
+
+
 def test_the_page_says_what_the_file_holds():
     """docs/stability.md: the table's numbers are those of docs/stress.json, and every scene's cause is told."""
     docs = Path(__file__).parents[1] / "docs"
@@ -217,3 +220,7 @@ def test_the_page_says_what_the_file_holds():
             found = [c for c in told["cells"] if (c["scene"], c["scheme"]) == (name, scheme)]
             own = next(c for c in found if c["step"] == pytest.approx(step))
             assert (f"{own['value']:.0e}" if own["value"] is not None else own["verdict"]) in table[name]
+    for scheme in {cell["scheme"] for cell in told["cells"]} & set(table):
+        counts = [sum(c["verdict"] == v for c in told["cells"] if c["scheme"] == scheme) for v in _COUNTED]
+        assert [int(n) for n in table[scheme].strip("| ").split(" | ")[1:]] == counts
+    assert "default" in table
