@@ -220,7 +220,7 @@ def test_the_page_says_what_the_file_holds():
             found = [c for c in told["cells"] if (c["scene"], c["scheme"]) == (name, scheme)]
             own = next(c for c in found if c["step"] == pytest.approx(step))
             assert (f"{own['value']:.0e}" if own["value"] is not None else own["verdict"]) in table[name]
-    for scheme in {cell["scheme"] for cell in told["cells"]} & set(table):
+    for scheme in {c["scheme"] for c in told["cells"]} & set(table):
         counts = [sum(c["verdict"] == v for c in told["cells"] if c["scheme"] == scheme) for v in _COUNTED]
         assert [int(n) for n in table[scheme].strip("| ").split(" | ")[1:]] == counts
     assert "default" in table
