@@ -41,7 +41,6 @@ def stress(
 ) -> None:
     """Run the scenes where methods fail, over schemes and steps."""
     # imported here for its weight: scenes compute their exact solutions
-    from .picture import draw
     from .sweep import SCHEMES, sweep
 
     chosen = _chosen(scenes or [], long or listed)
@@ -62,8 +61,7 @@ def stress(
     if peers:
         cells += _peers(chosen, steps, budget)
     (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
-    pictures = [out / "stress.png", out / "stress.svg"]
-    draw(cells, pictures)
+    pictures = _pictures(cells, out)
     _print(cells)
     print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
 
@@ -96,6 +94,24 @@ def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float)
             except ImportError as error:
                 bar.write(f"{peer.name} cannot be loaded: {error}")
     return cells
+
+
+def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
+    """Draw our own schemes, and other engines beside what runs where no scheme is named; return the files."""
+    from .picture import draw
+    from .sweep import SCHEMES
+
+    own = [cell for cell in cells if cell.scheme in (*SCHEMES, "EventDriven")]
+    others = [cell for cell in cells if cell not in own]
+    drawn = {"stress": own}
+    if others:
+        drawn["stress_engines"] = [cell for cell in own if cell.scheme in ("default", "EventDriven")] + others
+    found = []
+    for name, some in drawn.items():
+        files = [out / f"{name}.png", out / f"{name}.svg"]
+        draw(some, files)
+        found += files
+    return found
 
 
 def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
