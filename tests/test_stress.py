@@ -180,7 +180,9 @@ def test_the_command_adds_the_engines_that_are_installed(tmp_path, monkeypatch):
     assert found["arm at full stretch"]["verdict"] == "not run" and "linkage" in found["arm at full stretch"]["said"]
     assert found["rocking block"]["verdict"] == "degraded" and "solref" in found["rocking block"]["setting"]
     assert found["rocking block"]["step"] == 0.0103
-    assert "MuJoCo" in (tmp_path / "stress.svg").read_text()
+    drawn = {name: (tmp_path / f"{name}.svg").read_text() for name in ("stress", "stress_engines")}
+    assert "MuJoCo" in drawn["stress_engines"] and "default" in drawn["stress_engines"]
+    assert "MuJoCo" not in drawn["stress"] and "Paoli" in drawn["stress"]
 
 
 def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):
