@@ -15,8 +15,10 @@ from siconos import kernel, numerics
 Array = np.ndarray
 
 THETA, TOLERANCE, ITERATIONS = 0.5, 1e-12, 20
-# pairs are looked at that could meet within so many steps
-_AHEAD = 4.0
+# rounding must not part what touches [m]
+TOUCHING = 1e-9
+# pairs are linked that could meet within so many steps
+_AHEAD = 1.0
 
 
 class Point(kernel.NewtonEuler1DR):
@@ -139,8 +141,9 @@ class World:
                 self._solids.append(solid)
         self._radii = np.array([body["radius"] for body in told["bodies"]])
         self._pairs = np.triu_indices(len(self._bodies), 1)
-        integrator, self._problem = kernel.MoreauJeanOSI(THETA), kernel.LCP(numerics.SICONOS_LCP_LEMKE)
+        integrator, self._problem = kernel.MoreauJeanOSI(THETA), kernel.LCP(numerics.SICONOS_LCP_PIVOT)
         self._problem.numericsSolverOptions().dparam[numerics.SICONOS_DPARAM_TOL] = TOLERANCE
+        integrator.setConstraintActivationThreshold(TOUCHING)
         self._sim = kernel.TimeStepping(self._model, kernel.TimeDiscretisation(0.0, self._h))
         self._sim.insertIntegrator(integrator)
         self._sim.insertNonSmoothProblem(self._problem)
