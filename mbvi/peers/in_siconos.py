@@ -33,8 +33,8 @@ FAILURES: tuple[type[Exception], ...] = (RuntimeError,)
 _SERVER = Path(__file__).with_name("siconos_server.py")
 _SETTINGS = (
     "TimeStepping, MoreauJeanOSI(theta = 0.5), NewtonImpactNSL(e), LCP by Lemke's pivots (SICONOS_LCP_PIVOT) to 1e-12, "
-    "contacts from gaps of 1e-9 m on; bodies that turn by Newton's iteration to 1e-12 (at most 20), gaps between others "
-    "linear in a step"
+    "contacts from gaps of 1e-9 m on; bodies that turn by Newton's iteration to 1e-12 (at most 20), gaps between "
+    "others linear in a step"
 )
 
 
