@@ -13,6 +13,8 @@ import mbvi
 from mbvi import reference
 from mbvi.cli import main
 from mbvi.peers import PEERS
+from mbvi.peers.bodies import NoModelError, rotated
+from mbvi.peers.free_body import alone, placed, points, posed
 from mbvi.peers.measure import ModelError, check_free_motion, sweep_peer
 from mbvi.peers.rig import RIGS, rig
 from mbvi.work_precision import Case, errors, fitted_order, read_csv, sampled_errors, sweep, write_csv
@@ -222,6 +224,73 @@ def test_mujoco_on_the_ball(e, told):
     errors = [r.q for r in found]
     assert errors[0] > errors[1] > errors[2] and errors[2] < 0.05, errors
     assert 0.7 < fitted_order([r.step for r in found], errors) < 1.4
+
+
+def test_a_rig_without_joints_is_one_body(rng):
+    """For engines that know no URDF: as heavy, of the same shape, and in the same coordinates."""
+    for name, mass in (("bouncing ball", 1.0), ("tumbling body", 2.0)):
+        case, rig_of = told(name)
+        model = alone(rig_of, case.restitution)
+        (body,) = model.bodies
+        assert body.mass == mass and model.e == case.restitution and model.planes == rig_of.planes
+        for t in rng.uniform(0, case.duration, 3):
+            q, v = case.solution.at(t)
+            again, rate = model.coordinates(model.state(q, v))
+            np.testing.assert_allclose(case.problem.system.difference(q, again), 0, atol=1e-12)
+            np.testing.assert_allclose(rate, v, atol=1e-11)
+            poses = posed(rig_of.state(q, v))
+            assert all((a == b).all() for a, b in zip(poses, posed(placed(poses)), strict=True))
+            spin = rotated(poses.quaternion, poses.angular, -1.0)[0]
+            energy = 0.5 * (mass * (poses.linear**2).sum() + body.inertia @ spin**2)
+            assert energy == pytest.approx(case.problem.system.kinetic_energy(q, v), rel=1e-12)
+        places, radius = points(body)
+        # what touches a plane is as far off it as our constraints say
+        q = case.problem.q0
+        gap = posed(rig_of.state(q, case.problem.v0)).position[0, 2] + places[:, 2].min() - radius
+        assert gap == pytest.approx(case.problem.constraints.active(0.0, q, 10.0).gap.min())
+    for name in ("double pendulum", "quadruped landing"):
+        with pytest.raises(NoModelError, match="joints"):
+            alone(told(name)[1], 0.5)
+
+
+SICONOS = next(peer for peer in PEERS if peer.name == "Siconos")
+needs_siconos = pytest.mark.skipif(not SICONOS.installed, reason=SICONOS.install)
+
+
+def test_an_engine_is_looked_for_in_the_python_that_it_is_for():
+    assert not SICONOS._replace(python="/no/such/python").installed
+    assert not SICONOS._replace(imported="no_such_package").installed
+    assert not PEERS[0]._replace(imported="no_such_package").installed
+
+
+@needs_siconos
+def test_siconos_moves_as_we_do_in_free_flight():
+    engine = import_module("mbvi.peers.in_siconos")
+    coarse, fine = check_free_motion(*told("bouncing ball"), engine)
+    assert max(coarse, fine) < 1e-12
+    coarse, fine = check_free_motion(*told("tumbling body"), engine)
+    # the trapezoidal rule
+    assert fine < 0.1 * coarse < 1e-7
+
+
+@needs_siconos
+@pytest.mark.parametrize("name", ["bouncing ball", "tumbling body"])
+def test_siconos_is_as_near_as_our_scheme_of_the_same_name(name):
+    """Moreau and Jean's, in other hands: of order one, with errors of the same size."""
+    steps = (3.1e-3, 1.1e-3, 4.3e-4)
+    theirs = sweep_peer("in_siconos", CASES[name], 0.5, steps)
+    ours = sweep(CASES[name](0.5), mbvi.MoreauJean(0.5), steps)
+    assert all(r.scheme.startswith("Siconos") and "theta = 0.5" in r.setting and r.cpu > 0 for r in theirs)
+    assert 0.7 < fitted_order(steps, [r.q for r in theirs]) < 1.4
+    assert all(0.4 < a.q / b.q < 2.5 for a, b in zip(theirs, ours, strict=True))
+
+
+@needs_siconos
+def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(run, monkeypatch):
+    monkeypatch.setattr("mbvi.peers.PEERS", (SICONOS,))
+    code, out, _ = run("double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
+    assert code == 0 and "Siconos is not run on double pendulum: a mechanism with joints" in out
+    assert {r.scheme for r in read_csv("chart.csv")} == {"EventDriven"}
 
 
 @pytest.mark.parametrize("name", ["charts", "charts_elastic"])

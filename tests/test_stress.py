@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from itertools import pairwise, product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from typer.testing import CliRunner
 
 import mbvi
 from mbvi.cli import app
+from mbvi.constraints.shapes import Sphere
 from mbvi.peers import PEERS
-from mbvi.peers.bodies import NoModelError
+from mbvi.peers.bodies import Bodies, Body, NoModelError, Poses
+from mbvi.peers.free_body import refuse
 from mbvi.stress.models import model_of
 from mbvi.stress.peers import peer_cell, sweep_peer
 from mbvi.stress.scene import StressScene
@@ -147,6 +150,77 @@ def test_mujoco_is_judged_as_we_are_with_its_setting_said():
     assert lost.verdict == "failed" and "runs away" in lost.said
     none = peer_cell("in_mujoco", "50 s in a disc", 1.03e-3, 60.0)
     assert (none.verdict, none.setting) == ("not run", "") and "circle" in none.said
+
+
+def test_what_an_engine_cannot_be_given_is_not_run_and_its_other_process_counts(monkeypatch):
+    def refused(model, h):
+        raise NoModelError("no words for it")
+
+    class Slow:
+        settings, continuous, spent = "slowly", False, 7.0
+
+        def __init__(self, model, h):
+            pass
+
+        def limit(self, seconds):
+            self.allowed = seconds
+
+        def start(self, state):
+            assert self.allowed == 5.0
+            raise TimeoutError
+
+    engine = SimpleNamespace(NAME="Engine 1", FAILURES=(RuntimeError,), Free=refused)
+    monkeypatch.setattr("mbvi.stress.peers._engine", lambda module: engine)
+    found = peer_cell("none", "rocking block", 1e-3, 5.0)
+    assert (found.verdict, found.said, found.value, found.setting) == ("not run", "no words for it", np.inf, "")
+    engine.Free = Slow
+    found = peer_cell("none", "rocking block", 1e-3, 5.0)
+    assert (found.verdict, found.setting) == ("too slow", "slowly") and 7.0 <= found.cpu < 8.0
+
+
+SICONOS = next(peer for peer in PEERS if peer.name == "Siconos")
+needs_siconos = pytest.mark.skipif(not SICONOS.installed, reason=SICONOS.install)
+
+
+def test_of_turning_bodies_only_points_over_planes_are_passed_on_to_siconos():
+    for name in NAMES.keys() - LEFT_OUT:
+        _, model = modelled(name, 1e-3)
+        if "ratio" in name:
+            with pytest.raises(NoModelError, match="turn"):
+                refuse(model)
+        else:
+            refuse(model)
+
+
+@needs_siconos
+def test_siconos_is_judged_as_we_are():
+    def found(name, budget=60.0):
+        return peer_cell("in_siconos", name, 1.03e-3, budget)
+
+    block = found("rocking block")
+    assert block.verdict == "held" and block.scheme.startswith("Siconos") and "Lemke" in block.setting
+    assert found("mass ratio 1e8").verdict == "not run"
+    assert found("cradle, gaps of 1e-3").value < 1e-2
+    # what touches is taken for touching, whatever its rounding
+    assert found("cradle, touching").value < 1e-3
+    slow = found("table on 100 legs", 0.5)
+    assert slow.verdict == "too slow" and slow.cpu > 0.4
+
+
+@needs_siconos
+def test_siconos_keeps_the_energy_of_balls_that_meet_aslant():
+    engine, none = import_module("mbvi.peers.in_siconos"), np.zeros((2, 3))
+    ball = Body(Sphere(0.1), 1.0, np.full(3, 0.004))
+    model = Bodies((ball, ball), (), none[0], 1.0, None, None, 1.0)
+    peer = engine.Free(model, 1e-3)
+    turn = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    peer.start(Poses(np.array([[0, 0.05, 0], [0.5, 0, 0]]), turn, np.array([[1.0, 0, 0], [0, 0, 0]]), none))
+    peer.timed(1000)
+    speeds = peer.read().linear
+    assert (speeds**2).sum() == pytest.approx(1.0, rel=1e-12)
+    # the line of centres at a distance of 0.2 m
+    normal = np.array([np.sqrt(0.2**2 - 0.05**2), -0.05, 0]) / 0.2
+    np.testing.assert_allclose(speeds[1], normal[0] * normal, atol=2e-3)
 
 
 def test_an_engine_whose_process_dies_fails_once(monkeypatch):

@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import subprocess
+from functools import lru_cache
 from importlib.util import find_spec
+from pathlib import Path
 from typing import NamedTuple
+
+# what Debian builds is for its own Python and NumPy
+SYSTEM = "/usr/bin/python3"
 
 
 class Peer(NamedTuple):
-    """Another engine: its name, our module for it, the package that brings it."""
+    """Another engine: its name, our module for it, the package that brings it, which Python where not this one."""
 
     name: str
     module: str
     imported: str
     install: str
+    python: str = ""
 
     @property
     def installed(self) -> bool:
         """Whether it can be imported here."""
-        return find_spec(self.imported) is not None
+        return _found(self.python, self.imported) if self.python else find_spec(self.imported) is not None
+
+
+@lru_cache
+def _found(python: str, name: str) -> bool:
+    if not Path(python).exists():
+        return False
+    asked = f"import importlib.util as u, sys; sys.exit(u.find_spec({name!r}) is None)"
+    return subprocess.run([python, "-I", "-c", asked], capture_output=True, check=False).returncode == 0
 
 
 PEERS = (
@@ -25,4 +40,5 @@ PEERS = (
     Peer("Drake", "in_drake", "pydrake", "pip install drake"),
     Peer("DART", "in_dart", "dartpy", "pip install dartpy"),
     Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet"),
+    Peer("Siconos", "in_siconos", "siconos", f"apt install python3-siconos, for {SYSTEM}, which runs it", SYSTEM),
 )

@@ -129,6 +129,10 @@ def _judged(case: Case, run: Trajectory, continuous: bool) -> tuple[float, ...]:
 
 
 def _time(peer: Engine, count: int) -> float:
+    timed = getattr(peer, "timed", None)
+    if timed is not None:
+        # in a process of its own
+        return float(timed(count))
     many = getattr(peer, "many", None)
     begin = process_time()
     if many is not None:
@@ -180,9 +184,10 @@ def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start
         raise ModelError(f"{name} runs away at h = {h:g} s")
     t = start + h * np.arange(count + 1)
     depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
-    # new velocities move the configuration through the whole step: semi-implicit
+    # new velocities move the configuration through the whole step, semi-implicit, where it does not say otherwise
     return Trajectory(
-        t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth, _jump=0.0
+        t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth,
+        _jump=getattr(peer, "jump", 0.0),
     )  # fmt: skip
 
 

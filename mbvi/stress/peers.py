@@ -57,17 +57,19 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
     """Run one scene in an engine at one step, as `cell` does in ours; the engine's setting stands in the cell."""
     load()
     engine, asked = _engine(module), next(s for s in SCENES if s.name == scene)
-    problem, setting = asked.make(h), ""
+    problem, setting, peer = asked.make(h), "", None
     try:
         model = model_of(asked, problem)
     except NoModelError as error:
         return Cell(scene, engine.NAME, h, float("inf"), "not run", 0.0, str(error))
 
     def run() -> Trajectory:
-        nonlocal setting
+        nonlocal setting, peer
         try:
             peer = engine.Free(model, h)
             setting = peer.settings
+            if hasattr(peer, "limit"):
+                peer.limit(budget)
             peer.start(model.state(problem.q0, problem.v0))
             run = recorded(problem, scene, model, peer, h, problem.t0, int(asked.duration / h * (1.0 + 1e-12)))
         except engine.FAILURES as error:
@@ -77,7 +79,9 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
             run = replace(run, _energies=energies(problem, run.t, run.q, run.v, 0.0))
         return run
 
-    return replace(judged(asked, engine.NAME, h, budget, run), setting=setting)
+    found = judged(asked, engine.NAME, h, budget, run)
+    # what it took in a process of its own
+    return replace(found, setting=setting, cpu=found.cpu + getattr(peer, "spent", 0.0))
 
 
 def _engine(module: str) -> Any:

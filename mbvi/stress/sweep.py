@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 from ..errors import MbviError, UnsuitableError
+from ..peers.bodies import NoModelError
 from ..projection import Projector
 from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from ..simulate import simulate
@@ -111,8 +112,10 @@ def judged(scene: StressScene, name: str, step: float, budget: float, run: Calla
             found = run()
             value = scene.measure(found)
         verdict, said = scene.verdict(value), "; ".join(found.notes)
-    except _TooSlow:
+    except TimeoutError:
         verdict, said = "too slow", f"more than {budget:g} s of CPU time"
+    except NoModelError as error:
+        verdict, said = "not run", str(error)
     except UnsuitableError as error:
         verdict, said = "refused", str(error)
     except MbviError as error:
@@ -120,7 +123,7 @@ def judged(scene: StressScene, name: str, step: float, budget: float, run: Calla
     return Cell(scene.name, name, step, value, verdict, time.process_time() - start, said)
 
 
-class _TooSlow(Exception):
+class _TooSlow(TimeoutError):
     pass
 
 

@@ -99,6 +99,7 @@ def _peers(chosen: list[str], e: float) -> list[Record]:
     from tqdm import tqdm
 
     from ..peers import PEERS
+    from ..peers.bodies import NoModelError
     from ..peers.measure import ModelError, sweep_peer
     from ..peers.rig import RIGS
     from .cases import CASES
@@ -119,6 +120,8 @@ def _peers(chosen: list[str], e: float) -> list[Record]:
                     records += call(sweep_peer, peer.module, CASES[name], e)
                 except ModelError as error:
                     bar.write(str(error))
+                except NoModelError as error:
+                    bar.write(f"{peer.name} is not run on {name}: {error}")
                 except (ImportError, RuntimeError, ValueError) as error:
                     # another engine's trouble costs its own points only
                     bar.write(f"{peer.name} failed on {name}: {error}")

@@ -31,6 +31,7 @@ _STYLES = {
     "PyBullet": ("C6", "X"),
     "Drake": ("C8", "d"),
     "DART": ("C9", "p"),
+    "Siconos": ("0.6", "h"),
 }
 
 
