@@ -25,4 +25,5 @@ PEERS = (
     Peer("Drake", "in_drake", "pydrake", "pip install drake"),
     Peer("DART", "in_dart", "dartpy", "pip install dartpy"),
     Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet"),
+    Peer("jiminy", "in_jiminy", "jiminy_py", "pip install jiminy-py"),
 )
