@@ -4,6 +4,7 @@ import dataclasses
 import math
 import re
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -291,6 +292,18 @@ def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(run, monkeypatch):
     code, out, _ = run("double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
     assert code == 0 and "Siconos is not run on double pendulum: a mechanism with joints" in out
     assert {r.scheme for r in read_csv("chart.csv")} == {"EventDriven"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("jiminy_py") is None, reason="jiminy is not installed")
+@pytest.mark.parametrize("e", [0.2, 0.5, 1.0])
+def test_jiminys_contacts_throw_back_at_e(e):
+    """In two processes of its own; its steps are none of ours, and it comes nearer with stiffness at order one."""
+    with worker() as call:
+        found = call(sweep_peer, "in_jiminy", CASES["double pendulum"], e, (8e-3, 4e-3, 2e-3))
+    assert all(r.scheme.startswith("jiminy") and "throws back at e" in r.setting and r.cpu > 0 for r in found)
+    errors = [r.q for r in found]
+    assert errors[2] < 1e-3 and 0.7 < fitted_order([r.step for r in found], errors) < 1.4, errors
 
 
 @pytest.mark.parametrize("name", ["charts", "charts_elastic"])

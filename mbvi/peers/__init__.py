@@ -40,5 +40,6 @@ PEERS = (
     Peer("Drake", "in_drake", "pydrake", "pip install drake"),
     Peer("DART", "in_dart", "dartpy", "pip install dartpy"),
     Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet"),
+    Peer("jiminy", "in_jiminy", "jiminy_py", "pip install jiminy-py"),
     Peer("Siconos", "in_siconos", "siconos", f"apt install python3-siconos, for {SYSTEM}, which runs it", SYSTEM),
 )

@@ -107,7 +107,11 @@ def _point(case: Case, model: Rig, engine: ModuleType, h: float, repeats: int) -
         times.append(_time(peer, count))
         peer.start(state)
         run = recorded(case.problem, case.name, model, peer, h, problem.t0, count)
-        found.append(_judged(case, run, peer.continuous))
+        if hasattr(peer, "until"):
+            peer.start(state)
+            found.append(_judged_between(case, model, peer, run))
+        else:
+            found.append(_judged(case, run, peer.continuous))
     return record(case, engine.NAME, peer.settings, h, NOT, times, found)
 
 
@@ -128,19 +132,38 @@ def _judged(case: Case, run: Trajectory, continuous: bool) -> tuple[float, ...]:
     return *sampled_errors(at, np.zeros(0), case.solution, len(run.t)), NOT, errors[-1]
 
 
+def _judged_between(case: Case, model: Rig, peer: Any, run: Trajectory) -> tuple[float, ...]:
+    """Return the errors of an engine that goes to any time, so that they do not depend on where it is read."""
+    assert case.solution is not None
+    solution, start = case.solution, float(run.t[0])
+
+    def at(t: float) -> tuple[Array, Array]:
+        # it starts on the solution
+        if t <= start:
+            return solution.at(t)
+        peer.until(t - start)
+        found: tuple[Array, Array] = model.coordinates(peer.read())
+        return found
+
+    # they are asked for in their order
+    return *sampled_errors(at, np.zeros(0), solution), NOT, float(run.penetration().max(initial=0.0))
+
+
 def _time(peer: Engine, count: int) -> float:
     timed = getattr(peer, "timed", None)
     if timed is not None:
         # in a process of its own
         return float(timed(count))
     many = getattr(peer, "many", None)
-    begin = process_time()
+    # some run in a process of their own
+    clock = getattr(peer, "clock", process_time)
+    begin = clock()
     if many is not None:
         many(count)
     else:
         for _ in range(count):
             peer.advance()
-    return process_time() - begin
+    return float(clock() - begin)
 
 
 def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start: float, count: int) -> Trajectory:

@@ -59,6 +59,8 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
     engine, asked = _engine(module), next(s for s in SCENES if s.name == scene)
     problem, setting, peer = asked.make(h), "", None
     try:
+        if not hasattr(engine, "Free"):
+            raise NoModelError(engine.NO_BODIES)
         model = model_of(asked, problem)
     except NoModelError as error:
         return Cell(scene, engine.NAME, h, float("inf"), "not run", 0.0, str(error))
