@@ -171,8 +171,8 @@ def test_boxes_that_tumble_onto_each_other_stay_out_of_each_other():
     for step in mbvi.steps(problem, mbvi.StewartTrinkle(), step=H):
         gap = problem.constraints.near(step.t, step.q, 0.0).gap
         depth = max(0.0, -float(gap.min(initial=0.0)))
-        # and the record says how deep they are
-        assert max(0.0, -float(step.active.gap.min(initial=0.0))) == pytest.approx(depth, abs=2.0 * problem.tolerance)
+        # and the record says how deep they are, to what the projection's residual leaves
+        assert max(0.0, -float(step.active.gap.min(initial=0.0))) == pytest.approx(depth, abs=1e-3 * allowed)
         found.append(depth)
         if step.t > 0.5:
             break

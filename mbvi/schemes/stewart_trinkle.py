@@ -90,13 +90,19 @@ def _way(
     problem: Problem, rows: Rows, h: float, projector: Projector, push: Push | TreePush
 ) -> tuple[Projection, bool]:
     """Return the velocity that leads to the end of a step, and whether it pushes out what has sunk in."""
-    if (rows.gap < -problem.tolerance).any():
+    if rows.gap.size and rows.gap.min() < -_unsolved(rows, h, projector, push) - problem.tolerance:
         try:
             return _kept_apart(rows, h, projector, push, np.inf), True
         except ProjectionError:
             # what is jammed stays as deep as it is: that is in the record
             pass
     return _kept_apart(rows, h, projector, push, 0.0), False
+
+
+def _unsolved(rows: Rows, h: float, projector: Projector, push: Push | TreePush) -> float:
+    """Return how deep the residual of the projections lets things sink [m]: to push that out would solve all twice."""
+    largest = float(np.abs(rows.speeds(push.free)).max()) + float(np.abs(rows.gap).max()) / h
+    return 2.0 * h * projector.residual * largest
 
 
 def _deepened(gap: Array, rows: Rows, there: Rows) -> Array:
