@@ -75,7 +75,7 @@ def mujoco_cg(count: int, duration: float) -> dict[str, float]:
         planes += [((0, 0, 0), tuple(np.eye(3)[axis])), (tuple(width * np.eye(3)[axis]), tuple(-np.eye(3)[axis]))]
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.solver = STEP, mujoco.mjtSolver.mjSOL_CG
-    spec.memory = 2 << 30
+    spec.memory = 8 << 30
     for place, normal in planes:
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_PLANE, pos=place, size=[0, 0, 1], condim=1,
