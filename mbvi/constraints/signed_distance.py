@@ -45,6 +45,10 @@ class _Kept(NamedTuple):
     point: list[Array]
     normal: Array
 
+    def holds(self, where: bytes, tolerance: float) -> bool:
+        """Tell whether the bodies still stand there, and a patch would be looked for as it was."""
+        return self.where == where and self.patched == (self.distance <= tolerance)
+
 
 class SignedDistances(Pairs):
     """Coal's signed distance of each pair, with kept functors.
@@ -155,11 +159,14 @@ class SignedDistances(Pairs):
         gap: list[float] = []
         point: list[Array] = []
         normal: list[Array] = []
-        for k in pairs.tolist():
-            where, kept = places[self._frames[k]].tobytes(), self._kept.get(k)
-            if kept is None or kept.where != where or kept.patched != (kept.distance <= tolerance):
-                self._place(places, [k])
-                kept = self._found(k, where, tolerance)
+        asked = pairs.tolist()
+        where = {k: places[self._frames[k]].tobytes() for k in asked}
+        known = {k: self._kept[k] for k in asked if k in self._kept and self._kept[k].holds(where[k], tolerance)}
+        self._place(places, [k for k in asked if k not in known])
+        for k in asked:
+            kept = known.get(k)
+            if kept is None:
+                kept = self._found(k, where[k], tolerance)
                 if self._at_rest:
                     self._kept[k] = kept
                 self._axes.keep(places, np.array([k]), kept.axis[None])

@@ -3,7 +3,8 @@
 from .delassus import against_condition_12, cosines_between, independent, islands, unit_gradients
 from .forks import Forks, follow, forks
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
-from .project import Projection, Projector, Push, impact, project
+from .project import impact, project
+from .projector import Projection, Projector, Push
 from .tree import TreeMetric, TreePush
 
 __all__ = [

@@ -11,7 +11,8 @@ import numpy as np
 
 from .delassus import against_condition_12, cosines_between, islands, unit_gradients
 from .metric import Array, Metric, as_metric
-from .project import Projector, checked_impact
+from .project import checked_impact
+from .projector import Projector
 
 # relative to the kinetic norm of v: normal speeds below this close nothing; states nearer than that were met before,
 # less than any impact moves; outcomes nearer than that are one

@@ -16,7 +16,6 @@ ROUNDING = 1e-13
 _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
 # slack under which a row touches, and how often what pulls is cut off
 _TIGHT, _MOST_SHARES = 1e-9, 100
-_REFINEMENTS = 2
 
 
 def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
@@ -249,10 +248,6 @@ def shared(G: Array, d: Array) -> Array | None:
         if not settle(G, d, chosen, base, u):
             return None
         if u.min() >= -ROUNDING:
-            correction = np.empty(len(d))
-            for _ in range(_REFINEMENTS):
-                if settle(G, d - G @ u, chosen, np.zeros(len(d)), correction):
-                    u += correction
             return np.maximum(u, 0.0)
         base = np.maximum(u, 0.0)
     return None

@@ -123,12 +123,8 @@ def judged(scene: StressScene, name: str, step: float, budget: float, run: Calla
     return Cell(scene.name, name, step, value, verdict, time.process_time() - start, said)
 
 
-class _TooSlow(TimeoutError):
-    pass
-
-
 class _limited:
-    """Raises `_TooSlow` in the main thread after so many seconds of CPU time, however busy the machine is."""
+    """Raises `TimeoutError` in the main thread after so many seconds of CPU time, however busy the machine is."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -143,4 +139,4 @@ class _limited:
 
     @staticmethod
     def _ring(number: int, frame: FrameType | None) -> None:
-        raise _TooSlow
+        raise TimeoutError
