@@ -157,10 +157,13 @@ def test_what_an_engine_cannot_be_given_is_not_run_and_its_other_process_counts(
         raise NoModelError("no words for it")
 
     class Slow:
-        settings, continuous, spent = "slowly", False, 7.0
+        settings, continuous = "slowly", False
 
         def __init__(self, model, h):
             pass
+
+        def clock(self):
+            return 7.0
 
         def limit(self, seconds):
             self.allowed = seconds
@@ -215,7 +218,7 @@ def test_siconos_keeps_the_energy_of_balls_that_meet_aslant():
     peer = engine.Free(model, 1e-3)
     turn = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
     peer.start(Poses(np.array([[0, 0.05, 0], [0.5, 0, 0]]), turn, np.array([[1.0, 0, 0], [0, 0, 0]]), none))
-    peer.timed(1000)
+    peer.many(1000)
     speeds = peer.read().linear
     assert (speeds**2).sum() == pytest.approx(1.0, rel=1e-12)
     # the line of centres at a distance of 0.2 m

@@ -48,7 +48,7 @@ class SiconosBodies:
 
     def __init__(self, model: Bodies, h: float) -> None:
         refuse(model)
-        self._size, self.spent, self._budget = len(model.bodies), 0.0, np.inf
+        self._size, self._spent, self._budget = len(model.bodies), 0.0, np.inf
         self._server = subprocess.Popen(
             [SYSTEM, "-I", str(_SERVER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
@@ -60,7 +60,7 @@ class SiconosBodies:
 
     def limit(self, seconds: float) -> None:
         """Let it and this process take so much CPU time from now on; then `TimeoutError` is raised."""
-        self._budget = process_time() + self.spent + seconds
+        self._budget = process_time() + self._spent + seconds
         self._tell("limit", seconds=seconds)
 
     def start(self, state: Poses) -> None:
@@ -70,12 +70,16 @@ class SiconosBodies:
 
     def advance(self) -> None:
         """Take a step."""
-        self.timed(1)
+        self.many(1)
 
-    def timed(self, count: int) -> float:
-        """Take steps and return the CPU time that they took in the other process [s]."""
+    def many(self, count: int) -> None:
+        """Take steps."""
         self._tell("go", count=count)
-        return self._answer()
+        self._answer()
+
+    def clock(self) -> float:
+        """Return the CPU time that the steps took in the other process [s]."""
+        return self._spent
 
     def read(self) -> Poses:
         """Return where the bodies are."""
@@ -88,7 +92,7 @@ class SiconosBodies:
         except BrokenPipeError:
             self._lost()
 
-    def _answer(self, more: bytes = b"") -> float:
+    def _answer(self, more: bytes = b"") -> None:
         pipe, size = self._server, 8 * (1 + 13 * self._size)
         assert pipe.stdin is not None and pipe.stdout is not None
         try:
@@ -103,15 +107,14 @@ class SiconosBodies:
         if 8 * len(found) != size:
             self._lost()
         self._state = found[1:].reshape(self._size, 13)
-        self.spent += float(found[0])
-        if process_time() + self.spent > self._budget:
+        self._spent += float(found[0])
+        if process_time() + self._spent > self._budget:
             raise TimeoutError
-        return float(found[0])
 
     def _lost(self) -> NoReturn:
         code = self._server.wait()
         if code == -signal.SIGPROF:
-            self.spent = self._budget - process_time()
+            self._spent = self._budget - process_time()
             raise TimeoutError
         raise RuntimeError(f"its process ended with {code}")
 
@@ -128,7 +131,7 @@ class Siconos:
 
     def __init__(self, rig: Rig, e: float, h: float) -> None:
         self._body = SiconosBodies(alone(rig, e), h)
-        self.timed = self._body.timed
+        self.many, self.clock = self._body.many, self._body.clock
 
     def start(self, state: State) -> None:
         """Put the rig there."""

@@ -150,10 +150,6 @@ def _judged_between(case: Case, model: Rig, peer: Any, run: Trajectory) -> tuple
 
 
 def _time(peer: Engine, count: int) -> float:
-    timed = getattr(peer, "timed", None)
-    if timed is not None:
-        # in a process of its own
-        return float(timed(count))
     many = getattr(peer, "many", None)
     # some run in a process of their own
     clock = getattr(peer, "clock", process_time)
