@@ -25,7 +25,7 @@ def heap(rng, n, walls=True):
         low = np.flatnonzero(centres[:, 2] < 0.7) + 1
         first, second = np.append(first, np.zeros(len(low), int)), np.append(second, low)
         normal = np.vstack([normal, np.tile([0.0, 0.0, 1.0], (len(low), 1))])
-    J = rows_of_two(3 * n, first, second, -normal, normal)
+    J = rows_of_two(3 * n, True, first, second, -normal, normal)
     metric = DiagonalMetric(np.repeat(10.0 ** rng.uniform(-1.0, 1.0, n), 3))
     x = rng.normal(size=3 * n) - np.tile([0.0, 0.0, 2.0], n)
     return x, metric, J
@@ -97,7 +97,7 @@ def test_rows_that_stand_twice_change_nothing(rng):
 def test_a_column_under_a_million_times_its_mass_comes_to_rest(height):
     floor, above = np.arange(height), np.arange(1, height + 1)
     up = np.tile([0.0, 0.0, 1.0], (height, 1))
-    J = rows_of_two(3 * height, floor, above, -up, up)
+    J = rows_of_two(3 * height, True, floor, above, -up, up)
     masses = np.ones(height)
     masses[-1] = 1e6
     metric, x = DiagonalMetric(np.repeat(masses, 3)), np.tile([0.0, 0.0, -0.02], height)
@@ -115,7 +115,7 @@ def test_boxes_on_too_many_corners_carry_their_weight(count):
     first, second = np.repeat(np.arange(count), 4), np.repeat(np.arange(1, count + 1), 4)
     up, arm = np.tile([0.0, 0.0, 1.0], (4 * count, 1)), np.tile(corners, (count, 1))
     pull = np.concatenate([up, np.cross(arm, up)], axis=1)
-    J = rows_of_two(6 * count, first, second, -pull, pull)
+    J = rows_of_two(6 * count, True, first, second, -pull, pull)
     metric = BodiesMetric(np.tile(np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01]), (count, 1, 1)))
     x = np.tile([0.0, 0.0, -0.02, 0.0, 0.0, 0.0], count)
     w, p, residual = Projector(1e-9).project(x, metric, J, np.zeros(4 * count))
@@ -140,7 +140,7 @@ def test_percussions_are_carried_by_what_names_a_contact(rng):
 
 def test_rows_that_contradict_each_other_are_named_so():
     push = np.tile([1.0, 0.0, 0.0], (2, 1)) * np.array([[1.0], [-1.0]])
-    J = rows_of_two(120, np.zeros(2, int), np.ones(2, int), -push, push)
+    J = rows_of_two(120, True, np.zeros(2, int), np.ones(2, int), -push, push)
     with pytest.raises(mbvi.InfeasibleError):
         Projector().project(np.zeros(120), DiagonalMetric(np.ones(120)), J, np.full(2, 0.1))
 
@@ -162,7 +162,7 @@ def test_a_user_may_give_sparse_rows_and_solve_a_failed_problem_again(rng):
     np.testing.assert_allclose(found.velocity, expected, atol=1e-4)
     np.testing.assert_allclose(mbvi.project(x, metric.dense(), J.tocsc()).velocity, expected, atol=1e-4)
     push = np.tile([1.0, 0.0, 0.0], (2, 1)) * np.array([[1.0], [-1.0]])
-    contradiction = rows_of_two(120, np.zeros(2, int), np.ones(2, int), -push, push)
+    contradiction = rows_of_two(120, True, np.zeros(2, int), np.ones(2, int), -push, push)
     with pytest.raises(mbvi.InfeasibleError) as error:
         mbvi.project(np.zeros(120), np.eye(120), contradiction, 0.1)
     with pytest.raises(mbvi.InfeasibleError):
@@ -176,7 +176,7 @@ def test_what_moves_as_one_misses_nothing_but_rounding():
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     first = rng.integers(1, 60, 300)
     second = first + rng.integers(1, 5, 300)
-    J = rows_of_two(192, first, second, -normals, normals)
+    J = rows_of_two(192, True, first, second, -normals, normals)
     x = np.tile([0.1, 0.2, 0.668547884], 64)
     assert 0.0 < np.abs(J @ x).max() < 1e-15
     found = mbvi.project(x, np.diag(np.full(192, 0.1)), J, 0.0)

@@ -78,14 +78,7 @@ class Spheres:
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        if self.sparse:
-            return rows_of_two(self.nv, first, second, -normal, normal)
-        rows = np.zeros((len(point), self.nv))
-        for side, sign in ((first, -1.0), (second, 1.0)):
-            here = np.flatnonzero(side)
-            columns = 3 * side[here, None] - 3 + _AXES
-            rows[here[:, None], columns] += sign * normal[here]
-        return rows
+        return rows_of_two(self.nv, self.sparse, first, second, -normal, normal)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         return np.zeros((len(points), 3))
@@ -208,13 +201,7 @@ class FreeBodies:
             places = self.placements(q, side[here])
             torque = np.cross(point[here] - places[:, 3], normal[here])
             pull[here, :3], pull[here, 3:] = sign * normal[here], sign * np.einsum("kij,kj->ki", places[:, :3], torque)
-        if self.sparse:
-            return rows_of_two(self.nv, first, second, *pulls)
-        rows = np.zeros((len(point), self.nv))
-        for side, pull in zip((first, second), pulls, strict=True):
-            here = np.flatnonzero(side)
-            rows[here[:, None], 6 * side[here, None] - 6 + _TWIST] += pull[here]
-        return rows
+        return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         spin = v.reshape(-1, 6)[bodies - 1, 3:]
@@ -228,6 +215,5 @@ class FreeBodies:
         return reach
 
 
-_AXES, _TWIST = np.arange(3), np.arange(6)
 # relative difference of moments of inertia that counts as none
 _ROUND = 1e-12

@@ -53,7 +53,7 @@ class PlanarSpheres(Spheres):
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         pull = normal[:, self._along]
-        return _rows(self.nv, self.sparse, first, second, -pull, pull)
+        return rows_of_two(self.nv, self.sparse, first, second, -pull, pull)
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
@@ -128,7 +128,7 @@ class PlanarBodies(FreeBodies):
             here = np.flatnonzero(side)
             torque = np.cross(point[here] - centres[side[here] - 1], normal[here])
             pull[here, :2], pull[here, 2] = sign * normal[here][:, self._along], sign * torque @ self._axes[2]
-        return _rows(self.nv, self.sparse, first, second, *pulls)
+        return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         full = np.zeros((len(self._normals), 6))
@@ -145,17 +145,6 @@ def _columns(axes: Array) -> slice:
     """Return which coordinates two axes of the world are, in ascending order."""
     first, second = np.argmax(axes[:2], axis=1).tolist()
     return slice(first, second + 1, second - first)
-
-
-def _rows(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
-    """Return rows that touch the blocks of two bodies."""
-    if sparse:
-        return rows_of_two(nv, first, second, left, right)
-    rows, width = np.zeros((len(left), nv)), left.shape[1]
-    for side, pull in ((first, left), (second, right)):
-        here = np.flatnonzero(side)
-        rows[here[:, None], width * side[here, None] - width + np.arange(width)] += pull[here]
-    return rows
 
 
 def planar_base(model: pin.Model, pose: pin.SE3, axes: Array) -> pin.Model:

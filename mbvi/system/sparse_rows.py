@@ -29,8 +29,8 @@ def _blank(shape: tuple[int, int]) -> csr_array:
     return rows
 
 
-def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array) -> csr_array:
-    """Return rows that touch the blocks of two bodies.
+def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
+    """Return rows that touch the blocks of two bodies, sparse or full.
 
     Parameters
     ----------
@@ -42,6 +42,12 @@ def rows_of_two(nv: int, first: Array, second: Array, left: Array, right: Array)
         What stands in their blocks.
     """
     m, b = left.shape
+    if not sparse:
+        rows = np.zeros((m, nv))
+        for side, pull in ((first, left), (second, right)):
+            here = np.flatnonzero(side)
+            rows[here[:, None], b * side[here, None] - b + np.arange(b)] += pull[here]
+        return rows
     bodies = np.stack([first, second], axis=1)
     columns = (b * bodies - b)[:, :, None] + np.arange(b)
     values = np.stack([left, right], axis=1)
