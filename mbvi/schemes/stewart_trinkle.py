@@ -33,8 +33,8 @@ class StewartTrinkle:
     half-spaces no gap gets smaller than its linearisation, so that the residual of the projection is all that
     penetrates; elsewhere gradients turn within a step: what penetrates at its end by more than 1e-3 of the scene's
     length, or was out of reach, gets a row as it is there and the step is taken anew, and the rest is pushed out in the
-    next step. A step takes M, g and the gradients once, the gaps twice. Its projection has more rows than that of
-    `Paoli`.
+    next step. A step takes M and g once, and where nothing is taken anew the gradients once and the gaps twice. Its
+    projection has more rows than that of `Paoli`.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
