@@ -66,12 +66,12 @@ class Guard:
         if reach > 0.0:
             self.limit = min(self.limit, 1.0 / reach)
 
-    def steps(self, t: float, state: Step, h: float, projector: Projector) -> list[Step]:
-        """Return the steps that lead from a state at t to t + h, more than one where something would be passed."""
+    def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
+        """Yield the steps that lead from a state at t to t + h, more than one where something would be passed."""
         new = self._scheme.step(self._problem, t, state.q, state.v, h, projector)
         # what is slow at both ends passes nothing; written so that a NaN is followed
         slow = new.v.dot(new.v) < self.limit and state.v.dot(state.v) < self.limit
-        return [new] if slow else list(self.followed(t, state, new, h, projector))
+        return iter([new]) if slow else self.followed(t, state, new, h, projector)
 
     def followed(self, t: float, state: Step, new: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps that lead from a state at t to t + h, `new` if nothing is passed on the way there."""

@@ -6,7 +6,7 @@ for the record. A step in which a row touches a sleeper is taken again with its 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -92,15 +92,15 @@ class Sleepers:
         if self._islands:
             self._set([])
 
-    def stepped(self, advance: Callable[[], list[Step]], length: float) -> list[Step]:
+    def stepped(self, advance: Callable[[], Iterable[Step]], length: float) -> list[Step]:
         """Return the steps of `advance`, the last of which takes `length` [s], with the rows that carry sleepers."""
-        found = advance()
+        found = list(advance())
         while self._islands:
             touched = self._touched(found)
             if not touched.any():
                 break
             self._set([island for island in self._islands if not touched[island.bodies].any()])
-            found = advance()
+            found = list(advance())
         kept = self._kept
         # what is kept is that of a whole step
         if len(found) == 1 and length == self._h:
