@@ -460,14 +460,14 @@ def unit_rows(rng):
             rows[a] = rows[a - 1]
     rows /= np.linalg.norm(rows, axis=1)[:, None]
     U = csr_array(rows)
-    return U, U.indices.astype(np.int32), U.indptr.astype(np.int32)
+    return U, U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
 
 
 def delassus_of(rng):
     U, _, _ = unit_rows(rng)
     G = csr_array(U @ U.T)
     G.sort_indices()
-    return U, G, G.indptr.astype(np.int32), G.indices.astype(np.int32)
+    return U, G, G.indptr.astype(np.uint32), G.indices.astype(np.uint32)
 
 
 def gram_of(rng):
@@ -478,8 +478,8 @@ def gram_of(rng):
         columns,
         starts,
         U.shape[1],
-        np.zeros(len(starts), np.int32),
-        np.zeros(room, np.int32),
+        np.zeros(len(starts), np.uint32),
+        np.zeros(room, np.uint32),
         np.zeros(room),
     )
 
@@ -498,14 +498,14 @@ def missing_rates(rng, U):
 
 def incomplete_cholesky(rng):
     _, G, starts, columns = delassus_of(rng)
-    room = 3 * len(columns) + 20
-    written = np.zeros(len(starts), np.int32), np.zeros(room, np.int32), np.zeros(room)
-    return starts, columns, G.data, rng.choice([1e-4, 0.1]), rng.choice([0.0, 0.1]), *written
+    room = (len(columns) + len(starts) - 1) // 2
+    written = np.zeros(len(starts), np.uint32), np.zeros(room, np.uint32), np.zeros(room)
+    return starts, columns, G.data, rng.choice([1e-4, 0.1]), *written
 
 
 def solve_factor(rng):
-    starts, columns, data, _, drop, rows, places, L = incomplete_cholesky(rng)
-    factor_of_rows.incomplete_cholesky_plain(starts, columns, data, 0.1, drop, rows, places, L)
+    starts, columns, data, _, rows, places, L = incomplete_cholesky(rng)
+    assert factor_of_rows.incomplete_cholesky_plain(starts, columns, data, 3.0, rows, places, L)
     return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
 
 
@@ -519,7 +519,7 @@ def solve_islands(rng):
     U, G, starts, columns = delassus_of(rng)
     kept, label = rng.random(U.shape[0]) < 0.9, np.empty(U.shape[0], np.int64)
     kept[0] = True
-    count = gram.islands_plain(U.indices.astype(np.int32), U.indptr.astype(np.int32), U.shape[1], kept, label)
+    count = gram.islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 

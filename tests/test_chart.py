@@ -174,6 +174,9 @@ def test_the_cost_of_an_error_is_measured_or_carried_on_at_the_fitted_order(reco
     assert cost(made, 6e-3) == (made[1].cpu, False)
     time, carried = cost(made, 2e-5)
     assert carried and time == pytest.approx(1e-3 + 1.0)
+    # what coarse steps cost is not carried on
+    coarse = [dataclasses.replace(made[0], step=h, q=2 * h, cpu=0.5) for h in (4e-2, 2e-2)]
+    assert cost([*coarse, *made], 2e-5)[0] == pytest.approx(time)
     assert cost([dataclasses.replace(r, q=0.1) for r in made], 1e-4) is None
     # more than a thousand times finer
     assert cost(made, 1e-6) is None

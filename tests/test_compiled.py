@@ -48,7 +48,7 @@ def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
             continue
         frozen = value.copy()
         frozen.setflags(write=False)
-        narrower = value.astype({"f": np.float32, "i": np.int32, "b": np.int64}[value.dtype.kind])
+        narrower = value.astype({"f": np.float32, "i": np.int32, "u": np.uint16, "b": np.int64}[value.dtype.kind])
         others = [frozen, narrower, np.repeat(value, 2, axis=-1)[..., ::2], np.asfortranarray(value), value[None]]
         for other in others:
             # of one row or one column any order is the same

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.constraints.signed_distance import SignedDistances
 from mbvi.constraints.swept import may_pass
+from mbvi.shipped import robot_path
 
 SCHEMES = [
     mbvi.Paoli(),
@@ -55,6 +57,25 @@ def test_a_box_that_spins_fast_clatters_on_a_plate_and_stays_on_its_side(scheme)
     run = mbvi.simulate(scene.build(), scheme, step=1e-2, duration=0.05)
     assert run.q[:, 2].min() > 0.0
     assert run.v[-1, 2] > 0.0
+
+
+def test_links_that_are_not_watched_on_a_way_do_not_meet_on_it(rng):
+    """A quadruped's legs swing by up to a radian; the gaps of the pairs that are left out stay open."""
+    scene = mbvi.Scene()
+    scene.add_urdf(robot_path("quadruped"))
+    problem = scene.build()
+    links = next(c for c in problem.constraints.constraints if isinstance(c, SignedDistances))
+    every, left_out = np.arange(len(links.names)), 0
+    for _ in range(20):
+        way = np.concatenate([np.zeros(6), rng.uniform(-1.0, 1.0, problem.system.nv - 6)])
+        swift = links.reach @ np.abs(way) > links.thickness
+        watched = links.passable(problem.q0, way)[0]
+        assert swift[watched].all()
+        out = np.setdiff1d(every[swift], watched)
+        left_out += len(out)
+        for share in np.linspace(0.0, 1.0, 6):
+            assert (links.gaps(problem.system.integrate(problem.q0, share * way), out) > 0.0).all()
+    assert left_out > 100
 
 
 def test_steps_by_hand_are_cut_too():

@@ -138,6 +138,12 @@ class SignedDistances(Pairs):
             np.minimum.at(self._bounds, contacts.pair, contacts.gap)
         return self._bounds[pairs]
 
+    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
+        pairs, travel, thickness = super().passable(q, way)
+        # most that could travel so far have nothing on their way
+        near = self.at_least(q, pairs) <= travel if pairs.size else np.zeros(0, bool)
+        return pairs[near], travel[near], thickness[near]
+
     def _place(self, places: Array, pairs: list[int]) -> None:
         """Bring the poses of the shapes in the given pairs to where their bodies are."""
         for k in {side for pair in pairs for side in self._sides[pair]}:

@@ -22,8 +22,8 @@ _ROUNDS, _STEPS, _LEFT = 2000, 200, 0.1
 # three times that, once, all of it from nothing: percussions that are carried along may stress what depends on each
 # other more and more, up to a thousand times what is needed
 _SWEEPS, _PATIENCE, _ANEW = 2, 4, 8
-# entries of the factor that are left out; the least that is added to its diagonal where a pivot is lost
-_DROP, _STIFFER = 0.05, 3e-3
+# the least that is added to the diagonal of the factor where a pivot is lost
+_STIFFER = 1e-3
 # the shift at first, at least and at most, and how it changes
 _SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 3e-4, 0.2, 2.0
 
@@ -59,16 +59,16 @@ def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float
     return float(np.abs(np.minimum(u, A @ u - d)).max(initial=0.0))
 
 
-@kernel("f8(i4[::1], i4[::1], f8[::1], f8[::1], f8, f8[::1])", plain=relax_plain)
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8[::1])", plain=relax_plain)
 def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
     """Loops of the method told above, whose answers are those of `relax_plain`."""
     m = len(d)
-    g, way, bend = np.empty(m), np.zeros(m), np.empty(m)
-    face, local = np.empty(m, np.int32), np.empty(m, np.int32)
+    g, way = np.empty(m), np.empty(m)
+    face, local = np.empty(m, np.uint32), np.empty(m, np.int32)
     # the matrix of the face, and its factor
     room = len(G)
-    inner_starts, inner_columns, inner = np.empty(m + 1, np.int32), np.empty(room, np.int32), np.empty(room)
-    rows, places, L = np.empty(m + 1, np.int32), np.empty(2 * room + 16 * m, np.int32), np.empty(2 * room + 16 * m)
+    inner_starts, inner_columns, inner = np.empty(m + 1, np.uint32), np.empty(room, np.uint32), np.empty(room)
+    rows, places, L = np.empty(m + 1, np.uint32), np.empty((room + m) // 2, np.uint32), np.empty((room + m) // 2)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     shift, stiffer, residual, best, vain, whole, carried = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0, True
     for _ in range(_ROUNDS):
@@ -125,7 +125,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
         if n > 0 and largest > 0.3 * target:
             more = max(shift, stiffer)
             while not factor.incomplete_cholesky(
-                inner_starts[: n + 1], inner_columns[:count], inner[:count], more, _DROP, rows[: n + 1], places, L
+                inner_starts[: n + 1], inner_columns[:count], inner[:count], more, rows[: n + 1], places, L
             ):
                 more = stiffer = max(3.0 * more, _STIFFER)
             last = 1.0
@@ -161,21 +161,20 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
                 whole = -u[face[i]] / x[i]
         share = 1.0
         while True:
-            for a in range(m):
-                way[a] = max(share * x[local[a]], -u[a]) if local[a] >= 0 else 0.0
+            for i in range(n):
+                way[i] = max(share * x[i], -u[face[i]])
             energy = 0.0
-            for a in range(m):
+            for i in range(n):
                 value = 0.0
-                for k in range(starts[a], starts[a + 1]):
-                    value += G[k] * way[columns[k]]
-                bend[a] = value
-                energy += (g[a] + 0.5 * value) * way[a]
+                for k in range(inner_starts[i], inner_starts[i + 1]):
+                    value += inner[k] * way[inner_columns[k]]
+                energy += (g[face[i]] + 0.5 * value) * way[i]
             if energy < 0.0 or share <= whole:
                 break
             share = max(0.5 * share, whole)
         if energy < 0.0:
-            for a in range(m):
-                u[a] = max(u[a] + way[a], 0.0)
+            for i in range(n):
+                u[face[i]] = max(u[face[i]] + way[i], 0.0)
         if whole >= 1.0:
             shift = max(_LOWER * shift, _LEAST_SHIFT)
         elif share < 1.0:

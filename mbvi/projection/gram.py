@@ -36,17 +36,17 @@ def gram_plain(
     return count
 
 
-@kernel("i8(f8[::1], i4[::1], i4[::1], i8, i4[::1], i4[::1], f8[::1])", plain=gram_plain)
+@kernel("i8(f8[::1], u4[::1], u4[::1], i8, u4[::1], u4[::1], f8[::1])", plain=gram_plain)
 def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
     """Loops of `gram_plain`."""
     m, room = len(starts) - 1, len(out)
     # U column after column
-    first = np.zeros(n + 1, np.int32)
+    first = np.zeros(n + 1, np.int64)
     for k in range(len(columns)):
         first[columns[k] + 1] += 1
     for j in range(n):
         first[j + 1] += first[j]
-    fill, row, value = first[:n].copy(), np.empty(len(columns), np.int32), np.empty(len(columns))
+    fill, row, value = first[:n].copy(), np.empty(len(columns), np.uint32), np.empty(len(columns))
     for a in range(m):
         for k in range(starts[a], starts[a + 1]):
             place = fill[columns[k]]
@@ -119,7 +119,7 @@ def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Arr
     return len(first)
 
 
-@kernel("i8(i4[::1], i4[::1], i8, b1[::1], i8[::1])", plain=islands_plain)
+@kernel("i8(u4[::1], u4[::1], i8, b1[::1], i8[::1])", plain=islands_plain)
 def islands(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
     """Loops of `islands_plain`."""
     parent, number = np.arange(n), np.full(n, -1)

@@ -7,15 +7,14 @@ import numpy as np
 from ..compiled import kernel
 from .metric import Array
 
-# the share of what is dropped that is added to the diagonal; products smaller than the second make no new entry; pivots
-# are above the third
-_KEPT, _FILL, _LEAST = 0.2, 0.02, 0.02
+# pivots are above this
+_LEAST = 1e-3
 
 
 def incomplete_cholesky_plain(
-    starts: Array, columns: Array, G: Array, shift: float, drop: float, rows: Array, places: Array, L: Array
+    starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
 ) -> bool:
-    """Write a lower triangular L with L L' near G + shift; or return False at a pivot that what is dropped has spoilt.
+    """Write a lower triangular L with L L' near G + shift, where G has entries; or return False at a lost pivot.
 
     Parameters
     ----------
@@ -23,35 +22,22 @@ def incomplete_cholesky_plain(
         A symmetric matrix with unit diagonal, row after row, columns ascending.
     shift : float
         Added to the diagonal.
-    drop : float
-        Entries below this share of the root of their pivot are left out.
     rows : ndarray of int, shape (n + 1,)
         Receives where the rows of L start; the diagonal comes last in each.
-    places, L : ndarray, shape (c,), c >= n
-        Receive columns and values; what finds no place is dropped.
+    places, L : ndarray, shape (c,), c >= (k + n) / 2
+        Receive columns and values.
     """
     n = len(starts) - 1
     full, count = np.zeros((n, n)), 0
     rows[0] = 0
     for i in range(n):
-        w, there = np.zeros(n), np.zeros(n, bool)
-        here = slice(starts[i], starts[i + 1])
-        w[columns[here]], there[columns[here]] = G[here], True
-        diagonal = 1.0 + shift
-        for k in range(i):
-            if not there[k]:
-                continue
-            if abs(w[k]) < drop * full[k, k] or count >= len(L) - (n - i):
-                diagonal += _KEPT * abs(w[k])
-                continue
-            full[i, k] = w[k] / full[k, k]
-            change = full[i, k] * full[k + 1 : i, k]
-            taken = there[k + 1 : i] | (np.abs(change) > _FILL)
-            w[k + 1 : i] -= np.where(taken, change, 0.0)
-            there[k + 1 : i] |= taken
-            places[count], L[count] = k, full[i, k]
-            count += 1
-        pivot = diagonal - full[i, :i] @ full[i, :i]
+        for k in range(starts[i], starts[i + 1]):
+            j = columns[k]
+            if j < i:
+                full[i, j] = (G[k] - full[i, :j] @ full[j, :j]) / full[j, j]
+                places[count], L[count] = j, full[i, j]
+                count += 1
+        pivot = 1.0 + shift - full[i, :i] @ full[i, :i]
         if not pivot > _LEAST:
             return False
         full[i, i] = np.sqrt(pivot)
@@ -61,60 +47,34 @@ def incomplete_cholesky_plain(
     return True
 
 
-@kernel("b1(i4[::1], i4[::1], f8[::1], f8, f8, i4[::1], i4[::1], f8[::1])", plain=incomplete_cholesky_plain)
+@kernel("b1(u4[::1], u4[::1], f8[::1], f8, u4[::1], u4[::1], f8[::1])", plain=incomplete_cholesky_plain)
 def incomplete_cholesky(
-    starts: Array, columns: Array, G: Array, shift: float, drop: float, rows: Array, places: Array, L: Array
+    starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
 ) -> bool:
     """Loops of `incomplete_cholesky_plain`."""
-    n, room = len(starts) - 1, len(L)
-    # the entries of each column so far, linked
-    head, following, owner = np.full(n, -1, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
-    w, mark, pattern = np.zeros(n), np.full(n, -1, np.int32), np.empty(n, np.int32)
-    count = 0
+    n, count = len(starts) - 1, 0
+    # the row that is made, in full
+    row = np.zeros(n)
     rows[0] = 0
     for i in range(n):
-        size, first, diagonal, turn = 0, count, 1.0 + shift, 0
+        first, pivot = count, 1.0 + shift
         for k in range(starts[i], starts[i + 1]):
             j = columns[k]
-            if j < i:
-                pattern[size] = j
-                w[j] = G[k]
-                mark[j] = i
-                size += 1
-        while turn < size:
-            k = pattern[turn]
-            turn += 1
-            pivot = L[rows[k + 1] - 1]
-            if abs(w[k]) < drop * pivot or count >= room - (n - i):
-                diagonal += _KEPT * abs(w[k])
-                continue
-            value = w[k] / pivot
-            places[count], L[count] = k, value
-            entry = head[k]
-            while entry >= 0:
-                j, change = owner[entry], L[entry] * value
-                if mark[j] == i:
-                    w[j] -= change
-                elif abs(change) > _FILL:
-                    mark[j] = i
-                    w[j] = -change
-                    place = size
-                    while place > turn and pattern[place - 1] > j:
-                        pattern[place] = pattern[place - 1]
-                        place -= 1
-                    pattern[place] = j
-                    size += 1
-                entry = following[entry]
+            if j >= i:
+                break
+            value, last = G[k], rows[j + 1] - 1
+            for entry in range(rows[j], last):
+                value -= L[entry] * row[places[entry]]
+            value /= L[last]
+            row[j], places[count], L[count] = value, j, value
+            pivot -= value * value
             count += 1
-        for k in range(first, count):
-            diagonal -= L[k] * L[k]
-            owner[k] = i
-            following[k] = head[places[k]]
-            head[places[k]] = k
-        # what comes after a small pivot grows, and fills the factor
-        if not diagonal > _LEAST:
+        for entry in range(first, count):
+            row[places[entry]] = 0.0
+        # what comes after a small pivot grows
+        if not pivot > _LEAST:
             return False
-        places[count], L[count] = i, np.sqrt(diagonal)
+        places[count], L[count] = i, np.sqrt(pivot)
         count += 1
         rows[i + 1] = count
     return True
@@ -129,7 +89,7 @@ def solve_factor_plain(rows: Array, places: Array, L: Array, right: Array, out: 
     out[:] = np.linalg.solve(full @ full.T, right)
 
 
-@kernel("void(i4[::1], i4[::1], f8[::1], f8[::1], f8[::1])", plain=solve_factor_plain)
+@kernel("void(u4[::1], u4[::1], f8[::1], f8[::1], f8[::1])", plain=solve_factor_plain)
 def solve_factor(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
     """Loops of `solve_factor_plain`."""
     n = len(right)

@@ -68,19 +68,19 @@ def solve_islands_plain(
         if residual > target:
             part *= _CARRIED
             residual = free_face.relax_plain(
-                inner.indptr.astype(np.int32), inner.indices.astype(np.int32), inner.data, d[here], target, part
+                inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
             )
         u[here], worst = part, max(worst, residual)
     return worst
 
 
-@kernel("f8(i4[::1], i4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])", plain=solve_islands_plain)
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])", plain=solve_islands_plain)
 def _solve_islands(
     starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
 ) -> float:
     m, worst = len(d), 0.0
     # rows sorted by island
-    first, order, local = np.zeros(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.int32)
+    first, order, local = np.zeros(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
     for a in range(m):
         if label[a] >= 0:
             first[label[a] + 1] += 1
@@ -127,7 +127,7 @@ def _solve_islands(
                     residual = max(residual, abs(min(part[i], value)))
                     u[order[begin + i]] = part[i]
         if residual > target:
-            own_starts, own_columns = np.empty(size + 1, np.int32), np.empty(entries, np.int32)
+            own_starts, own_columns = np.empty(size + 1, np.uint32), np.empty(entries, np.uint32)
             own, own_d, own_u, entry = np.empty(entries), np.empty(size), np.empty(size), 0
             own_starts[0] = 0
             for i in range(size):
@@ -167,7 +167,7 @@ class Large:
         if not (speed < lower).any():
             return x, np.zeros(m), 0.0
         U = metric.whiten_rows(J)
-        columns, starts = U.indices.astype(np.int32, copy=False), U.indptr.astype(np.int32, copy=False)
+        columns, starts = U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
         row = np.repeat(np.arange(m), np.diff(starts))
         lengths = np.sqrt(np.bincount(row, U.data**2, minlength=m))
         unit = np.where(lengths > 0.0, lengths, 1.0)
@@ -213,9 +213,9 @@ class Large:
 
     def _gram(self, data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Array, Array]:
         """Return the Delassus matrix row after row: starts, columns, values."""
-        rows = np.empty(len(starts), np.int32)
+        rows = np.empty(len(starts), np.uint32)
         while True:
-            others, G = np.empty(self._room, np.int32), np.empty(self._room)
+            others, G = np.empty(self._room, np.uint32), np.empty(self._room)
             count = gram.gram(data, columns, starts, n, rows, others, G)
             if count <= self._room:
                 return rows, others[:count], G[:count]

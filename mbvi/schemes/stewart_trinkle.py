@@ -56,7 +56,7 @@ class StewartTrinkle:
             place, gap = system.integrate(q, h * way.velocity), rows.gap + h * rows.speeds(way.velocity)
             deepest = min(-problem.tolerance, float(gap.min(initial=0.0)) - 1e-12 * problem.length)
             there = problem.constraints.near(end, place, deepest)
-            unseen = ~np.isin(there.constraint, rows.constraint)
+            unseen = ~_among(there.constraint, rows.constraint)
             if turn < _MOST_TURNED:
                 unseen |= there.gap < -_OFF * problem.length
             if turn == _MOST or not unseen.any():
@@ -105,9 +105,17 @@ def _unsolved(rows: Rows, h: float, projector: Projector, push: Push | TreePush)
     return 2.0 * h * projector.residual * largest
 
 
+def _among(numbers: Array, known: Array) -> Array:
+    """Tell which numbers are known: `np.isin` sorts both, and few are asked for."""
+    if not known.size:
+        return np.zeros(len(numbers), bool)
+    ranked = np.sort(known, kind="stable")
+    return np.asarray(ranked[np.searchsorted(ranked[:-1], numbers)] == numbers)
+
+
 def _deepened(gap: Array, rows: Rows, there: Rows) -> Array:
     """Return the gaps of rows where these are not as deep as was found."""
-    known = np.isin(there.constraint, rows.constraint)
+    known = _among(there.constraint, rows.constraint)
     if not known.any():
         return gap
     order = np.argsort(rows.constraint, kind="stable")

@@ -57,8 +57,9 @@ def cost(records: Sequence[Record], error: float) -> tuple[float, bool] | None:
     if order <= 0.0 or (finer := (error / best.error) ** (1 / order)) < _BEYOND:
         return None
     wanted = best.step * finer
-    # of one step, without what a run costs before its first
-    each = float(np.polyfit([r.duration / r.step for r in points], [r.cpu for r in points], 1)[0])
+    # of one step, without what a run costs before its first; coarse ones may cost more, where they are cut
+    finest = sorted(points, key=lambda r: r.step)[: -(-len(points) // 2)]
+    each = float(np.polyfit([r.duration / r.step for r in finest], [r.cpu for r in finest], 1)[0])
     return best.cpu + each * (best.duration / wanted - best.duration / best.step), True
 
 
