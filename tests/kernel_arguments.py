@@ -524,6 +524,36 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def free_bodies(rng):
+    """Three bodies' q, v, and a tangent vector, of which one stands, one turns a little and one by more than a turn."""
+    q = rng.normal(size=(3, 7))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
+    dv = rng.normal(size=(3, 6))
+    dv[:, 3:] *= np.array([[0.0], [0.05], [2.0]])
+    return q.ravel(), rng.normal(size=18), dv.ravel()
+
+
+def moved(rng):
+    q, _, dv = free_bodies(rng)
+    return q, dv, np.zeros(21)
+
+
+def chart_rates(rng):
+    _, v, dv = free_bodies(rng)
+    return dv, v, np.zeros(18)
+
+
+def accelerations(rng):
+    turned = np.array([rotation(rng) for _ in range(3)])
+    inertias = turned @ (rng.uniform(0.1, 2.0, (3, 3))[:, :, None] * turned.transpose(0, 2, 1))
+    inertias = 0.5 * (inertias + inertias.transpose(0, 2, 1))
+    return rng.normal(size=18), rng.normal(size=(3, 3)), inertias, np.linalg.inv(inertias), np.zeros(18)
+
+
+def placed(rng):
+    return free_bodies(rng)[0], rng.integers(1, 4, 5), np.zeros((5, 4, 3))
+
+
 def near_triangles(rng):
     corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
     centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
@@ -544,6 +574,10 @@ ARGUMENTS = {
     "relax": relax,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
+    "moved": moved,
+    "chart_rates": chart_rates,
+    "accelerations": accelerations,
+    "placed": placed,
     "_struck": struck,
     "factor": factor,
     "_back": back,

@@ -17,15 +17,15 @@ from .metric import Array
 
 # rounds at most, steps of conjugate gradients a round, how much of the residual they leave
 _ROUNDS, _STEPS, _LEFT = 2000, 200, 0.1
-# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut; after the last
+# sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut; after the third
 # number of such rounds the shift starts anew, for where it was raised long ago the steps stay short for good; and after
-# three times that, once, all of it from nothing: percussions that are carried along may stress what depends on each
-# other more and more, up to a thousand times what is needed
-_SWEEPS, _PATIENCE, _ANEW = 2, 4, 8
+# the last, once, all of it from nothing: percussions that are carried along may stress what depends on each other more
+# and more, up to a thousand times what is needed
+_SWEEPS, _PATIENCE, _ANEW, _FROM_NOTHING = 2, 2, 8, 64
 # the least that is added to the diagonal of the factor where a pivot is lost
-_STIFFER = 1e-3
+_STIFFER = 1e-2
 # the shift at first, at least and at most, and how it changes
-_SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 3e-4, 0.2, 2.0
+_SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-3, 0.2, 2.0
 
 
 def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
@@ -88,7 +88,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
         vain += 1
         if vain % _ANEW == 0:
             shift, stiffer = _SHIFT, 0.0
-        if carried and vain >= 3 * _ANEW:
+        if carried and vain >= _FROM_NOTHING:
             carried, residual, best, vain, whole = False, np.inf, np.inf, 0, 1.0
             for a in range(m):
                 u[a], g[a] = 0.0, -d[a]

@@ -30,6 +30,8 @@ _MOST_EXACT = 400
 # the part of the last percussions that an island is started from where they no longer fit: all of them would store
 # what changes nothing, stress among rows that depend on each other, more and more from step to step
 _CARRIED = 0.8
+# how many rows are looked at beyond those that ask or pressed, and the share of all from which on it is all of them
+_NEXT, _MOST = 0.5, 0.5
 # points of one constraint that are told apart
 _POINTS = 64
 
@@ -175,17 +177,21 @@ class Large:
         largest = float(((np.abs(speed) + np.abs(lower)) / unit).max())
         keys = None if contacts is None else _keys(contacts)
         u = self._carried(keys, m) * unit
-        rows, others, G = self._gram(data, columns, starts, len(x))
-        kept = (lengths > 0.0) & ~_repeated(rows, others, G, d)
-        label = np.empty(m, np.int64)
-        count, tried = gram.islands(columns, starts, len(x), kept, label), set[int]()
-        _solve_islands(rows, others, G, d, label, count, _MARGIN * residual * largest, u)
-        few = np.bincount(label + 1, minlength=count + 1)[label + 1] <= _SMALL
-        enough = np.where(few, min(residual, _ROUNDED), residual) * largest
+        able = lengths > 0.0
+        watched, tried, label = able & _near(d, u), set[int](), None
         while True:
+            if label is None:
+                label = self._solved(data, columns, starts, len(x), d, watched, _MARGIN * residual * largest, u)
+                few = np.bincount(label + 1)[label + 1] <= _SMALL
+                enough = np.where(few, min(residual, _ROUNDED), residual) * largest
             velocity = x + metric.unwhiten(np.bincount(columns, data * u[row], minlength=len(x)))
             # judged by the velocity itself
-            off = np.abs(np.minimum(u, (J @ velocity - lower) / unit))
+            rate = (J @ velocity - lower) / unit
+            off = np.abs(np.minimum(u, rate))
+            missed = able & ~watched & (rate < 0.0)
+            if missed.any() and off[missed].max() > enough[label >= 0].max(initial=0.0):
+                watched, label = watched | missed, None
+                continue
             wrong = (off > enough) & (label >= 0)
             bad = set(label[wrong].tolist()) - tried if wrong.any() else None
             if not bad:
@@ -197,6 +203,25 @@ class Large:
         percussion = u / unit
         self._keep(keys, percussion)
         return velocity, percussion, float(off.max()) / largest
+
+    def _solved(
+        self, data: Array, columns: Array, starts: Array, n: int, d: Array, watched: Array, target: float, u: Array
+    ) -> Array:
+        """Solve for the watched rows; return the island of each, -1 of the others and of what repeats one."""
+        here = np.flatnonzero(watched)
+        if len(here) < len(d):
+            sizes = np.diff(starts)
+            entries = np.repeat(watched, sizes)
+            data, columns = data[entries], columns[entries]
+            starts = np.concatenate([[0], np.cumsum(sizes[here])]).astype(np.uint32)
+        rows, others, G = self._gram(data, columns, starts, n)
+        kept, part = ~_repeated(rows, others, G, d[here]), u[here]
+        label, within = np.full(len(d), -1), np.empty(len(here), np.int64)
+        count = gram.islands(columns, starts, n, kept, within)
+        _solve_islands(rows, others, G, d[here], within, count, target, part)
+        u[:] = 0.0
+        u[here], label[here] = part, within
+        return label
 
     def _solve_exactly(self, U: csr_array, d: Array, rows: Array, u: Array) -> None:
         """Solve one island as few rows are solved: where masses differ by many powers of ten, G has lost them."""
@@ -253,6 +278,15 @@ def _keys(contacts: Array) -> Array:
     if order is not None:
         keys[order] = keys.copy()
     return keys
+
+
+def _near(d: Array, u: Array) -> Array:
+    """Tell which rows may press: those that ask or did, and half as many that come next."""
+    watched = (d > 0.0) | (u > 0.0)
+    count = int((1.0 + _NEXT) * np.count_nonzero(watched))
+    if count >= _MOST * len(d):
+        return np.ones(len(d), bool)
+    return watched | (d >= np.partition(d, len(d) - count)[len(d) - count])
 
 
 def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:

@@ -52,9 +52,10 @@ class Crossings:
         near = ~(start + end > used[due])
         share, first = self._earliest(stride, due[near], end[near], used[due[near]]) if near.any() else (1.0, due[:0])
         if share < 1.0:
-            # the step will be cut: its end is not where they will be
-            far, self.depth = self._least - share * used, 0.0
-            far[due] = start - share * used[due]
+            # the step will be cut: its end is not where they will be; of infinite travel no share is none
+            spent = share * used if share > 0.0 else np.zeros_like(used)
+            far, self.depth = self._least - spent, 0.0
+            far[due] = start - spent[due]
         self._least = far
         return share, first
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..compiled import plain_array
 from ..projection import BodiesMetric, DiagonalMetric, Metric, Push
-from . import rotations
+from . import rotations, turning
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
 
@@ -125,7 +126,8 @@ class FreeBodies:
         self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
-        self._masses, self._inertias, self._gravity = masses, inertias, gravity
+        self._masses, self._inertias, self._gravity = masses, np.array(inertias, float, order="C"), gravity
+        self._inverses = np.linalg.inv(self._inertias)
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
         blocks[:, 3:, 3:] = inertias
@@ -133,19 +135,18 @@ class FreeBodies:
         self._weight = masses[:, None] * gravity
         # of those that are not held
         self._acting = self._weight
+        self._pull = self._acting / masses[:, None]
         self.pull = float(np.linalg.norm(gravity))
 
     def hold(self, held: Array) -> None:
         """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
         self._acting = np.where(held[:, None], 0.0, self._weight)
+        self._pull = self._acting / self._masses[:, None]
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        old, step = q.reshape(-1, 7), dv.reshape(-1, 6)
-        new = np.empty_like(old)
-        new[:, :3] = old[:, :3] + step[:, :3]
-        new[:, 3:] = rotations.compose(old[:, 3:], rotations.exp(step[:, 3:]))
-        new[:, 3:] /= np.sqrt(np.einsum("ij,ij->i", new[:, 3:], new[:, 3:]))[:, None]
-        return new.reshape(-1)
+        new = np.empty(self.nq)
+        turning.moved(plain_array(q), plain_array(dv), new)
+        return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
         old, new = q0.reshape(-1, 7), q1.reshape(-1, 7)
@@ -168,18 +169,20 @@ class FreeBodies:
         return g.reshape(-1)
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return v + h * self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
+        return v + h * self.acceleration(t, q, v)
 
     def push(self, t: float, q: Array, v: Array, h: float) -> Push:
         return Push(self.free_velocity(t, q, v, h), self._metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._metric.unwhiten(self._metric.whiten(self.force(t, q, v)))
+        out = np.empty(self.nv)
+        turning.accelerations(plain_array(v), self._pull, self._inertias, self._inverses, out)
+        return out
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
-        rate = v.reshape(-1, 6).copy()
-        rate[:, 3:] = rotations.chart_rate(dv.reshape(-1, 6)[:, 3:], rate[:, 3:])
-        return rate.reshape(-1)
+        rate = np.empty(self.nv)
+        turning.chart_rates(plain_array(dv), plain_array(v), rate)
+        return rate
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         return float(0.5 * v @ self._metric.apply(v))
@@ -188,10 +191,8 @@ class FreeBodies:
         return float(-(q.reshape(-1, 7)[:, :3] * self._weight).sum())
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        poses = q.reshape(-1, 7)[bodies - 1]
         places = np.empty((len(bodies), 4, 3))
-        places[:, :3] = rotations.matrices(poses[:, 3:]).transpose(0, 2, 1)
-        places[:, 3] = poses[:, :3]
+        turning.placed(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:

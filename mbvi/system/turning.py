@@ -1,0 +1,148 @@
+"""How free bodies move and turn, in flat arrays: q of 7 numbers a body, v of 6, as `FreeBodies` has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+from . import rotations
+
+Array = np.ndarray
+
+# half the angle below which a series stands for what cancels
+_SMALL = 0.05
+
+
+def moved_plain(q: Array, dv: Array, new: Array) -> None:
+    """Write where a tangent vector leads: centres straight on, rotations about a fixed axis.
+
+    Parameters
+    ----------
+    q, dv : ndarray, shapes (7 n,) and (6 n,)
+        Centres and quaternions; the tangent vector.
+    new : ndarray, shape (7 n,)
+        Receives what `q` is after it, quaternions of unit length.
+    """
+    old, step, out = q.reshape(-1, 7), dv.reshape(-1, 6), new.reshape(-1, 7)
+    out[:, :3] = old[:, :3] + step[:, :3]
+    turned = rotations.compose(old[:, 3:], rotations.exp(step[:, 3:]))
+    out[:, 3:] = turned / np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
+
+
+@kernel("void(f8[::1], f8[::1], f8[::1])", plain=moved_plain)
+def moved(q: Array, dv: Array, new: Array) -> None:
+    """Loops of `moved_plain`."""
+    for body in range(len(q) // 7):
+        i, j = 7 * body, 6 * body
+        for c in range(3):
+            new[i + c] = q[i + c] + dv[j + c]
+        u, v, w = dv[j + 3], dv[j + 4], dv[j + 5]
+        angle = np.sqrt(u * u + v * v + w * w)
+        share = np.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+        u, v, w, r = share * u, share * v, share * w, np.cos(0.5 * angle)
+        x, y, z, s = q[i + 3], q[i + 4], q[i + 5], q[i + 6]
+        a, b = s * u + r * x + y * w - z * v, s * v + r * y + z * u - x * w
+        c, d = s * w + r * z + x * v - y * u, s * r - (x * u + y * v + z * w)
+        length = np.sqrt(a * a + b * b + c * c + d * d)
+        new[i + 3], new[i + 4], new[i + 5], new[i + 6] = a / length, b / length, c / length, d / length
+
+
+def chart_rates_plain(dv: Array, v: Array, rate: Array) -> None:
+    """Write how fast tangent vectors change along a motion.
+
+    Parameters
+    ----------
+    dv, v : ndarray, shape (6 n,)
+        Where the motion is, as a tangent vector from a configuration that stays; its velocity.
+    rate : ndarray, shape (6 n,)
+        Receives d(dv)/dt.
+    """
+    out, here = rate.reshape(-1, 6), v.reshape(-1, 6)
+    out[:, :3] = here[:, :3]
+    out[:, 3:] = rotations.chart_rate(dv.reshape(-1, 6)[:, 3:], here[:, 3:])
+
+
+@kernel("void(f8[::1], f8[::1], f8[::1])", plain=chart_rates_plain)
+def chart_rates(dv: Array, v: Array, rate: Array) -> None:
+    """Loops of `chart_rates_plain`."""
+    for j in range(0, len(dv), 6):
+        for c in range(3):
+            rate[j + c] = v[j + c]
+        x, y, z, a, b, c = dv[j + 3], dv[j + 4], dv[j + 5], v[j + 3], v[j + 4], v[j + 5]
+        half = 0.5 * np.sqrt(x * x + y * y + z * z)
+        square = half * half
+        if half < _SMALL:
+            bend = (1.0 + square / 15.0 * (1.0 + square * 2.0 / 21.0)) / 3.0
+        else:
+            bend = (1.0 - half / np.tan(half)) / square
+        d, e, f = y * c - z * b, z * a - x * c, x * b - y * a
+        rate[j + 3] = a + 0.5 * d + 0.25 * bend * (y * f - z * e)
+        rate[j + 4] = b + 0.5 * e + 0.25 * bend * (z * d - x * f)
+        rate[j + 5] = c + 0.5 * f + 0.25 * bend * (x * e - y * d)
+
+
+def accelerations_plain(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
+    """Write the accelerations of bodies that nothing touches.
+
+    Parameters
+    ----------
+    v : ndarray, shape (6 n,)
+        Velocities of the centres in the world, spins in the bodies.
+    pull : ndarray, shape (n, 3)
+        Accelerations of the centres [m/s^2].
+    inertias, inverses : ndarray, shape (n, 3, 3)
+        Inertias in the bodies [kg m^2], and their inverses.
+    out : ndarray, shape (6 n,)
+        Receives dv/dt.
+    """
+    spin, there = v.reshape(-1, 6)[:, 3:], out.reshape(-1, 6)
+    there[:, :3] = pull
+    there[:, 3:] = np.matvec(inverses, np.cross(np.matvec(inertias, spin), spin))
+
+
+@kernel("void(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1])", plain=accelerations_plain)
+def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
+    """Loops of `accelerations_plain`."""
+    for body in range(len(pull)):
+        j, J, A = 6 * body, inertias[body], inverses[body]
+        for c in range(3):
+            out[j + c] = pull[body, c]
+        a, b, c = v[j + 3], v[j + 4], v[j + 5]
+        x = J[0, 0] * a + J[0, 1] * b + J[0, 2] * c
+        y = J[1, 0] * a + J[1, 1] * b + J[1, 2] * c
+        z = J[2, 0] * a + J[2, 1] * b + J[2, 2] * c
+        x, y, z = y * c - z * b, z * a - x * c, x * b - y * a
+        for k in range(3):
+            out[j + 3 + k] = A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
+
+
+def placed_plain(q: Array, bodies: Array, places: Array) -> None:
+    """Write where bodies are.
+
+    Parameters
+    ----------
+    q : ndarray, shape (7 n,)
+        Centres and quaternions.
+    bodies : ndarray of int, shape (k,)
+        From 1 on.
+    places : ndarray, shape (k, 4, 3)
+        Receives the columns of the rotation, then the centre.
+    """
+    poses = q.reshape(-1, 7)[bodies - 1]
+    places[:, :3] = rotations.matrices(poses[:, 3:]).transpose(0, 2, 1)
+    places[:, 3] = poses[:, :3]
+
+
+@kernel("void(f8[::1], i8[::1], f8[:,:,::1])", plain=placed_plain)
+def placed(q: Array, bodies: Array, places: Array) -> None:
+    """Loops of `placed_plain`."""
+    for k in range(len(bodies)):
+        i, place = 7 * (bodies[k] - 1), places[k]
+        x, y, z, w = q[i + 3], q[i + 4], q[i + 5], q[i + 6]
+        place[0, 0], place[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
+        place[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        place[0, 1], place[1, 0] = 2.0 * (x * y + z * w), 2.0 * (x * y - z * w)
+        place[0, 2], place[2, 0] = 2.0 * (x * z - y * w), 2.0 * (x * z + y * w)
+        place[1, 2], place[2, 1] = 2.0 * (y * z + x * w), 2.0 * (y * z - x * w)
+        for c in range(3):
+            place[3, c] = q[i + c]
