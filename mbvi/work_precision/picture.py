@@ -31,7 +31,8 @@ _STYLES = {
     "PyBullet": ("C6", "X"),
     "Drake": ("C8", "d"),
     "DART": ("C9", "p"),
-    "Siconos": ("0.6", "h"),
+    "Siconos": ("y", "h"),
+    "jiminy": ("k", "1"),
 }
 
 
