@@ -12,7 +12,7 @@ from mbvi.constraints import HalfSpaceContacts, sphere_walls, standing, triangle
 from mbvi.constraints.balls import Balls
 from mbvi.constraints.separating_axis import SeparatingAxes
 from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.projection import gram
+from mbvi.projection import gram, mending
 from mbvi.projection import incomplete_cholesky as factor_of_rows
 from mbvi.system import ArticulatedSystem
 
@@ -515,13 +515,26 @@ def relax(rng):
     return starts, columns, G.data, missing_rates(rng, U), 1e-11, start
 
 
+def rounds(rng):
+    starts, columns, data, d, target, start = relax(rng)
+    return starts, columns, data, d, target, 0.0, 2000, np.zeros(6), np.full(len(d), np.nan), start
+
+
+def mend(rng):
+    """Percussions that fit but for three."""
+    starts, columns, data, d, target, u = relax(rng)
+    mending.relax_plain(starts, columns, data, d, 0.1 * target, u)
+    u[rng.integers(len(u), size=3)] += 0.1
+    return starts, columns, data, target, csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d, u
+
+
 def solve_islands(rng):
     U, G, starts, columns = delassus_of(rng)
     kept, label = rng.random(U.shape[0]) < 0.9, np.empty(U.shape[0], np.int64)
     kept[0] = True
     count = gram.islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
-    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
+    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
 
 
 def free_bodies(rng):
@@ -571,6 +584,8 @@ ARGUMENTS = {
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
     "solve_factor": solve_factor,
+    "rounds": rounds,
+    "mend": mend,
     "relax": relax,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
@@ -663,12 +678,13 @@ def specified(name, result, arguments):
         if not (result if isinstance(result, bool) else result[0]):
             return [False]
         return [True, rows, places[: rows[-1]], L[: rows[-1]]]
-    if name in ("relax", "_solve_islands"):
+    if name in ("rounds", "mend", "relax", "_solve_islands"):
         # percussions may be shared between rows that depend on each other: what they bring about is the same
-        starts, columns, G, d = arguments[:4]
-        full = csr_array((G, columns, starts), shape=(len(d), len(d)))
-        label = arguments[4] if name == "_solve_islands" else np.zeros(len(d), int)
-        return [bool(result <= 1e-11), np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
+        starts, columns, G = arguments[:3]
+        full = csr_array((G, columns, starts), shape=(len(starts) - 1, len(starts) - 1))
+        label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
+        done = result if name == "mend" else bool(result <= 1e-11)
+        return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name in ("_spend", "sift", "_clear"):
         # in its first places only
         count = result if name == "_clear" else result[0]

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array, vstack
 
 import mbvi
-from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
+from mbvi.compiled import load
+from mbvi.projection import BodiesMetric, DiagonalMetric, Projector, mending
 from mbvi.system.sparse_rows import rows_of_two
 
 SEEDS = st.integers(0, 10_000)
@@ -53,6 +54,31 @@ def test_the_answer_meets_the_conditions_to_the_residual_that_was_asked(seed, re
     assert found <= residual
     assert told == pytest.approx(found, rel=1e-3, abs=1e-13)
     assert balance < 1e-12
+
+
+@settings(deadline=None, max_examples=12)
+@given(SEEDS, st.integers(1, 4))
+def test_what_is_mended_lowers_the_energy_and_leaves_rows_far_away_alone(seed, count):
+    rng = np.random.default_rng(seed)
+    _, metric, J = heap(rng, 60)
+    full = metric.whiten_rows(J).toarray()
+    full /= np.linalg.norm(full, axis=1)[:, None]
+    G = csr_array(full @ full.T)
+    d = full @ rng.normal(size=full.shape[1]) - 0.3 * rng.random(len(full))
+    told = G.indptr.astype(np.uint32), G.indices.astype(np.uint32), G.data
+    load()
+    target, u = 1e-9, np.zeros(len(d))
+    assert mending.relax(*told, d, 0.1 * target, u) <= 0.1 * target
+    spoiled = rng.choice(len(d), count, replace=False)
+    u[spoiled] += rng.random(count)
+    before, g = u.copy(), G @ u - d
+    off = np.abs(np.minimum(u, g)) > 0.5 * target
+    near = (np.abs(G) @ off) > 0.0
+    assert mending.mend(*told, target, g, u)
+    after = G @ u - d
+    assert np.abs(np.minimum(u, after))[near].max() <= 0.3 * target
+    assert (u[~near] == before[~near]).all()
+    assert 0.5 * u @ (after - d) < 0.5 * before @ (g - d)
 
 
 @settings(deadline=None, max_examples=12)

@@ -3,7 +3,7 @@
 A sweep of Gauss-Seidel finds which rows press; on these the equations are solved by conjugate gradients with an
 incomplete Cholesky factor; the way there is cut where percussions would pull. That alone stalls where about as many
 rows press as there are velocities: a shift of the diagonal, raised when a way is cut and lowered when it is not, keeps
-the steps short there.
+the steps short there. `mending` has what goes on where few rows are left.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from ..compiled import kernel
 from . import incomplete_cholesky as factor
 from .metric import Array
 
-# rounds at most, steps of conjugate gradients a round, how much of the residual they leave
-_ROUNDS, _STEPS, _LEFT = 2000, 200, 0.1
+# steps of conjugate gradients a round, how much of the residual they leave
+_STEPS, _LEFT = 200, 0.1
 # sweeps a round; after so many rounds that did not halve the residual they wait until a way is not cut; after the third
 # number of such rounds the shift starts anew, for where it was raised long ago the steps stay short for good; and after
 # the last, once, all of it from nothing: percussions that are carried along may stress what depends on each other more
@@ -28,8 +28,19 @@ _STIFFER = 1e-2
 _SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-3, 0.2, 2.0
 
 
-def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
-    """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached.
+def rounds_plain(
+    starts: Array,
+    columns: Array,
+    G: Array,
+    d: Array,
+    target: float,
+    near: float,
+    most: int,
+    state: Array,
+    g: Array,
+    u: Array,
+) -> float:
+    """Bring the natural residual max |min(u, G u - d)| down, from where u is; return what was reached.
 
     Parameters
     ----------
@@ -37,18 +48,26 @@ def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float
         Scaled Delassus matrix, row after row, columns ascending; its diagonal is 1.
     d, u : ndarray, shape (m,)
         Missing rates; percussions to start from, which are written over.
-    target : float
-        The residual that is enough.
+    target, near : float
+        The residual that is enough, and one that is enough after a round.
+    most : int
+        How many rounds at most.
+    state : ndarray, shape (6,)
+        Zeros at first; receives what the next call goes on from: shift, what is added to the factor, least residual so
+        far, rounds in vain since, the last share of a way, and whether percussions were carried along.
+    g : ndarray, shape (m,)
+        Receives G u - d.
 
     Notes
     -----
-    This form is the accelerated projected gradient with restarts: slow, and enough to compare with.
+    This form is the accelerated projected gradient with restarts, whatever is near and however many rounds there may
+    be: slow, and enough to compare with.
     """
     A = csr_array((G, columns, starts), shape=(len(d), len(d)))
     length = float(abs(A).sum(axis=1).max(initial=1.0))
     y, momentum = u.copy(), 1.0
     for _ in range(200_000):
-        g = A @ u - d
+        g[:] = A @ u - d
         if np.abs(np.minimum(u, g)).max(initial=0.0) <= target:
             break
         new = np.maximum(y - (A @ y - d) / length, 0.0)
@@ -56,22 +75,36 @@ def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float
         back = (y - new) @ (new - u) > 0.0
         y = new if back else new + (momentum - 1.0) / following * (new - u)
         u[:], momentum = new, 1.0 if back else following
-    return float(np.abs(np.minimum(u, A @ u - d)).max(initial=0.0))
+    g[:] = A @ u - d
+    return float(np.abs(np.minimum(u, g)).max(initial=0.0))
 
 
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8[::1])", plain=relax_plain)
-def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
-    """Loops of the method told above, whose answers are those of `relax_plain`."""
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8, i8, f8[::1], f8[::1], f8[::1])", plain=rounds_plain)
+def rounds(
+    starts: Array,
+    columns: Array,
+    G: Array,
+    d: Array,
+    target: float,
+    near: float,
+    most: int,
+    state: Array,
+    g: Array,
+    u: Array,
+) -> float:
+    """Loops of the method told above."""
     m = len(d)
-    g, way = np.empty(m), np.empty(m)
+    way = np.empty(m)
     face, local = np.empty(m, np.uint32), np.empty(m, np.int32)
     # the matrix of the face, and its factor
     room = len(G)
     inner_starts, inner_columns, inner = np.empty(m + 1, np.uint32), np.empty(room, np.uint32), np.empty(room)
     rows, places, L = np.empty(m + 1, np.uint32), np.empty((room + m) // 2, np.uint32), np.empty((room + m) // 2)
     r, y, s, q, x = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    shift, stiffer, residual, best, vain, whole, carried = _SHIFT, 0.0, np.inf, np.inf, 0, 1.0, True
-    for _ in range(_ROUNDS):
+    if state[0] == 0.0:
+        state[0], state[2], state[4], state[5] = _SHIFT, np.inf, 1.0, 1.0
+    shift, stiffer, best, vain, whole, carried = state[0], state[1], state[2], int(state[3]), state[4], state[5] > 0.0
+    for number in range(most + 1):
         # the gradient anew, for sums of changes drift
         residual = 0.0
         for a in range(m):
@@ -83,8 +116,8 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
             # written so that a NaN stays
             if not off <= residual and residual == residual:
                 residual = off
-        if not residual > target:
-            return residual
+        if not residual > target or number == most or (number > 0 and not residual > near):
+            break
         vain += 1
         if vain % _ANEW == 0:
             shift, stiffer = _SHIFT, 0.0
@@ -121,7 +154,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
             inner_starts[i + 1] = count
             r[i], x[i] = -g[a], 0.0
             largest = max(largest, abs(r[i]))
-        enough = max(_LEFT * largest, 0.3 * target)
+        least = max(_LEFT * largest, 0.3 * target)
         if n > 0 and largest > 0.3 * target:
             more = max(shift, stiffer)
             while not factor.incomplete_cholesky(
@@ -152,7 +185,7 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
                     x[i] += length * s[i]
                     r[i] -= length * q[i]
                     left = max(left, abs(r[i]))
-                if left <= enough:
+                if left <= least:
                     break
         # the whole way, or as much of it as lowers the energy: down to where the first percussion would pull, it does
         whole = 1.0
@@ -179,4 +212,5 @@ def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: A
             shift = max(_LOWER * shift, _LEAST_SHIFT)
         elif share < 1.0:
             shift = min(_RAISE * shift, _MOST_SHIFT)
+    state[0], state[1], state[2], state[3], state[4], state[5] = shift, stiffer, best, vain, whole, carried
     return residual

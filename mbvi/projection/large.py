@@ -1,7 +1,7 @@
 """The projection onto the rows of many bodies: sparse, island by island, started from the percussions of the last one.
 
 Rows are scaled to unit length in the metric. A small island is solved as `few_rows` solves: to rounding, by the rows
-that press. A large one whose percussions of the last step still fit is left alone; others are solved by `free_face` to
+that press. A large one whose percussions of the last step still fit is left alone; others are solved by `mending` to
 the residual that is asked.
 """
 
@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel
 from ..errors import ProjectionError
-from . import free_face, gram, nonnegative
+from . import gram, mending, nonnegative
 from .metric import Array, DiagonalMetric, Metric
 
 # rows up to which an island is solved to rounding
@@ -27,8 +27,8 @@ _MARGIN = 0.9
 _ROUNDED = 1e-10
 # rows up to which an island that fails is solved in full
 _MOST_EXACT = 400
-# the part of the last percussions that an island is started from where they no longer fit: all of them would store
-# what changes nothing, stress among rows that depend on each other, more and more from step to step
+# the part of the last step's percussions that an island is started from where they no longer fit: all of them would
+# store what changes nothing, stress among rows that depend on each other, more and more from step to step
 _CARRIED = 0.8
 # how many rows are looked at beyond those that ask or pressed, and the share of all from which on it is all of them
 _NEXT, _MOST = 0.5, 0.5
@@ -37,7 +37,7 @@ _POINTS = 64
 
 
 def solve_islands_plain(
-    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
 ) -> float:
     """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
 
@@ -53,6 +53,8 @@ def solve_islands_plain(
         How many islands there are.
     target : float
         The residual that is enough.
+    carried : float
+        The part of u that a large island is started from where all of it does not fit.
     """
     A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
     u[label < 0] = 0.0
@@ -68,17 +70,17 @@ def solve_islands_plain(
                 np.maximum(part, 0.0, out=part)
         residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
         if residual > target:
-            part *= _CARRIED
-            residual = free_face.relax_plain(
+            part *= carried
+            residual = mending.relax_plain(
                 inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
             )
         u[here], worst = part, max(worst, residual)
     return worst
 
 
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])", plain=solve_islands_plain)
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])", plain=solve_islands_plain)
 def _solve_islands(
-    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
 ) -> float:
     m, worst = len(d), 0.0
     # rows sorted by island
@@ -134,13 +136,13 @@ def _solve_islands(
             own_starts[0] = 0
             for i in range(size):
                 a = order[begin + i]
-                own_d[i], own_u[i] = d[a], _CARRIED * u[a]
+                own_d[i], own_u[i] = d[a], carried * u[a]
                 for k in range(starts[a], starts[a + 1]):
                     if label[columns[k]] >= 0:
                         own_columns[entry], own[entry] = local[columns[k]], G[k]
                         entry += 1
                 own_starts[i + 1] = entry
-            residual = free_face.relax(own_starts, own_columns, own, own_d, target, own_u)
+            residual = mending.relax(own_starts, own_columns, own, own_d, target, own_u)
             for i in range(size):
                 u[order[begin + i]] = own_u[i]
         worst = max(worst, residual)
@@ -159,6 +161,8 @@ class Large:
     def __init__(self, exact: Callable[[Array, Metric, Array, Array], tuple[Array, Array, float]]) -> None:
         self._exact = exact
         self._keys, self._last = np.zeros(0, np.int64), np.zeros(0)
+        # what was projected last: within one step it is the same again, and percussions are carried in full
+        self._x = np.zeros(0)
         self._room = 0
 
     def project(
@@ -179,9 +183,12 @@ class Large:
         u = self._carried(keys, m) * unit
         able = lengths > 0.0
         watched, tried, label = able & _near(d, u), set[int](), None
+        carried, self._x = 1.0 if x is self._x else _CARRIED, x
         while True:
             if label is None:
-                label = self._solved(data, columns, starts, len(x), d, watched, _MARGIN * residual * largest, u)
+                target = _MARGIN * residual * largest
+                label = self._solved(data, columns, starts, len(x), d, watched, target, carried, u)
+                carried = 1.0
                 few = np.bincount(label + 1)[label + 1] <= _SMALL
                 enough = np.where(few, min(residual, _ROUNDED), residual) * largest
             velocity = x + metric.unwhiten(np.bincount(columns, data * u[row], minlength=len(x)))
@@ -205,7 +212,16 @@ class Large:
         return velocity, percussion, float(off.max()) / largest
 
     def _solved(
-        self, data: Array, columns: Array, starts: Array, n: int, d: Array, watched: Array, target: float, u: Array
+        self,
+        data: Array,
+        columns: Array,
+        starts: Array,
+        n: int,
+        d: Array,
+        watched: Array,
+        target: float,
+        carried: float,
+        u: Array,
     ) -> Array:
         """Solve for the watched rows; return the island of each, -1 of the others and of what repeats one."""
         here = np.flatnonzero(watched)
@@ -218,7 +234,7 @@ class Large:
         kept, part = ~_repeated(rows, others, G, d[here]), u[here]
         label, within = np.full(len(d), -1), np.empty(len(here), np.int64)
         count = gram.islands(columns, starts, n, kept, within)
-        _solve_islands(rows, others, G, d[here], within, count, target, part)
+        _solve_islands(rows, others, G, d[here], within, count, target, carried, part)
         u[:] = 0.0
         u[here], label[here] = part, within
         return label
