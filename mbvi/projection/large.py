@@ -307,10 +307,13 @@ def _near(d: Array, u: Array) -> Array:
 
 def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:
     """Tell which rows are the same as another that asks for as much or more, shape (m,)."""
-    repeated = np.zeros(len(d), bool)
-    row = np.repeat(np.arange(len(d)), np.diff(starts))
-    same = np.flatnonzero((G >= _SAME) & (row != columns))
-    a, b = row[same], columns[same]
+    repeated, same = np.zeros(len(d), bool), np.flatnonzero(G >= _SAME)
+    if len(same) == len(d):
+        # each is the same as itself
+        return repeated
+    a, b = np.searchsorted(starts, same, "right") - 1, columns[same].astype(np.int64)
+    other = a != b
+    a, b = a[other], b[other]
     repeated[a[(d[b] > d[a]) | ((d[b] == d[a]) & (b < a))]] = True
     return repeated
 

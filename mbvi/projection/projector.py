@@ -144,7 +144,8 @@ class Projector:
 
     def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
         """Project onto rows of many bodies."""
-        speeds = abs(J).dot(np.abs(x)) + np.abs(lower)
+        sums = np.concatenate([[0.0], np.cumsum(np.abs(J.data * x[J.indices]))])
+        speeds = sums[J.indptr[1:]] - sums[J.indptr[:-1]] + np.abs(lower)
         if (lower - J.dot(x)).max(initial=0.0) <= ROUNDING * speeds.max(initial=0.0):
             # what is missing, if anything, is the rounding of J x
             return Projection(x, np.zeros(len(lower)), 0.0)

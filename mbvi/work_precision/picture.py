@@ -31,8 +31,8 @@ _STYLES = {
     "PyBullet": ("C6", "X"),
     "Drake": ("C8", "d"),
     "DART": ("C9", "p"),
-    "Siconos": ("y", "h"),
-    "jiminy": ("k", "1"),
+    "Siconos": ("indigo", "h"),
+    "jiminy": ("darkgreen", "1"),
 }
 
 
