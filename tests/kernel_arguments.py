@@ -567,6 +567,24 @@ def placed(rng):
     return free_bodies(rng)[0], rng.integers(1, 4, 5), np.zeros((5, 4, 3))
 
 
+def pulled(rng):
+    points, normals = rng.normal(size=(2, 5, 3))
+    return free_bodies(rng)[0], rng.integers(0, 4, 5), rng.choice([-1.0, 1.0]), points, normals, np.full((5, 6), np.nan)
+
+
+def pulled_in_plane(rng):
+    q, bodies, sign, points, normals, _ = pulled(rng)
+    return q, bodies, sign, rotation(rng), points, normals, np.full((5, 3), np.nan)
+
+
+def first_of_lines(rng):
+    """Points of which some stand in line."""
+    line = rng.normal(size=3)
+    line /= np.linalg.norm(line)
+    points = rng.normal(size=(4, 3))[rng.integers(0, 4, 7)] + rng.normal(size=(7, 1)) * line
+    return points, line, np.full(7, -1)
+
+
 def near_triangles(rng):
     corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
     centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
@@ -593,6 +611,9 @@ ARGUMENTS = {
     "chart_rates": chart_rates,
     "accelerations": accelerations,
     "placed": placed,
+    "pulled": pulled,
+    "pulled_in_plane": pulled_in_plane,
+    "_first_of_lines": first_of_lines,
     "_struck": struck,
     "factor": factor,
     "_back": back,
@@ -685,6 +706,8 @@ def specified(name, result, arguments):
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
         done = result if name == "mend" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
+    if name == "_first_of_lines":
+        return [result, arguments[-1][:result]]
     if name in ("_spend", "sift", "_clear"):
         # in its first places only
         count = result if name == "_clear" else result[0]

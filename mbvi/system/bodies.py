@@ -196,12 +196,9 @@ class FreeBodies:
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        pulls = np.zeros((2, len(point), 6))
+        pulls, told = np.empty((2, len(point), 6)), (plain_array(point), plain_array(normal))
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            here = np.flatnonzero(side)
-            places = self.placements(q, side[here])
-            torque = np.cross(point[here] - places[:, 3], normal[here])
-            pull[here, :3], pull[here, 3:] = sign * normal[here], sign * np.einsum("kij,kj->ki", places[:, :3], torque)
+            turning.pulled(plain_array(q), np.ascontiguousarray(side, np.int64), sign, *told, pull)
         return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.sparse import csr_array
 
+from ..compiled import plain_array
 from ..projection import DiagonalMetric
-from . import rotations
+from . import turning
 from .bodies import FreeBodies, Spheres
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
@@ -81,7 +82,9 @@ class PlanarBodies(FreeBodies):
         self.nv = 3 * len(masses)
         self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
-        self._axes, self._along, self._normals = axes, _columns(axes), normals
+        self._along, self._normals = _columns(axes), normals
+        # the directions of the velocities, which go by the order of the world's axes, and the axis of turns
+        self._ways = np.vstack([np.eye(3)[self._along], axes[2]])
         moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
         diagonal = np.stack([masses, masses, moments], axis=1).ravel()
         self._metric = DiagonalMetric(diagonal)
@@ -96,12 +99,14 @@ class PlanarBodies(FreeBodies):
         self._load = self._diagonal * self._pull
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        old, step = q.reshape(-1, 7), dv.reshape(-1, 3)
-        new = old.copy()
-        new[:, :3][:, self._along] += step[:, :2]
-        new[:, 3:] = rotations.compose(old[:, 3:], rotations.exp(step[:, 2:] * self._normals))
-        new[:, 3:] /= np.sqrt(np.einsum("ij,ij->i", new[:, 3:], new[:, 3:]))[:, None]
-        return new.reshape(-1)
+        return super().integrate(q, self._in_space(dv))
+
+    def _in_space(self, v: Array) -> Array:
+        """Return the velocities that bodies have in space."""
+        flat, full = v.reshape(-1, 3), np.zeros((len(self._normals), 6))
+        full[:, self._along] = flat[:, :2]
+        full[:, 3:] = flat[:, 2:] * self._normals
+        return full.reshape(-1)
 
     def difference(self, q0: Array, q1: Array) -> Array:
         full = super().difference(q0, q1).reshape(-1, 6)
@@ -123,17 +128,13 @@ class PlanarBodies(FreeBodies):
         return v
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        centres, pulls = q.reshape(-1, 7)[:, :3], np.zeros((2, len(point), 3))
+        pulls, told = np.empty((2, len(point), 3)), (self._ways, plain_array(point), plain_array(normal))
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            here = np.flatnonzero(side)
-            torque = np.cross(point[here] - centres[side[here] - 1], normal[here])
-            pull[here, :2], pull[here, 2] = sign * normal[here][:, self._along], sign * torque @ self._axes[2]
+            turning.pulled_in_plane(plain_array(q), np.ascontiguousarray(side, np.int64), sign, *told, pull)
         return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
-        full = np.zeros((len(self._normals), 6))
-        full[:, 3:] = v.reshape(-1, 3)[:, 2:] * self._normals
-        return super().point_bias(q, full.ravel(), bodies, points)
+        return super().point_bias(q, self._in_space(v), bodies, points)
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)

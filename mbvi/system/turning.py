@@ -146,3 +146,86 @@ def placed(q: Array, bodies: Array, places: Array) -> None:
         place[1, 2], place[2, 1] = 2.0 * (y * z + x * w), 2.0 * (y * z - x * w)
         for c in range(3):
             place[3, c] = q[i + c]
+
+
+def pulled_plain(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
+    """Write how fast points of bodies move along normals with each velocity.
+
+    Parameters
+    ----------
+    q : ndarray, shape (7 n,)
+        Centres and quaternions.
+    bodies : ndarray of int, shape (k,)
+        From 1 on; of 0, the world, nothing moves.
+    sign : float
+        By which all is multiplied.
+    points, normals : ndarray, shape (k, 3)
+        In the world.
+    pulls : ndarray, shape (k, 6)
+        Receives the rows.
+    """
+    here = np.flatnonzero(bodies)
+    poses = q.reshape(-1, 7)[bodies[here] - 1]
+    torque = np.cross(points[here] - poses[:, :3], normals[here])
+    pulls[:] = 0.0
+    pulls[here, :3] = sign * normals[here]
+    pulls[here, 3:] = sign * np.vecmat(torque, rotations.matrices(poses[:, 3:]))
+
+
+@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1])", plain=pulled_plain)
+def pulled(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
+    """Loops of `pulled_plain`."""
+    for k in range(len(bodies)):
+        if bodies[k] == 0:
+            for c in range(6):
+                pulls[k, c] = 0.0
+            continue
+        i = 7 * (bodies[k] - 1)
+        a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
+        x, y, z, w = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2], q[i + 6]
+        pulls[k, 0], pulls[k, 1], pulls[k, 2] = a, b, c
+        a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
+        # turned back into the body
+        x, y, z = -q[i + 3], -q[i + 4], -q[i + 5]
+        d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+        pulls[k, 3] = a + w * d + y * f - z * e
+        pulls[k, 4] = b + w * e + z * d - x * f
+        pulls[k, 5] = c + w * f + x * e - y * d
+
+
+def pulled_in_plane_plain(
+    q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, pulls: Array
+) -> None:
+    """Write what `pulled` does for bodies that move in a plane.
+
+    Parameters
+    ----------
+    q, bodies, sign, points, normals
+        As `pulled`.
+    axes : ndarray, shape (3, 3)
+        In its rows the two directions of the velocities, and the axis of the turns.
+    pulls : ndarray, shape (k, 3)
+        Receives the rows.
+    """
+    here = np.flatnonzero(bodies)
+    torque = np.cross(points[here] - q.reshape(-1, 7)[bodies[here] - 1, :3], normals[here])
+    pulls[:] = 0.0
+    pulls[here, :2], pulls[here, 2] = sign * normals[here] @ axes[:2].T, sign * torque @ axes[2]
+
+
+@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])", plain=pulled_in_plane_plain)
+def pulled_in_plane(
+    q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, pulls: Array
+) -> None:
+    """Loops of `pulled_in_plane_plain`."""
+    for k in range(len(bodies)):
+        if bodies[k] == 0:
+            pulls[k, 0] = pulls[k, 1] = pulls[k, 2] = 0.0
+            continue
+        i = 7 * (bodies[k] - 1)
+        a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
+        x, y, z = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2]
+        for row in range(2):
+            pulls[k, row] = axes[row, 0] * a + axes[row, 1] * b + axes[row, 2] * c
+        a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
+        pulls[k, 2] = axes[2, 0] * a + axes[2, 1] * b + axes[2, 2] * c
