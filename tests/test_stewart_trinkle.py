@@ -168,9 +168,8 @@ def tumbling(count, seed=0):
     return scene.build()
 
 
-@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("seed", [0, 1, 4])
 def test_boxes_that_tumble_onto_each_other_stay_out_of_each_other(seed):
-    """But for a step in a hundred, where what turned twice has turned again: that is pushed out in the next."""
     problem = tumbling(24, seed)
     allowed, found = 1e-3 * problem.length, []
     for step in mbvi.steps(problem, mbvi.StewartTrinkle(), step=H):
@@ -181,8 +180,7 @@ def test_boxes_that_tumble_onto_each_other_stay_out_of_each_other(seed):
         found.append(depth)
         if step.t > 0.5:
             break
-    assert np.mean(np.array(found) > 1.001 * allowed) < 0.02
-    assert max(found) < 5.0 * allowed
+    assert max(found) < 1.01 * allowed
     assert np.abs(step.v).max() > 0.01
 
 

@@ -12,8 +12,8 @@ from ..projection import Projection, Projector, Push, TreePush
 from ..system.system import Array
 from .step import Step
 
-# how often a step looks for what it has no row for yet, and for gradients that have turned
-_MOST, _MOST_TURNED = 6, 2
+# how often a step looks for what it has no row for yet, or whose gradient has turned
+_MOST = 6
 # of the scene's length, the depth by which gradients that turned within the step may be off
 _OFF = 1e-3
 
@@ -56,9 +56,7 @@ class StewartTrinkle:
             place, gap = system.integrate(q, h * way.velocity), rows.gap + h * rows.speeds(way.velocity)
             deepest = min(-problem.tolerance, float(gap.min(initial=0.0)) - 1e-12 * problem.length)
             there = problem.constraints.near(end, place, deepest)
-            unseen = ~_among(there.constraint, rows.constraint)
-            if turn < _MOST_TURNED:
-                unseen |= there.gap < -_OFF * problem.length
+            unseen = ~_among(there.constraint, rows.constraint) | (there.gap < -_OFF * problem.length)
             if turn == _MOST or not unseen.any():
                 break
             more = _back(chosen(there, unseen), h)
