@@ -197,8 +197,9 @@ class FreeBodies:
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         pulls, told = np.empty((2, len(point), 6)), (plain_array(point), plain_array(normal))
+        place = plain_array(q)
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            turning.pulled(plain_array(q), np.ascontiguousarray(side, np.int64), sign, *told, pull)
+            turning.pulled(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
         return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
