@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 
-.PHONY: demo test clean
+.PHONY: demo test faults clean
 
 # write a replay to out/
 demo: $(VENV)/installed
@@ -10,6 +10,10 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest
+
+# fuzz scenes, URDFs, arguments and files, kill runs and fill disks, for nine minutes
+faults: $(VENV)/installed-test
+	$(VENV)/bin/python benchmarks/faults.py
 
 clean:
 	rm -rf $(VENV) out

@@ -4,6 +4,7 @@ Its counterpart beside it: at a right angle condition (12) holds, and what start
 out/figure_1.png; needs matplotlib (the extra `charts`).
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,43 @@ import mbvi
 HAIR, DURATION = 5e-3, 1.0
 
 
+def mass(q: np.ndarray) -> np.ndarray:
+    """Return M of a unit mass."""
+    return np.eye(2)
+
+
+def force(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return g: none."""
+    return np.zeros(2)
+
+
+@dataclass
+class Wall:
+    """A wall through the origin, free where normal . q >= 0; its methods can be pickled, lambdas cannot."""
+
+    normal: np.ndarray
+
+    def distance(self, q: np.ndarray) -> float:
+        """Return f(q)."""
+        return float(self.normal @ q)
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """Return grad f(q)."""
+        return self.normal
+
+    def gap(self, name: str) -> mbvi.GapFunction:
+        """Return the constraint."""
+        return mbvi.GapFunction(self.distance, self.gradient, name=name)
+
+
 def fly_into_corner(degrees: float, side: float) -> mbvi.Trajectory:
     """Return the run of a point that flies at unit speed past a corner at the origin, `side` to the right of it."""
     half, slope = np.radians(degrees) / 2, np.radians(70)
     right, left = (np.array([sign * np.cos(half), np.sin(half)]) for sign in (-1, 1))
     v0 = np.array([np.cos(slope), -np.sin(slope)])
     problem = mbvi.Problem(
-        mbvi.LagrangianSystem(mass=lambda q: np.eye(2), force=lambda t, q, v: np.zeros(2), dim=2),
-        [
-            mbvi.GapFunction(lambda q, n=n: n @ q, lambda q, n=n: n, name=name)
-            for name, n in (("right wall", right), ("left wall", left))
-        ],
+        mbvi.LagrangianSystem(mass=mass, force=force, dim=2),
+        [Wall(right).gap("right wall"), Wall(left).gap("left wall")],
         q0=-0.5 * v0 + side * np.array([np.sin(slope), np.cos(slope)]),
         v0=v0,
         restitution=1.0,

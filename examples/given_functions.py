@@ -19,7 +19,12 @@ def force(t, q, v):
     return np.array([-s * v[1] ** 2 - 2 * GRAVITY * np.sin(q[0]), s * v[0] ** 2 - GRAVITY * np.sin(q[1])])
 
 
-wall = mbvi.GapFunction(lambda q: np.sin(q[0]) + np.sin(q[1]) + 0.5, lambda q: np.cos(q), name="tip | wall")
+def distance(q):
+    """Return how far the tip is from the wall."""
+    return np.sin(q[0]) + np.sin(q[1]) + 0.5
+
+
+wall = mbvi.GapFunction(distance, np.cos, name="tip | wall")
 
 
 def main() -> float:

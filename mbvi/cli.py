@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from .errors import InadmissibleStartError, InputError, MbviError, MbviWarning, TrajectoryFileError
+from .replay_command import Shapes, warnings_as_notes, write_page
+from .run_so_far import save_interrupted
 from .scheme_names import SchemeName
 from .schemes import EventDriven, Scheme
 from .stress.command import stress
@@ -42,6 +44,7 @@ class Base(StrEnum):
     fixed = "fixed"
 
 
+_Shapes = Annotated[Shapes, typer.Option(help="Which shapes of robots the replay shows.")]
 _Robot = Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The robot.", show_default=False)]
 _Base = Annotated[Base, typer.Option(help="Whether the root link floats or is welded to the world.")]
 _Srdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Leave out the pairs this SRDF disables.")]
@@ -92,13 +95,14 @@ def simulate(
     every: Annotated[int, typer.Option(help="Record only every so many steps; impacts always.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="RUN.h5", help="Write the run there while it goes on.")] = None,
     replay: Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page that plays the run.")] = None,
+    shapes: _Shapes = Shapes.visual,
 ) -> None:
     """Drop a robot on the floor z = 0 and say what happened."""
     _check_targets(robot, out, replay)
     chosen = _scheme(scheme, tolerance)
     problem = _on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
     _print_problem(problem)
-    _run(problem, chosen, step, duration, every, out, replay)
+    _run(problem, chosen, step, duration, every, out, replay, shapes)
 
 
 @app.command()
@@ -122,20 +126,24 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A file that `simulate --out` wrote.")],
     html: Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page instead of playing.")] = None,
+    shapes: _Shapes = Shapes.visual,
 ) -> None:
     """Play a run in the browser."""
     from .trajectory_file import load
 
     _check_targets(run, html)
-    trajectory = load(run)
+    with warnings.catch_warnings():
+        # a replay needs no control
+        warnings.simplefilter("ignore", MbviWarning)
+        trajectory = load(run)
     if not trajectory.complete:
         print(f"this run was cut off at t = {trajectory.t[-1]:g} s")
     if html is None:
         print("playing in the browser", flush=True)
-        trajectory.replay()
+        with warnings_as_notes():
+            trajectory.replay(shapes=shapes.value)
     else:
-        trajectory.replay_html(html)
-        print(_replay_line(html))
+        write_page(trajectory, html, shapes)
 
 
 @app.command()
@@ -287,6 +295,7 @@ def _run(
     every: int,
     out: Path | None,
     page: Path | None,
+    shapes: Shapes = Shapes.visual,
 ) -> None:
     from .compiled import load
     from .simulate import simulate as run_problem
@@ -298,7 +307,14 @@ def _run(
     with warnings.catch_warnings():
         # what they say is in the notes
         warnings.simplefilter("ignore", MbviWarning)
-        run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out)
+        try:
+            run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out)
+        except KeyboardInterrupt as stop:
+            so_far = getattr(stop, "run", None)
+            if so_far is not None:
+                kept = save_interrupted(so_far) if out is None else out
+                print(f"run          {kept} (interrupted at t = {so_far.t[-1]:g} s)", flush=True)
+            raise
     wall = time.perf_counter() - begin
     ends = [0, -1]
     first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
@@ -317,15 +333,10 @@ def _run(
     if out is not None:
         print(f"run          {out}")
     if page is not None:
-        run.replay_html(page)
-        print(_replay_line(page))
+        write_page(run, page, shapes)
 
 
 def _few(notes: Sequence[str], most: int = 3) -> Iterator[str]:
     yield from notes[:most]
     if len(notes) > most:
         yield f"and {len(notes) - most} more like these"
-
-
-def _replay_line(page: Path) -> str:
-    return f"replay       {page} (opens in any browser)"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from types import CellType, FunctionType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 
@@ -30,7 +33,15 @@ KERNELS: list[Kernel] = []
 _loaded = False
 
 
-def kernel(signature: str, plain: Function) -> Callable[[Callable[..., Any]], Function]:
+@overload
+def kernel(signature: str) -> Callable[[Function], Function]: ...
+
+
+@overload
+def kernel(signature: str, plain: Function) -> Callable[[Callable[..., Any]], Function]: ...
+
+
+def kernel(signature: str, plain: Callable[..., Any] | None = None) -> Callable[[Callable[..., Any]], Any]:
     """Mark loops as a kernel: until `load` the name they are defined under means the plain form, then the compiled one.
 
     Elsewhere a kernel is called through its module: a name imported from there would keep its first meaning.
@@ -39,13 +50,14 @@ def kernel(signature: str, plain: Function) -> Callable[[Callable[..., Any]], Fu
     ----------
     signature : str
         numba's types of result and arguments; an argument of another type is refused.
-    plain : function
-        The same in numpy.
+    plain : function, optional
+        The same in numpy; by default the loops themselves, run by the interpreter.
     """
 
-    def mark(loops: Callable[..., Any]) -> Function:
-        KERNELS.append(Kernel(loops.__name__, loops.__globals__, plain, loops, signature))
-        return plain
+    def mark(loops: Callable[..., Any]) -> Callable[..., Any]:
+        form = loops if plain is None else plain
+        KERNELS.append(Kernel(loops.__name__, loops.__globals__, form, loops, signature))
+        return form
 
     return mark
 
@@ -60,21 +72,46 @@ def load() -> None:
     global _loaded
     if _loaded:
         return
-    start, told, stamp = time.perf_counter(), False, _stamp()
-    for item in KERNELS:
-        compiled = _compile(item, stamp)
-        # what is not in the cache is compiled for the first time, and so is the rest of them; with numba's own switch
-        # off (NUMBA_DISABLE_JIT) there is nothing to compile
-        if not told and hasattr(compiled, "stats") and not sum(compiled.stats.cache_hits.values()):
-            print(
-                f"mbvi: compiling {len(KERNELS)} kernels, once on this machine ...", end="", file=sys.stderr, flush=True
-            )
-            told = True
-        item.namespace[item.name] = compiled
+    start, told = time.perf_counter(), False
+    with _interrupts_later() as check:
+        stamp = _stamp()
+        for item in KERNELS:
+            compiled, new = _compile(item, stamp)
+            # where one is compiled for the first time, so are most of those that follow
+            if new and not told:
+                print(f"mbvi: compiling up to {len(KERNELS)} kernels, once on this machine ...", file=sys.stderr)
+                told = True
+            item.namespace[item.name] = compiled
+            check()
     # only now: whoever interrupts this does not leave the rest plain for good
     _loaded = True
     if told:
-        print(f" {time.perf_counter() - start:.0f} s", file=sys.stderr)
+        print(f"mbvi: compiled in {time.perf_counter() - start:.0f} s", file=sys.stderr)
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[Callable[[], None]]:
+    """Hold back interrupts (Ctrl-C) until the function that is returned is called.
+
+    LLVM calls Python while it compiles and loads; an exception raised there is printed and lost.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    # a handler that is no Python function interrupts nothing here, and only the main thread may set one
+    if before is None or isinstance(before, int) or threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    handler, pending = before, list[Any]()
+
+    def check() -> None:
+        if pending:
+            handler(signal.SIGINT, pending.pop())
+
+    signal.signal(signal.SIGINT, lambda _, frame: pending.append(frame))
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
+    check()
 
 
 def _stamp() -> str:
@@ -83,19 +120,13 @@ def _stamp() -> str:
     return sha256(b"".join(Path(source).read_bytes() for source in sources)).hexdigest()
 
 
-def _compile(item: Kernel, stamp: str) -> Any:
+def _compile(item: Kernel, stamp: str) -> tuple[Any, bool]:
     # imported here for its weight: only runs need it
-    from numba import njit
+    from .kernel_cache import compiled
 
     # numba's cache goes by a kernel's own file; those it calls may be in others. It goes by what a function closes over
     # as well, which is where the stamp of all files is put
     code = item.loops.__code__.replace(co_freevars=("stamp",))
     loops = FunctionType(code, item.namespace, item.name, None, (CellType(stamp),))
     loops.__module__, loops.__doc__ = item.loops.__module__, item.loops.__doc__
-    try:
-        return njit(item.signature, cache=True, error_model="numpy")(loops)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        # nowhere to write to: the next process compiles again
-        return njit(item.signature, error_model="numpy")(loops)
+    return compiled(loops, item.signature)

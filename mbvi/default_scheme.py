@@ -6,14 +6,16 @@ import numpy as np
 
 from .constraints import SignedDistances, SphereContacts, SphereSurface
 from .constraints.shapes import HalfSpace, PlacedShape
+from .errors import DivergedError
 from .problem import Problem
 from .schemes import Centered, EventDriven, Scheme, StewartTrinkle
-from .system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from .system import ActuatedSystem, ArticulatedSystem, FreeBodies, Spheres, System, located_parts, parts_of
+from .system.actuated import Part
+from .system.lengths import velocity_units
 from .system.system import Array
 
 # up to so many constraints error control costs at most some twice what steps of 1e-3 s do: benchmarks/default_scheme.py
 _FEW = 100
-_TOLERANCE = 1e-6
 # of a time scale, the part that a step may take: of the time a body takes for its own size, of its fall by that, of the
 # fastest mode (1 / omega), of the run
 _WAY, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
@@ -22,7 +24,8 @@ _SIZE = 0.1
 # a body counts as no larger than so many times the ball that fits into its thickest shape: what is flat must not be
 # passed through
 _FLAT = 5.0
-# difference of q and v, and the most degrees of freedom, for which modes are looked for
+# difference of q and v, in lengths of the scene and radians, and the most degrees of freedom, for which modes are
+# looked for
 _DIFFERENCE, _MOST_MODES = 1e-6, 200
 # relative difference of two differences of one slope
 _SAME_SLOPE = 0.5
@@ -42,7 +45,8 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     Returns
     -------
     scheme : Scheme or EventDriven
-        `EventDriven` for few constraints with continuous gradients and no control, else what `time_stepping` says.
+        `EventDriven` for few constraints with continuous gradients, no control and no external force, else what
+        `time_stepping` says.
     step : float or None
         h [s]; None for `EventDriven`.
     reason : str
@@ -52,7 +56,8 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     if against is None:
         count = _count(problem)
         why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"
-        return EventDriven(_TOLERANCE), None, f"EventDriven(tolerance={_TOLERANCE:g}) was chosen: {why}"
+        located = EventDriven()
+        return located, None, f"EventDriven(tolerance={located.tolerance:g}) was chosen: {why}"
     h, scale = time_step(problem, duration)
     scheme, words = time_stepping(problem)
     return scheme, h, f"{words} at h = {h:g} s was chosen: {against}; the step by {scale}"
@@ -64,7 +69,7 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     `StewartTrinkle` for many free bodies without restitution, which then land on each other and not in each other. Else
     `Centered` with position projection.
     """
-    free = all(isinstance(part, FreeBodies | Spheres) for part in _parts(problem.system))
+    free = all(isinstance(part, FreeBodies | Spheres) for part in parts_of(problem.system))
     if problem.scene is not None and free and _count(problem) > _FEW:
         items = problem.scene.items
         if items.restitution == 0.0 and not any(items.pair_restitution.values()):
@@ -85,7 +90,9 @@ def _against_error_control(problem: Problem) -> str | None:
     count = _count(problem)
     if count > _FEW:
         return f"{count} constraints are many"
-    controlled = [part for part in _parts(problem.system) if getattr(part, "control", None) is not None]
+    if isinstance(problem.system, ActuatedSystem):
+        return "a control of the scene or a force may switch"
+    controlled = [part for part in parts_of(problem.system) if getattr(part, "control", None) is not None]
     if controlled:
         return f"the control of {controlled[0].bodies[1].split('/')[0]} may switch"
     return None
@@ -113,53 +120,56 @@ def time_step(problem: Problem, duration: float) -> tuple[float, str]:
     return float(f"{neat * decade:.1g}"), scale
 
 
-def _parts(system: System) -> tuple[System, ...]:
-    return system.parts if isinstance(system, BlockSystem) else (system,)
-
-
 def _modes(problem: Problem) -> list[tuple[float, str]]:
     """Return the step for the fastest mode of each mechanism, linearised about the initial state."""
-    found, q, v = [], 0, 0
-    for system in _parts(problem.system):
+    found, parts = [], located_parts(problem.system)
+    if isinstance(problem.system, ActuatedSystem) and problem.system.nv <= _MOST_MODES:
+        # springs between parts
+        parts = [Part(problem.system, 0, 0, 0)]
+    for system, q, v, _ in parts:
         q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
-        q, v = q + system.nq, v + system.nv
         # bodies on their own have no forces that change
         if isinstance(system, FreeBodies | Spheres) or system.nv > _MOST_MODES:
             continue
-        rate = _fastest(system, problem.t0, q0, v0)
+        rate = _fastest(system, problem.t0, q0, v0, problem.length)
         if rate > 0.0:
             name = system.bodies[1].split("/")[0] if isinstance(system, ArticulatedSystem) else "the forces"
             found.append((_MODE / rate, f"the fastest mode of {name}, {rate:.3g} 1/s"))
     return found
 
 
-def _fastest(system: System, t: float, q: Array, v: Array) -> float:
+def _fastest(system: System, t: float, q: Array, v: Array, length: float) -> float:
     """Return the largest modulus of an eigenvalue of d(v, M^-1 g) / d(q, v) [1/s]."""
     n = system.nv
-    fine, coarse = (_jacobian(system, t, q, v, s) for s in (_DIFFERENCE, 10.0 * _DIFFERENCE))
+    fine, coarse = (_jacobian(system, t, q, v, s, length) for s in (_DIFFERENCE, 10.0 * _DIFFERENCE))
     # a force that jumps, as dry friction or a switch, has no slope, and differences of it grow as they are refined
     slope = np.where(np.abs(fine - coarse) <= _SAME_SLOPE * np.abs(fine), fine, 0.0)
     block = np.block([[np.zeros((n, n)), np.eye(n)], [slope]])
     return float(np.abs(np.linalg.eigvals(block)).max())
 
 
-def _jacobian(system: System, t: float, q: Array, v: Array, s: float) -> Array:
-    """Return d(M^-1 g) / d(q, v), shape (nv, 2 nv), by differences of length s."""
-    columns = []
-    for unit in s * np.eye(system.nv):
+def _jacobian(system: System, t: float, q: Array, v: Array, s: float, length: float) -> Array:
+    """Return d(M^-1 g) / d(q, v), shape (nv, 2 nv), by differences of s lengths of the scene and s radians."""
+    units, columns = velocity_units(system, length), []
+    for size, unit in zip(s * units, s * np.diag(units), strict=True):
         ends = (_acceleration(system, t, system.integrate(q, way), v) for way in (unit, -unit))
-        columns.append(np.subtract(*ends) / (2.0 * s))
-    for unit in s * np.eye(system.nv):
+        columns.append(np.subtract(*ends) / (2.0 * size))
+    for size, unit in zip(s * units, s * np.diag(units), strict=True):
         ends = (_acceleration(system, t, q, v + way) for way in (unit, -unit))
-        columns.append(np.subtract(*ends) / (2.0 * s))
+        columns.append(np.subtract(*ends) / (2.0 * size))
     return np.array(columns).T
 
 
 def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
     """Return M^-1 g without the joints' damping, which steps take implicitly."""
-    free = system.acceleration(t, q, v)
-    if isinstance(system, ArticulatedSystem) and system.damping.any():
-        free = free + system.metric(q).solve_rows((system.damping * v)[None])[0]
+    try:
+        free = system.acceleration(t, q, v)
+    except DivergedError:
+        # beside the start: no slope can be told from that
+        return np.full(system.nv, np.nan)
+    damping = np.concatenate([getattr(part, "damping", np.zeros(part.nv)) for part in parts_of(system)])
+    if damping.any():
+        free = free + system.metric(q).solve_rows((damping * v)[None])[0]
     return free
 
 
@@ -177,11 +187,14 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
             bodies.setdefault(shape.body, []).append(shape)
     # the largest shape of each body stands for it
     largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
-    rates, found = np.abs(problem.v0), []
+    rates, found, forced = np.abs(problem.v0), [], np.zeros(system.nv)
+    if isinstance(system, ActuatedSystem):
+        forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
     for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
-        speed = float(system.reach(shape.body, shape.position, shape.shape.bound) @ rates)
+        reach = system.reach(shape.body, shape.position, shape.shape.bound)
+        speed, pull = float(reach @ rates), g + float(reach @ forced)
         size = min(shape.shape.bound, _FLAT * max(s.shape.inner for s in shapes))
-        found += _of_one(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), g)
+        found += _of_one(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), pull)
     return found
 
 

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 
 from .diagnosis import Array, Diagnosis, Instant
 from .errors import InputError
+from .observer import observer
 from .projection import Projector, against_condition_12, cosines_between, follow, independent, unit_gradients
 from .schemes import EventDriven
 from .system.sparse_rows import dense
@@ -125,6 +126,9 @@ def _states(run: Trajectory) -> Iterator[_State]:
     scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
     # the work of walls that move is no impact's doing: only the step tells it apart
     apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
+    # a control may look at the contacts of the step before, which only that step tells
+    observe = observer(problem)
+    apart = apart or observe is not None
     again = steps and scheme is not None and (jump < 1.0 or apart)
     if hasattr(problem.system, "start"):
         problem.system.start()
@@ -135,11 +139,15 @@ def _states(run: Trajectory) -> Iterator[_State]:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
             yield _State(step.t, acted, v, step.v, run.step, step if again else None)
+            if observe is not None:
+                observe(step, run.step)
             t, q, v = step.t, step.q, step.v
         h = end - t
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
         last = scheme.step(problem, t, q, v, h, projector) if again and scheme is not None else None
         yield _State(end, acted, v, run.v[i], h, last)
+        if observe is not None and last is not None:
+            observe(last, h)
 
 
 class _Instants:

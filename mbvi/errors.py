@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
 
 __all__ = [
     "DivergedError",
@@ -19,7 +22,15 @@ __all__ = [
 
 
 class MbviError(Exception):
-    """Any error raised by mbvi."""
+    """Any error raised by mbvi.
+
+    Attributes
+    ----------
+    run : Trajectory or None
+        The run so far, where the error ended a simulation or the writing of a file.
+    """
+
+    run: Trajectory | None = None
 
 
 class MbviWarning(UserWarning):
@@ -43,7 +54,7 @@ class InadmissibleStartError(MbviError):
 
 
 class DivergedError(MbviError):
-    """A step produced numbers that are not finite."""
+    """A step produced numbers that are not finite, or no progress in time is made."""
 
 
 class TrajectoryFileError(MbviError):

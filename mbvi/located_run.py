@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from time import perf_counter
 
 import numpy as np
 
+from .contacts import ContactLog
 from .problem import Problem
 from .progress import Progress
 from .projection import Projector
+from .run_so_far import run_so_far
 from .schemes import EventDriven
 from .schemes.flow import DEGREE, Stride
 from .schemes.motion import Motion, Struck
+from .schemes.reactions import reactions
 from .trajectory import Array, Impact, Trajectory
 from .trajectory_file import Writer
 
@@ -30,8 +34,11 @@ class _Record:
     # the law acts at states
     jump = 1.0
 
-    def __init__(self, problem: Problem, every: int, notes: Sequence[str]) -> None:
+    def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: ContactLog | None = None) -> None:
         self._problem, self._every = problem, every
+        self.contacts = contacts
+        if contacts is not None:
+            contacts.close()
         self.t, self.q, self.v = [problem.t0], [problem.q0], [problem.v0]
         self.dense: list[Array] = []
         self.penetration, self.residual = [0.0], [0.0]
@@ -52,6 +59,9 @@ class _Record:
         """Keep a step and the state it led to, of which the drift of closed contacts was taken."""
         self._since += 1
         self._first = self._first or stride
+        if self.contacts is not None:
+            for rows in reactions(walk, stride):
+                self.contacts.add(*rows)
         self._last = stride, walk.t, walk.q, walk.v, walk.depth
         self._worst = max(self._worst, walk.residual)
         if self._since >= self._every:
@@ -102,6 +112,8 @@ class _Record:
         )
 
     def _state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+        if self.contacts is not None:
+            self.contacts.close()
         self.dense.append(dense)
         self.t.append(t)
         self.q.append(q)
@@ -109,6 +121,27 @@ class _Record:
         self.penetration.append(depth)
         self.residual.append(self._worst)
         self._since, self._worst, self._first, self._last = 0, 0.0, None, None
+
+    def trajectory(self, scheme: EventDriven, *, complete: bool) -> Trajectory:
+        """Return what was recorded."""
+        # an interrupt can come between two of these
+        n = min(len(self.t), len(self.q), len(self.v), len(self.penetration), len(self.residual))
+        return Trajectory(
+            np.array(self.t[:n]),
+            np.array(self.q[:n]),
+            np.array(self.v[:n]),
+            tuple(self.impacts),
+            np.array(self.residual[:n]),
+            type(scheme).__name__,
+            0.0,
+            tuple(self.notes),
+            self._problem,
+            complete,
+            np.array(self.penetration[:n]),
+            _scheme=scheme,
+            _dense=np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
+            _contacts=None if self.contacts is None else self.contacts.table(self._problem.constraints.name, n),
+        )
 
 
 def run_located(
@@ -120,10 +153,16 @@ def run_located(
     notes: Sequence[str],
     out: str | os.PathLike[str] | None,
     progress: bool | None,
+    contacts: bool = False,
 ) -> Trajectory:
     """Run a problem with a scheme that locates impacts; see `simulate`."""
-    record = _Record(problem, every, notes)
-    with Writer(out, problem, scheme, 0.0, record) as writer, Progress(_TICKS, progress) as bar:
+    # while a contact stays closed it is one, however far it slides
+    record = _Record(problem, every, notes, ContactLog(np.inf) if contacts else None)
+    with (
+        run_so_far(partial(record.trajectory, scheme, complete=False)),
+        Writer(out, problem, scheme, 0.0, record) as writer,
+        Progress(_TICKS, progress) as bar,
+    ):
         walk, look = scheme.walk(problem, projector), 0.0
         for part in walk.run(duration):
             if isinstance(part, Struck):
@@ -135,21 +174,7 @@ def run_located(
                 look = min(writer.poll(), bar.poll(max(int(done), 1)))
         record.keep()
         record.notes += _fallen_back(walk.fallbacks)
-    return Trajectory(
-        np.array(record.t),
-        np.array(record.q),
-        np.array(record.v),
-        tuple(record.impacts),
-        np.array(record.residual),
-        type(scheme).__name__,
-        0.0,
-        tuple(record.notes),
-        problem,
-        True,
-        np.array(record.penetration),
-        _scheme=scheme,
-        _dense=np.array(record.dense).reshape(-1, 2, problem.system.nv, DEGREE),
-    )
+    return record.trajectory(scheme, complete=True)
 
 
 def _fallen_back(fallbacks: int) -> list[str]:

@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
+from .arguments import LARGEST, SMALLEST, Array, finite, returned, shown, vector
 from .errors import InputError
 
-Array = np.ndarray
 Vector = Sequence[float] | Array
 
 
@@ -48,14 +48,15 @@ class Translation:
     velocity: Vector
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", _vector(self.velocity, "velocity"))
+        object.__setattr__(self, "velocity", _fixed(self.velocity, "velocity"))
 
     def pose(self, t: float) -> tuple[Array, Array]:
         """Return identity and velocity t."""
-        return np.eye(3), t * np.asarray(self.velocity)
+        return np.eye(3), _time(t) * np.asarray(self.velocity)
 
     def twist(self, t: float) -> tuple[Array, Array]:
         """Return the velocity and zero."""
+        _time(t)
         return np.asarray(self.velocity), np.zeros(3)
 
 
@@ -83,9 +84,9 @@ class Oscillation:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", _vector(self.amplitude, "amplitude"))
-        _finite(self.frequency, "frequency")
-        _finite(self.phase, "phase")
+        object.__setattr__(self, "amplitude", _fixed(self.amplitude, "amplitude"))
+        object.__setattr__(self, "frequency", finite(self.frequency, "frequency"))
+        object.__setattr__(self, "phase", finite(self.phase, "phase"))
 
     def pose(self, t: float) -> tuple[Array, Array]:
         """Return identity and the displacement."""
@@ -97,7 +98,7 @@ class Oscillation:
         return rate * np.asarray(self.amplitude), np.zeros(3)
 
     def _angle(self, t: float) -> float:
-        return 2.0 * np.pi * self.frequency * t + self.phase
+        return 2.0 * np.pi * self.frequency * _time(t) + self.phase
 
 
 @dataclass(frozen=True)
@@ -124,23 +125,24 @@ class Rotation:
     centre: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        axis = np.array(_vector(self.axis, "axis"))
-        if not axis.any():
+        axis = vector(self.axis, "axis")
+        if np.linalg.norm(axis) < SMALLEST:
             raise InputError("the axis of a rotation must not be zero")
         object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
-        object.__setattr__(self, "centre", _vector(self.centre, "centre"))
-        _finite(self.rate, "rate")
+        object.__setattr__(self, "centre", _fixed(self.centre, "centre"))
+        object.__setattr__(self, "rate", finite(self.rate, "rate"))
 
     def pose(self, t: float) -> tuple[Array, Array]:
         """Return the rotation so far, and where it takes the origin."""
         along, across, square = self._about
-        angle = self.rate * t
+        angle = self.rate * _time(t)
         turn = np.cos(angle) * square + np.sin(angle) * across + along
         centre = np.asarray(self.centre)
         return turn, centre - turn @ centre
 
     def twist(self, t: float) -> tuple[Array, Array]:
         """Return the velocity at the origin and the angular velocity."""
+        _time(t)
         spin = self.rate * np.asarray(self.axis)
         return np.cross(self.centre, spin), spin
 
@@ -159,14 +161,11 @@ def checked_motion(motion: Motion | None) -> Motion | None:
     if isinstance(motion, type) or not (hasattr(motion, "pose") and hasattr(motion, "twist")):
         raise InputError(
             f"motion must be an object such as mbvi.motion.Oscillation((0, 0, 0.01), 5.0), with pose(t) and twist(t); "
-            f"got {motion!r}"
+            f"got {shown(motion)}"
         )
-    turn, place = motion.pose(0.0)
-    u, w = motion.twist(0.0)
-    if np.shape(turn) != (3, 3) or any(np.shape(part) != (3,) for part in (place, u, w)):
-        raise InputError("motion: pose(t) must return shapes (3, 3) and (3,), twist(t) twice (3,)")
     h = 1e-6
-    (R1, p1), (R0, p0) = motion.pose(h), motion.pose(-h)
+    (turn, place), (R1, p1), (R0, p0) = (_pair(motion.pose(t), (3, 3)) for t in (0.0, h, -h))
+    u, w = _pair(motion.twist(0.0), (3,))
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     measured = (corners @ (R1 - R0).T + (p1 - p0)) / (2.0 * h)
     told = u + np.cross(w, corners @ turn.T + place)
@@ -176,16 +175,19 @@ def checked_motion(motion: Motion | None) -> Motion | None:
     return motion
 
 
-def _vector(values: Vector, name: str) -> tuple[float, ...]:
-    try:
-        vector = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is no array of three numbers: {values!r}") from error
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise InputError(f"{name} must be three finite numbers; got {values!r}")
-    return tuple(vector.tolist())
+def _pair(given: tuple[Array, Array], shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return what `pose` or `twist` returned, the first of a shape and the second of shape (3,)."""
+    if isinstance(given, tuple | list) and len(given) == 2:
+        first, second = (returned(part, "motion: pose(t) and twist(t)") for part in given)
+        if first.shape == shape and second.shape == (3,):
+            return first, second
+    raise InputError("motion: pose(t) must return shapes (3, 3) and (3,), twist(t) twice (3,)")
 
 
-def _finite(value: float, name: str) -> None:
-    if not (isinstance(value, (int, float, np.number)) and np.isfinite(value)):
-        raise InputError(f"{name} must be a finite number; got {value!r}")
+def _time(t: float) -> float:
+    # a run gives floats, at every step
+    return t if type(t) is float and -LARGEST <= t <= LARGEST else finite(t, "t")
+
+
+def _fixed(values: Vector, name: str) -> tuple[float, ...]:
+    return tuple(vector(values, name).tolist())

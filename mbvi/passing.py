@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .errors import DivergedError
+from .observer import observer
 from .problem import Problem
 from .projection import Projector
 from .schemes import Scheme, Step
@@ -38,11 +39,14 @@ class Guard:
     ----------
     limit : float
         v . v below which nothing can pass anything, and no velocity runs away.
+    observe : callable or None
+        `observer` of the problem; steps that are cut are shown to it, the last one of a step is not.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
         self._problem, self._scheme = problem, scheme
         self._jump = getattr(scheme, "jump", 1.0)
+        self.observe = observer(problem)
         # nothing passes a half-space, however many of them there are
         self._watched: list[Any] = [
             c for c in problem.constraints.constraints
@@ -83,12 +87,21 @@ class Guard:
             part = self._part(state, new, rest)
             if part == 1.0 or rest <= _REST * h:
                 break
-            cut = self._scheme.step(self._problem, t + h - rest, state.q, state.v, part * rest, projector)
+            cut = self._shortened(t + h - rest, state, part * rest, projector)
             self._check(cut, h)
+            if self.observe is not None:
+                self.observe(cut, part * rest)
             yield cut
             state, rest = cut, rest - part * rest
-            new = self._scheme.step(self._problem, t + h - rest, state.q, state.v, rest, projector)
+            new = self._shortened(t + h - rest, state, rest, projector)
         yield new
+
+    def _shortened(self, t: float, state: Step, h: float, projector: Projector) -> Step:
+        """Return the state at t + h, where h is not the length of the other steps."""
+        if hasattr(self._scheme, "shortened"):
+            new: Step = self._scheme.shortened(self._problem, t, state, h, projector)
+            return new
+        return self._scheme.step(self._problem, t, state.q, state.v, h, projector)
 
     def _none_passes(self, v: Array) -> bool:
         """Tell whether no pair travels as far as it is thick at speeds of up to v, shape (nv,)."""

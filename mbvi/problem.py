@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
+from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
+from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint
-from .errors import InadmissibleStartError, InputError
-from .system import System
-from .system.system import Array
+from .errors import DivergedError, InadmissibleStartError, InputError
+from .system import ArticulatedSystem, System, parts_of
 
 if TYPE_CHECKING:
     from .scene.model import SceneModel
@@ -36,7 +38,8 @@ class Problem:
     t0 : float
         Initial time [s].
     length : float
-        Length of the scene [m]: a constraint is active at a gap below 1e-8 of it.
+        Length of the scene [m]: a constraint is active at a gap below 1e-8 of it, the limit of a joint that turns at
+        1e-8 rad.
 
     Raises
     ------
@@ -58,39 +61,131 @@ class Problem:
         length: float = 1.0,
         scene: SceneModel | None = None,
     ) -> None:
-        self.system = system
-        self.q0 = _vector(q0, system.nq, "q0")
-        self.v0 = _vector(v0, system.nv, "v0")
-        if not np.isfinite(t0):
-            raise InputError(f"t0 must be finite; got {t0}")
-        if not (np.isfinite(length) and length > 0):
-            raise InputError(f"length must be positive; got {length}")
-        self.t0, self.length, self.scene = float(t0), float(length), scene
-        self.restitution = check_restitution(restitution, len(constraints))
+        self.system = _system(system)
+        self.q0 = _state(q0, system.nq, "q0")
+        self.v0 = _state(v0, system.nv, "v0")
+        self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
+        # the functions that a file could not keep, by name; until they are given again nothing is simulated
+        self.not_kept: tuple[str, ...] = ()
+        constraints = _constraints(constraints)
+        if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
+            raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
+        self.restitution = checked_restitution(restitution, len(constraints))
         self.constraints = AdmissibleSet(system, constraints, self.restitution)
-        # gap at and below which a constraint is active [m or rad]
+        # gap at and below which a constraint is active; of angles times their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()
 
-    def _check(self) -> None:
-        if hasattr(self.system, "check"):
-            self.system.check(self.t0, self.q0, self.v0)
-        moved = self.system.integrate(self.q0, np.zeros(self.system.nv))
-        if np.abs(moved - self.q0).max(initial=0.0) > 1e-6:
+    def _check_quaternions(self) -> None:
+        off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0
+        # the sum of squares is the quick one, and right about nearly all
+        if off.dot(off) > 1e-12 and np.abs(off).max() > 1e-6:
             raise InputError("q0 holds a quaternion that is not of unit length: divide it by its norm")
-        self.system.metric(self.q0)
-        if not np.isfinite(self.system.force(self.t0, self.q0, self.v0)).all():
-            raise InputError("the force at the initial state is not finite")
+
+    def _check(self) -> None:
+        try:
+            self._check_system()
+        except DivergedError as error:
+            raise InputError(f"at the start {error}") from error
+        self._check_quaternions()
         self.constraints.check(self.t0, self.q0)
         active = self.constraints.active(self.t0, self.q0, self.tolerance)
-        if active.gap.size and active.gap.min() < -self.tolerance:
-            worst = int(np.argmin(active.gap))
-            others = len(set(active.constraint[active.gap < -self.tolerance])) - 1
+        gaps = active.gap * self.constraints.levers(active.constraint)
+        if gaps.size and gaps.min() < -self.tolerance:
+            worst = int(np.argmin(gaps))
+            others = len(set(active.constraint[gaps < -self.tolerance])) - 1
             more = f" ({others} more constraint{'s' if others > 1 else ''} with it)" if others else ""
             raise InadmissibleStartError(
                 f"the initial configuration is not admissible: {self.constraints.name(int(active.constraint[worst]))} "
                 f"penetrates by {-active.gap[worst]:.6g}{more}; move it apart or leave that pair out"
             )
+
+    def __repr__(self) -> str:
+        return f"Problem(nq={self.system.nq}, nv={self.system.nv}, constraints={len(self.constraints)}, t0={self.t0:g})"
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # a copied array may be written to
+        for start in (self.q0, self.v0):
+            start.setflags(write=False)
+
+    def at(
+        self, q: Array | Sequence[float], v: Array | Sequence[float], t: float = 0.0, *, check: bool = False
+    ) -> Problem:
+        """Return the same problem from another state, for resets and rollouts.
+
+        System and constraints are shared, so that this takes microseconds. Runs of the copies may alternate step by
+        step, but not run on several threads at once.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Initial configuration, in the order of this problem's `q0`: robots, then rigid bodies, then spheres, each in
+            the order they were added. A robot has the position of its free base [m] and its quaternion (x, y, z, w),
+            then its joints in the order of its `pinocchio.Model`; a rigid body its centre of mass and its quaternion; a
+            sphere its centre. A joint without limits has cosine and sine; a free base in a planar scene two positions,
+            cosine and sine.
+        v : array_like, shape (nv,)
+            Initial velocity, in the order of `v0`: of a free base linear and angular in its own frame; of a rigid body
+            that of the centre of mass in the world and angular in its own frame.
+        t : float
+            Initial time [s].
+        check : bool
+            Whether to check all that building the problem checks: that q is in K, that mass and forces are finite, and
+            that q lies in the plane of a planar scene.
+
+        Raises
+        ------
+        InputError
+            On wrong shapes, numbers that are not finite, an unnormalised quaternion.
+        InadmissibleStartError
+            If `check` finds that q is not in K.
+        """
+        # no copy(): what it takes with it and what that costs is not for others to decide
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        new.q0, new.v0, new.t0 = _state(q, self.system.nq, "q"), _state(v, self.system.nv, "v"), finite(t, "t")
+        if boolean(check, "check"):
+            new._check()
+            if self.scene is not None:
+                self.scene.check_in_plane(self, new.q0)
+        else:
+            new._check_quaternions()
+        return new
+
+    def model(self, name: str | None = None) -> pin.Model:
+        """Return a copy of the Pinocchio model of a robot, as it is simulated.
+
+        Its q and v are those that the robot's `control(t, q, v)` is given. Locked joints are not in it, nor joints
+        whose limits leave no range unless a control or a force counts them; the links they carry are part of what these
+        hang on. In a planar scene a free base is a planar joint. Gravity is the scene's.
+
+        Parameters
+        ----------
+        name : str, optional
+            The robot; may be left out where there is one.
+
+        Raises
+        ------
+        InputError
+            If there is no robot of that name, or several and none is named.
+        """
+        robots = {part.name: part for part in parts_of(self.system) if isinstance(part, ArticulatedSystem)}
+        known = ", ".join(robots) or "none"
+        if name is None and len(robots) == 1:
+            return next(iter(robots.values())).model.copy()
+        if name is None:
+            raise InputError(f"name the robot whose model is meant; those of this problem are {known}")
+        if not isinstance(name, str) or name not in robots:
+            raise InputError(f"this problem has no robot {shown(name)}; known are {known}")
+        return robots[name].model.copy()
+
+    def _check_system(self) -> None:
+        if hasattr(self.system, "check"):
+            self.system.check(self.t0, self.q0, self.v0)
+        self.system.metric(self.q0)
+        if not np.isfinite(self.system.force(self.t0, self.q0, self.v0)).all():
+            raise InputError("the force at the initial state is not finite")
 
     def report(self) -> str:
         """Return in words what is modelled, what was left out, and why."""
@@ -103,29 +198,46 @@ class Problem:
         )
 
 
-def check_restitution(restitution: float | Sequence[float] | Array, count: int) -> Array:
-    """Return e as an array of `count` numbers in [0, 1], or raise `InputError`."""
-    try:
-        e = np.broadcast_to(np.asarray(restitution, dtype=float), (count,)).copy()
-    except (ValueError, TypeError) as error:
+def check_kept(problem: Problem) -> None:
+    """Raise `InputError` if a problem came from a file that could not keep all its functions."""
+    if problem.not_kept:
         raise InputError(
-            f"restitution must be a number or one per constraint ({count}); got {restitution!r}"
-        ) from error
-    values = np.atleast_1d(np.asarray(restitution, dtype=float))
-    # written so that a NaN is refused too
-    if not ((values >= 0.0) & (values <= 1.0)).all():
-        raise InputError(f"restitution e must lie in [0, 1]; got {restitution}")
-    return e
+            f"this problem came from a file, which could not keep: {', '.join(problem.not_kept)}; give controls and "
+            'forces back by mbvi.load(path, control={"robot": f}, force={"body": f}), and build the scene again for '
+            "anything else"
+        )
 
 
-def _vector(values: Array | Sequence[float], size: int, name: str) -> Array:
-    try:
-        vector = np.array(values, dtype=float)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{name} is no array of numbers") from error
-    if vector.shape != (size,):
-        raise InputError(f"{name} has shape {vector.shape}; the system asks for ({size},)")
-    if not np.isfinite(vector).all():
-        raise InputError(f"{name} has entries that are not finite: {np.flatnonzero(~np.isfinite(vector)).tolist()}")
-    vector.setflags(write=False)
-    return vector
+def _system(system: System) -> System:
+    if isinstance(system, type) or not all(hasattr(system, name) for name in ("nq", "nv", "integrate", "metric")):
+        raise InputError(f"system must be a system such as mbvi.LagrangianSystem(...); got {shown(system)}")
+    return system
+
+
+def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:
+    if not isinstance(constraints, list | tuple):
+        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
+    each = list(constraints)
+    for one in each:
+        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
+            raise InputError(
+                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
+                f"got {shown(one)} among them"
+            )
+    return each
+
+
+def _state(values: Array | Sequence[float], size: int, name: str) -> Array:
+    """Return as `vector`, read-only, in a fraction of the time where nothing is wrong."""
+    if type(values) is list and set(map(type, values)) == {float}:
+        values = np.array(values)
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (size,):
+        numbers = values.copy()
+        with np.errstate(over="ignore"):
+            fits = numbers.dot(numbers) <= LARGEST**2
+        if fits:
+            numbers.setflags(write=False)
+            return numbers
+    numbers = vector(values, name, size)
+    numbers.setflags(write=False)
+    return numbers

@@ -19,7 +19,7 @@ class SchemeName(StrEnum):
     centered = "centered", Centered
     centered_projected = "centered-projected", partial(Centered, project_positions=True)
     schatzman_paoli = "schatzman-paoli", SchatzmanPaoli
-    event_driven = "event-driven", partial(EventDriven, 1e-6)
+    event_driven = "event-driven", EventDriven
     stewart_trinkle = "stewart-trinkle", StewartTrinkle
 
     def __new__(cls, word: str, make: Callable[[], Scheme | EventDriven]) -> SchemeName:

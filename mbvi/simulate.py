@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from time import perf_counter
 
 import numpy as np
 
+from .arguments import boolean, choice, file_path, integer, optional, positive, shown
 from .default_scheme import default_scheme, time_stepping
 from .errors import InputError
 from .located_run import run_located
 from .passing import Guard
-from .problem import Problem
+from .problem import Problem, check_kept
 from .progress import Progress
 from .projection import Projector, Push
-from .recorder import Recorder
+from .recorder import ContactRecorder, Recorder
+from .run_so_far import run_so_far
+from .scene import Scene
 from .schemes import EventDriven, Scheme, Step
-from .schemes.step import law
+from .schemes.step import ended, law
 from .sleep import Sleepers
 from .trajectory import Trajectory
 from .trajectory_file import Writer
@@ -55,9 +58,11 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     ProjectionError
         If a projection does not reach the residual.
     DivergedError
-        If a step leaves numbers that are not finite.
+        If a step leaves numbers that are not finite, or a function of the user returns such.
     """
-    h, projector = _positive(step, "step"), Projector(_positive(residual, "residual"))
+    _problem(problem)
+    check_kept(problem)
+    h, projector = positive(step, "step"), Projector(positive(residual, "residual"))
     chosen = time_stepping(problem)[0] if scheme is None else _scheme(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
@@ -74,6 +79,7 @@ def simulate(
     residual: float = 1e-6,
     out: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
+    record: str | None = None,
 ) -> Trajectory:
     """Simulate a problem.
 
@@ -83,10 +89,12 @@ def simulate(
         What moves.
     scheme : Scheme or EventDriven, optional
         By default chosen for the problem, which the run's first note says and why: `EventDriven(tolerance=1e-6)` for
-        few constraints whose gradients are continuous; where there are many, or gradients jump, or a control acts, and
-        wherever a step is given, `Centered(project_positions=True)`; for many free bodies at e = 0 `StewartTrinkle()`.
+        few constraints whose gradients are continuous; where there are many, or gradients jump, or a control or an
+        external force acts, and wherever a step is given, `Centered(project_positions=True)`; for many free bodies at
+        e = 0 `StewartTrinkle()`.
     duration : float
-        How long [s]; the last step is cut so that the run ends there.
+        How long [s]; the last step is cut so that the run ends there. `SchatzmanPaoli` takes whole steps only: its last
+        state is read within one.
     step : float, optional
         Time step h [s], not for `EventDriven`. By default 1e-3 of a scheme that was named, else from the scene's own
         time scales.
@@ -99,6 +107,9 @@ def simulate(
         HDF5 file written while the run goes on.
     progress : bool, optional
         Whether to show a bar; by default on a terminal, for long runs.
+    record : "contacts", optional
+        What to record beside states and impacts: the percussions of all contacts, for `run.contacts(t)` and
+        `run.contact_forces()`. With `every` those of the steps between two states are added up.
 
     Returns
     -------
@@ -108,23 +119,38 @@ def simulate(
     Raises
     ------
     InputError
-        If duration, step, every or residual is not positive and finite.
+        If duration, step, every or residual is not positive and finite, or record is another word.
     UnsuitableError
         If the scheme is not made for the problem: `EventDriven` for walls that move or too many bodies,
         `StewartTrinkle` for e > 0.
     TrajectoryFileError
-        If `out` cannot be written; before the first step.
+        If `out` cannot be written: before the first step, or when the disk is full, and then `out` keeps what was
+        written before. A file is read back and compared with the run before it is marked complete.
     ProjectionError, DivergedError
-        As `steps`.
+        As `steps`; `DivergedError` also where `EventDriven` makes no progress in time.
+
+    Notes
+    -----
+    An error that ends the run half-way, and a KeyboardInterrupt, carries the run so far as its `run`, a `Trajectory`
+    that is not `complete`.
     """
-    duration, residual = _positive(duration, "duration"), _positive(residual, "residual")
-    h = None if step is None else _positive(step, "step")
-    if int(every) != every or every < 1:
-        raise InputError(f"every must be a positive integer; got {every!r}")
+    _problem(problem)
+    check_kept(problem)
+    duration, residual, every = (
+        positive(duration, "duration"),
+        positive(residual, "residual"),
+        integer(every, "every", 1),
+    )
+    h, out, progress = (
+        optional(positive, step, "step"),
+        optional(file_path, out, "out"),
+        optional(boolean, progress, "progress"),
+    )
+    optional(choice, record, "record", ("contacts",))
     scheme, h, notes = _chosen(problem, scheme, h, duration)
     projector = Projector(residual)
     if isinstance(scheme, EventDriven):
-        return run_located(problem, scheme, duration, int(every), projector, notes, out, progress)
+        return run_located(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None
     # whole steps, and what is left of the duration after them
     if duration / h > _MOST_STEPS:
@@ -132,20 +158,26 @@ def simulate(
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
-    recorder = Recorder(problem, 1 + -(-total // int(every)), getattr(scheme, "jump", 1.0), notes)
+    kind = Recorder if record is None else ContactRecorder
+    try:
+        recorder = kind(problem, 1 + -(-total // every), getattr(scheme, "jump", 1.0), notes)
+    except MemoryError as error:
+        raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = Guard(problem, scheme, h)
+    last = h if getattr(scheme, "whole_steps", False) else rest
+    state = _start(problem, projector)
+    recorder.step(state, True)
     with (
+        run_so_far(partial(recorder.trajectory, scheme, h, complete=False)),
         Writer(out, problem, scheme, h, recorder) as writer,
         Progress(total, progress) as bar,
         Sleepers(problem, h) as sleepers,
     ):
-        state = _start(problem, projector)
-        recorder.step(state, True)
-        look, swift, cut_steps = 0.0, True, 0
+        observe, look, swift, cut_steps, taken = _observed(guard, state), 0.0, True, 0, 0.0
         for i in range(1, total + 1):
-            t, length = problem.t0 + (i - 1) * h, h if i <= whole else rest
+            t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
             if sleepers.any:
-                *cuts, new = sleepers.stepped(partial(guard.steps, t, state, length, projector), length)
+                *cuts, new = sleepers.stepped(partial(_advanced, guard, t, state, taken, length, projector), length)
             else:
                 # as `guard.steps`, whose call alone is a fifteenth of the leanest step
                 cuts = []
@@ -154,9 +186,14 @@ def simulate(
                 was_swift, swift = swift, not new.v.dot(new.v) < guard.limit
                 if swift or was_swift:
                     *cuts, new = guard.followed(t, state, new, length, projector)
+            if i > whole and last > rest:
+                cuts, new = ended(problem.system, state, [*cuts, new], problem.t0 + duration)
             for cut in cuts:
                 recorder.step(cut, False)
             state, cut_steps = new, cut_steps + len(cuts)
+            if observe is not None:
+                taken = state.t - cuts[-1].t if cuts else length
+                observe(state, taken)
             recorder.step(state, i % every == 0 or i == total)
             if perf_counter() >= look:
                 look = min(writer.poll(), bar.poll(i))
@@ -167,15 +204,34 @@ def simulate(
     return recorder.trajectory(scheme, h)
 
 
+def _advanced(guard: Guard, t: float, state: Step, taken: float, length: float, projector: Projector) -> Iterator[Step]:
+    """Return `guard.steps` from a state whose step took `taken` [s], which a control may look at the contacts of."""
+    # a step that is taken again sees what it saw before
+    if guard.observe is not None and taken > 0.0:
+        guard.observe(state, taken)
+    return guard.steps(t, state, length, projector)
+
+
+def _observed(guard: Guard, start: Step) -> Callable[[Step, float], None] | None:
+    """Return what steps are shown to, if anything, after it was shown the initial state."""
+    if guard.observe is not None and start.percussion.any():
+        guard.observe(start, 0.0)
+    return guard.observe
+
+
 def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
     state, guard, i = _start(problem, projector), Guard(problem, scheme, h), 0
+    observe = _observed(guard, state)
     if state.percussion.any():
         yield state
     while True:
-        t = problem.t0 + i * h
-        for new in guard.steps(t, state, h, projector):
+        parts, taken = 0, h
+        for new in guard.steps(problem.t0 + i * h, state, h, projector):
             yield new
-        state = new
+            parts, taken, state = parts + 1, new.t - state.t, new
+        if observe is not None:
+            # the time of a whole step is rounded
+            observe(state, h if parts == 1 else taken)
         i += 1
 
 
@@ -217,14 +273,15 @@ def _chosen(
 def _scheme(problem: Problem, scheme: Scheme | EventDriven) -> Scheme | EventDriven:
     """Return the scheme if it is one and made for the problem."""
     if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
-        raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {scheme!r}")
+        raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {shown(scheme)}")
     if hasattr(scheme, "check"):
         scheme.check(problem)
     return scheme
 
 
-def _positive(value: float, name: str) -> float:
-    # written so that a NaN is refused too
-    if not (isinstance(value, (int, float, np.number)) and value > 0.0 and np.isfinite(value)):
-        raise InputError(f"{name} must be a positive, finite number; got {value!r}")
-    return float(value)
+def _problem(problem: Problem) -> None:
+    if isinstance(problem, Problem):
+        return
+    if isinstance(problem, Scene):
+        raise InputError("problem must be a Problem, not a Scene: call scene.build() and give what it returns")
+    raise InputError(f"problem must be a Problem: that of scene.build(), or mbvi.Problem(...); got {shown(problem)}")

@@ -1,7 +1,7 @@
 """Free bodies at rest sleep: neither their weight nor what carries them is looked at until something touches them.
 
 At rest the two balance at every step, so that leaving out both changes nothing; what the carrying rows were is kept
-for the record. A step in which a row touches a sleeper is taken again with its island awake.
+for the record. A step in which a row touches a sleeper, or a force moves one, is taken again with its island awake.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .constraints.active import chosen, stacked
 from .constraints.pairs import Pairs
 from .problem import Problem
 from .schemes import Step
-from .system import BlockSystem, FreeBodies
+from .system import FreeBodies, located_parts
 from .system.system import Array
 
 # of so many steps the last two are watched: at rest before and after a step is at rest for good
@@ -57,12 +57,7 @@ class Sleepers:
         self._islands: list[_Island] = []
         self._kept: _Island | None = None
         system = problem.system
-        parts = (
-            [(b.system, b.v.start, b.first_body) for b in system.blocks]
-            if isinstance(system, BlockSystem)
-            else [(system, 0, 0)]
-        )
-        found = [(part, first, body) for part, first, body in parts if isinstance(part, FreeBodies)]
+        found = [(p.system, p.v, p.body) for p in located_parts(system) if isinstance(p.system, FreeBodies)]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         self.any = bool(found) and wanted
         if not self.any:

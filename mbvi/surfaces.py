@@ -10,9 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .arguments import Array, array, between, integer, not_negative, positive
 from .errors import InputError
 
-Array = np.ndarray
+# strips around an axis, and vanes: more are a mistake, and would fill the memory
+_MOST_STRIPS = 100_000
 
 
 def revolved(profile: Sequence[Sequence[float]] | Array, segments: int = 48) -> tuple[Array, Array]:
@@ -31,11 +33,9 @@ def revolved(profile: Sequence[Sequence[float]] | Array, segments: int = 48) -> 
     InputError
         On fewer than two corners, a negative radius, or fewer than three strips.
     """
-    line = np.array(profile, dtype=float)
-    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all() or (line[:, 0] < 0).any():
+    line, segments = array(profile, "profile", ("n", 2)), _segments(segments)
+    if len(line) < 2 or (line[:, 0] < 0).any():
         raise InputError("profile must be two or more corners (radius, height), no radius negative")
-    if int(segments) != segments or segments < 3:
-        raise InputError(f"segments must be an integer of 3 or more; got {segments!r}")
     angle = 2.0 * np.pi * np.arange(segments) / segments
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = np.concatenate([np.column_stack([r * ring, np.full(segments, z)]) for r, z in line])
@@ -57,9 +57,9 @@ def funnel(top: float, neck: float, height: float, pipe: float = 0.0, segments: 
     segments : int
         As of `revolved`.
     """
-    for value, name in ((neck, "neck"), (top - neck, "top - neck"), (height, "height")):
-        _positive(value, name)
-    below = [(neck, -pipe)] if pipe > 0.0 else []
+    top, neck, height = positive(top, "top"), positive(neck, "neck"), positive(height, "height")
+    positive(top - neck, "top - neck")
+    below = [(neck, -pipe)] if not_negative(pipe, "pipe") > 0.0 else []
     return revolved([*below, (neck, 0.0), (top, height)], segments)
 
 
@@ -75,8 +75,8 @@ def hourglass(radius: float, neck: float, height: float, segments: int = 48) -> 
     segments : int
         As of `revolved`.
     """
-    for value, name in ((neck, "neck"), (radius - neck, "radius - neck"), (height, "height")):
-        _positive(value, name)
+    radius, neck, height = positive(radius, "radius"), positive(neck, "neck"), positive(height, "height")
+    positive(radius - neck, "radius - neck")
     return revolved([(0, -height), (radius, -height), (neck, 0), (radius, height), (0, height)], segments)
 
 
@@ -96,8 +96,10 @@ def drum(radius: float, length: float, vanes: int = 0, depth: float = 0.0, segme
     segments : int
         As of `revolved`.
     """
-    _positive(radius, "radius")
-    _positive(length, "length")
+    radius, length, vanes = positive(radius, "radius"), positive(length, "length"), integer(vanes, "vanes")
+    if vanes > _MOST_STRIPS:
+        raise InputError(f"vanes must be {_MOST_STRIPS} at most; got {vanes}")
+    depth = not_negative(depth, "depth")
     if vanes and not 0.0 < depth < radius:
         raise InputError(f"depth must lie between 0 and the radius {radius:g}; got {depth}")
     half = 0.5 * length
@@ -128,10 +130,8 @@ def chute(length: float, width: float, angle: float, sides: float) -> tuple[Arra
     sides : float
         Height of the walls, upright to the floor [m].
     """
-    for value, name in ((length, "length"), (width, "width"), (sides, "sides")):
-        _positive(value, name)
-    if not -0.5 * np.pi < angle < 0.5 * np.pi:
-        raise InputError(f"angle must lie between -pi/2 and pi/2; got {angle}")
+    length, width, sides = positive(length, "length"), positive(width, "width"), positive(sides, "sides")
+    angle = between(angle, "angle", -0.5 * np.pi, 0.5 * np.pi, ends=False)
     along, up = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
     points = [s * length * along + [0.0, y * width, 0.0] + z * sides * up
               for y in (-0.5, 0.5) for s in (0.0, 1.0) for z in (0.0, 1.0)]  # fmt: skip
@@ -154,9 +154,11 @@ def terrain(x: Sequence[float] | Array, y: Sequence[float] | Array, heights: Arr
     InputError
         If the shapes do not fit.
     """
-    first, second, z = (np.array(values, dtype=float) for values in (x, y, heights))
+    first, second, z = array(x, "x", ("m",)), array(y, "y", ("n",)), array(heights, "heights")
     if z.shape != (first.size, second.size) or min(z.shape) < 2:
-        raise InputError(f"heights has shape {z.shape}; x and y ask for ({first.size}, {second.size}), 2 at least")
+        raise InputError(f"heights has shape {z.shape}; it must have ({first.size}, {second.size}), 2 at least")
+    if (np.diff(first) <= 0.0).any() or (np.diff(second) <= 0.0).any():
+        raise InputError("x and y must ascend")
     grid = np.stack([*np.meshgrid(first, second, indexing="ij"), z], axis=-1)
     number = np.arange(z.size).reshape(z.shape)
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
@@ -168,7 +170,8 @@ def _halves(quads: Array) -> Array:
     return np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
 
 
-def _positive(value: float, name: str) -> None:
-    # written so that a NaN is refused too
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} must be positive and finite; got {value}")
+def _segments(segments: int) -> int:
+    count = integer(segments, "segments", 3)
+    if count > _MOST_STRIPS:
+        raise InputError(f"segments must be {_MOST_STRIPS} at most; got {count}")
+    return count

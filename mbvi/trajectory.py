@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from .arguments import between, choice, file_path, integer, number, positive
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from .contacts import Contact, ContactTable
     from .diagnosis import Diagnosis
     from .problem import Problem
     from .schemes import EventDriven, Scheme
@@ -97,10 +99,23 @@ class Trajectory:
     _dense: Array | None = field(default=None, repr=False)
     # whether the problem lacks a control that a file could not keep
     _missing: bool = field(default=False, repr=False)
+    # None where they were not recorded
+    _contacts: ContactTable | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.v, self.residual, self._penetration):
             array.setflags(write=False)
+
+    def __repr__(self) -> str:
+        """Return in five lines what happened."""
+        from .summary import summary
+
+        return summary(self)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # a copied array may be written to
+        self.__post_init__()
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
@@ -125,6 +140,7 @@ class Trajectory:
         InputError
             If t lies outside the run.
         """
+        t = number(t, "t")
         if not self.t[0] <= t <= self.t[-1]:
             raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
         i = int(np.searchsorted(self.t, t, side="right")) - 1
@@ -159,6 +175,17 @@ class Trajectory:
         both = energies(self.problem, self.t, self.q, self.v, self.step, self._jump)
         return both[:, 0], both[:, 1]
 
+    def _end_energies(self) -> tuple[float, float] | None:
+        """Return the total energy of the first and the last state [J], None where it is not known; costs two states."""
+        if self._energies is not None:
+            both = self._energies[[0, -1]]
+        elif self.problem is not None and len(self.t):
+            ends = [0, -1]
+            both = energies(self.problem, self.t[ends], self.q[ends], self.v[ends], self.step, self._jump)
+        else:
+            return None
+        return float(both[0].sum()), float(both[1].sum())
+
     def energy(self) -> Array:
         """Return the total energy, shape (n + 1,) [J], at the consistent times of `energies`."""
         kinetic, potential = self.energies()
@@ -167,6 +194,83 @@ class Trajectory:
     def penetration(self) -> Array:
         """Return the deepest penetration at each time, shape (n + 1,), >= 0 [m or rad]."""
         return self._penetration
+
+    def contacts(self, t: float) -> tuple[Contact, ...]:
+        """Return the contacts between the recorded states before and after t, joint limits among them.
+
+        Parameters
+        ----------
+        t : float
+            Time in [t_0, t_n] [s]; the interval is (t_{i-1}, t_i], and at t_0 there are none.
+
+        Returns
+        -------
+        tuple of Contact
+            Those with a percussion in that interval: of one step, or with `every` of several, whose percussions are
+            added up; force is the mean over the interval. Under `EventDriven` it is that of the smooth motion, and
+            percussions of impacts are in `impacts` only.
+
+        Raises
+        ------
+        InputError
+            If the run did not record contacts, or t lies outside the run.
+        """
+        table, t = self._recorded_contacts(), number(t, "t")
+        if not self.t[0] <= t <= self.t[-1]:
+            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
+        i = int(np.searchsorted(self.t, t))
+        return table.interval(i, float(self._durations()[i]))
+
+    @overload
+    def contact_forces(self, name: str) -> Array: ...
+
+    @overload
+    def contact_forces(self, name: None = None) -> dict[tuple[str, str], Array]: ...
+
+    def contact_forces(self, name: str | None = None) -> Array | dict[tuple[str, str], Array]:
+        """Return resultants of the contacts over time.
+
+        Parameters
+        ----------
+        name : str, optional
+            A robot, a link "robot/link", a body, a wall, spheres, or one of them "spheres[3]".
+
+        Returns
+        -------
+        ndarray, shape (n + 1, 6), or dict of (str, str) to ndarray
+            Force, and moment about the origin of the world, on what is named by all that touches it [N, N m]; with no
+            name those on the first part of each pair in contact by the second, with the parts' names as in impacts.
+            Row i is the mean over (t_{i-1}, t_i], as `contacts`; row 0 is zero, and where t_i = t_{i-1}, at impacts of
+            `EventDriven`, it is the row before. Contacts within what is named cancel;
+            joint limits and given functions are not counted.
+
+        Raises
+        ------
+        InputError
+            If the run did not record contacts, or nothing goes by that name.
+        """
+        from .contact_forces import ContactNames, force_on, forces_between
+
+        table = self._recorded_contacts()
+        names, durations = ContactNames(self.problem, table.names), self._durations()
+        return forces_between(table, names, durations) if name is None else force_on(table, names, name, durations)
+
+    def _recorded_contacts(self) -> ContactTable:
+        if self._contacts is None:
+            raise InputError('this run did not record contacts: simulate(..., record="contacts") does')
+        return self._contacts
+
+    def _durations(self) -> Array:
+        """Return how long each interval between recorded states takes, shape (n + 1,) [s]; the first is empty."""
+        durations = np.diff(self.t, prepend=self.t[:1])
+        if self.step > 0.0:
+            # differences of times have their rounding
+            whole = self.step * np.rint(durations / self.step)
+            durations = np.where(np.abs(durations - whole) < 1e-6 * self.step, whole, durations)
+            if getattr(self._scheme, "whole_steps", False):
+                # the last step goes on beyond the end of the run, and so do its percussions
+                durations[-1:] = self.step * np.ceil(durations[-1:] / self.step)
+        return durations
 
     def diagnosis(self, tolerance: float = 1e-3) -> Diagnosis:
         """Return what of this run may be trusted, and until when; takes about as long as the run did.
@@ -190,7 +294,7 @@ class Trajectory:
         """
         from .diagnose import diagnose
 
-        return diagnose(self, tolerance)
+        return diagnose(self, between(tolerance, "tolerance", 0.0, 1.0, ends=False))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the run and its problem to an HDF5 file.
@@ -202,36 +306,47 @@ class Trajectory:
         """
         from .trajectory_file import save
 
-        save(self, path)
+        save(self, file_path(path))
 
-    def replay(self, speed: float = 1.0) -> None:
-        """Play the run in a browser through meshcat; `speed` 1 is true time.
+    def replay(self, speed: float = 1.0, shapes: str = "visual") -> None:
+        """Play the run in a browser through meshcat; `speed` 1 is true time, `shapes` is as for `replay_html`.
 
         Raises
         ------
         InputError
-            If the run has no scene to show.
+            If the run has no scene to show, the speed is not positive, or `shapes` is another word.
         """
         from .view import replay
 
-        replay(self, speed=speed)
+        shown = choice(shapes, "shapes", ("visual", "collision"))
+        replay(self, speed=between(positive(speed, "speed"), "speed", 1e-6, 1e6), shapes=shown)
 
-    def replay_html(self, path: str | os.PathLike[str]) -> None:
+    def replay_html(self, path: str | os.PathLike[str], shapes: str = "visual") -> None:
         """Write one page that plays the run by itself, with no server and no network.
+
+        Parameters
+        ----------
+        path : path
+            The page; an old one is replaced.
+        shapes : "visual" or "collision"
+            Whether robots show the visual shapes of their URDFs or the collision shapes that impacts happen on. A robot
+            without visual shapes shows its collision shapes, and so does one whose mesh files cannot be read any more,
+            with an `MbviWarning`. The colours of a DAE or OBJ file go before those of the URDF.
 
         Raises
         ------
         InputError
-            If the run has no scene to show.
+            If the run has no scene to show, or `shapes` is another word.
         TrajectoryFileError
             If the page cannot be written.
         """
         from .view import replay_html
 
-        replay_html(self, path)
+        replay_html(self, file_path(path), choice(shapes, "shapes", ("visual", "collision")))
 
     def impact_table(self, most: int = 20) -> str:
         """Return the impacts as a table, the `most` strongest if there are more."""
+        most = integer(most, "most")
         chosen = sorted(self.impacts, key=lambda i: -float(i.percussion.max()))[:most]
         lines = [f"{'time [s]':>10}  {'p [N s]':>10}  {'before':>9}  {'after':>9}  constraint"]
         for impact in sorted(chosen, key=lambda i: i.time):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from .errors import InputError, TrajectoryFileError
 from .view_meshes import arrow_mesh, plate_mesh, shape_mesh, sheet_mesh
-from .view_motion import Array, Motion, arrows, bounds, carried, motion, scene_of
+from .view_motion import Array, Motion, arrows, bounds, carried, motion, scene_of, shapes_of
 from .view_page import Page
 
 if TYPE_CHECKING:
+    from .constraints.shapes import PlacedShape
     from .scene.model import SceneModel
     from .trajectory import Trajectory
 
@@ -34,7 +36,7 @@ _DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
 _FIELD, _ASPECT = 40.0, 1.3
 
 
-def replay(run: Trajectory, speed: float = 1.0) -> None:
+def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
     """Show a run in a browser through meshcat; returns when it has played.
 
     Parameters
@@ -43,20 +45,22 @@ def replay(run: Trajectory, speed: float = 1.0) -> None:
         What to show; see `arrows` for the percussions.
     speed : float
         Seconds of the run per second of the replay.
+    shapes : "visual" or "collision"
+        See `Trajectory.replay_html`.
 
     Raises
     ------
     InputError
-        If the run has no scene to show or the speed is not positive.
+        If the run has no scene to show, the speed is not positive, or `shapes` is another word.
     """
-    scene_of(run)
+    shown = shapes_of(run, shapes)
     # written so that a NaN is refused too
     if not 0.0 < speed < np.inf:
         raise InputError(f"speed must be positive and finite; got {speed}")
     vis = meshcat.Visualizer()
     try:
         vis.open()
-        animation = stage(vis, run, speed)
+        animation = stage(vis, run, speed, shown)
         # a server that dies with the script before a browser has come would show nothing
         vis.wait()
         # having waited, the server hears nothing more from this socket
@@ -68,7 +72,7 @@ def replay(run: Trajectory, speed: float = 1.0) -> None:
     time.sleep(float(run.t[-1] - run.t[0]) / speed)
 
 
-def replay_html(run: Trajectory, path: str | os.PathLike[str]) -> None:
+def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "visual") -> None:
     """Write one page that plays a run at true speed, with no server and no network.
 
     Parameters
@@ -77,25 +81,29 @@ def replay_html(run: Trajectory, path: str | os.PathLike[str]) -> None:
         What to show; see `arrows` for the percussions.
     path : path
         The page; an old one is replaced.
+    shapes : "visual" or "collision"
+        See `Trajectory.replay_html`.
 
     Raises
     ------
     InputError
-        If the run has no scene to show.
+        If the run has no scene to show, or `shapes` is another word.
     TrajectoryFileError
         If the page cannot be written.
     """
-    scene_of(run)
+    shown = shapes_of(run, shapes)
     page = Page()
     vis = meshcat.Visualizer(window=page)
-    vis.set_animation(stage(vis, run), play=False)
+    vis.set_animation(stage(vis, run, shown=shown), play=False)
     try:
         Path(path).write_text(page.html(), encoding="utf-8")
     except OSError as error:
         raise TrajectoryFileError(f"the page {path} cannot be written: {error.strerror or error}") from error
 
 
-def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Animation:
+def stage(
+    vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
+) -> Animation:
     """Draw the scene of a run as it starts, and return its animation.
 
     Parameters
@@ -106,10 +114,12 @@ def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Anima
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
+    shown : sequence of PlacedShape, optional
+        What `shapes_of` returned; the visual shapes by default.
     """
-    scene = scene_of(run)
-    moves = motion(run, speed)
-    lower, upper = bounds(scene, moves)
+    scene, shown = scene_of(run), shapes_of(run) if shown is None else shown
+    moves = motion(run, speed, shown)
+    lower, upper = bounds(scene, moves, shown)
     radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
     _light(vis, 0.5 * (lower + upper), radius, upper - lower)
     animation = Animation(default_framerate=1)
@@ -124,7 +134,7 @@ def stage(vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0) -> Anima
         node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
         node.set_object(sheet_mesh(item.placed()))
         _cast_shadow(node["<object>"], False)
-    _draw_shapes(vis, scene, moves, frames, radius, animation)
+    _draw_shapes(vis, shown, moves, frames, radius, animation)
     # among many small bodies long arrows would hide them
     length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
     _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
@@ -158,17 +168,17 @@ def _animate(
 
 def _draw_shapes(
     vis: meshcat.Visualizer,
-    scene: SceneModel,
+    shown: Sequence[PlacedShape],
     moves: Motion,
     frames: dict[int, meshcat.Visualizer],
     radius: float,
     animation: Animation,
 ) -> None:
-    parts, names = {}, {s.body: s.name for s in reversed(scene.shapes)}
+    parts, names = {}, {s.body: s.name for s in reversed(shown)}
     for b, body in enumerate(moves.bodies):
         node = parts[body] = vis["bodies"][_label(body, names[body])]
         _animate(node, moves, moves.position[:, b], moves.quaternion[:, b], radius, animation)
-    for k, placed in enumerate(scene.shapes):
+    for k, placed in enumerate(shown):
         mesh, turn = shape_mesh(placed)
         node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[_label(k, placed.name)]
         node.set_object(mesh)

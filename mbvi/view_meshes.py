@@ -10,6 +10,7 @@ import numpy as np
 
 from .constraints import Surface
 from .constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from .scene.meshes import Mesh
 
 Array = np.ndarray
 
@@ -38,13 +39,18 @@ def shape_mesh(placed: PlacedShape) -> tuple[g.Mesh, Array]:
         geometry, turn = g.Cylinder(shape.length, shape.radius), _Y_TO_Z
     elif isinstance(shape, Capsule):
         geometry = _capsule(shape)
+    elif isinstance(shape, Mesh):
+        geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles, shape.colors)
     else:
         geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles)
     red, green, blue = (round(255 * part) for part in placed.color[:3])
+    colored = isinstance(shape, Mesh) and shape.colors is not None
     material = g.MeshPhongMaterial(
-        color=red << 16 | green << 8 | blue,
+        # the colours of vertices are multiplied by this one
+        color=0xFFFFFF if colored else red << 16 | green << 8 | blue,
+        vertexColors=colored,
         opacity=float(placed.color[3]),
-        flatShading=isinstance(shape, Hull),
+        flatShading=isinstance(shape, Hull | Mesh),
         shininess=20,
     )
     return g.Mesh(geometry, material), turn

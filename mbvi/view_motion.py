@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .constraints.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Sphere
-from .errors import InputError
+from .arguments import choice
+from .constraints.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
+from .errors import InputError, MbviWarning
+from .scene.visuals import visual_shapes
 
 if TYPE_CHECKING:
     from .motion import Motion as Drive
@@ -30,7 +34,7 @@ def scene_of(run: Trajectory) -> SceneModel:
     Raises
     ------
     InputError
-        If there is none, or nothing in it that moves has a shape.
+        If there is none.
     """
     if run.problem is None:
         raise InputError("this run came from a file without its problem: there is no scene to replay; chart t, q and v")
@@ -39,9 +43,31 @@ def scene_of(run: Trajectory) -> SceneModel:
         raise InputError(
             "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
         )
-    if not any(s.body for s in scene.shapes):
-        raise InputError("nothing that moves in this scene has a shape to show: give the links a <collision>")
     return scene
+
+
+def shapes_of(run: Trajectory, shapes: str = "visual") -> list[PlacedShape]:
+    """Return the shapes that a replay shows, on the bodies that carry them.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run with a scene.
+    shapes : "visual" or "collision"
+        Whether robots show their visual shapes or their collision shapes.
+
+    Raises
+    ------
+    InputError
+        If there is no scene, nothing in it that moves has such a shape, or `shapes` is another word.
+    """
+    kind, scene = choice(shapes, "shapes", ("visual", "collision")), scene_of(run)
+    shown, notes = visual_shapes(scene) if kind == "visual" else (list(scene.shapes), [])
+    if not any(s.body for s in shown):
+        raise InputError(f"nothing that moves in this scene has a shape to show: give the links a <{kind}>")
+    for note in notes:
+        warnings.warn(note, MbviWarning, stacklevel=4)
+    return shown
 
 
 @dataclass(frozen=True)
@@ -70,7 +96,7 @@ class Motion:
     quaternion: Array
 
 
-def motion(run: Trajectory, speed: float = 1.0) -> Motion:
+def motion(run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
     """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
 
     Parameters
@@ -79,9 +105,12 @@ def motion(run: Trajectory, speed: float = 1.0) -> Motion:
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
+    shown : sequence of PlacedShape, optional
+        The shapes that are shown; the collision shapes by default.
     """
     assert run.problem is not None
-    bodies = sorted({s.body for s in scene_of(run).shapes if s.body})
+    shown = scene_of(run).shapes if shown is None else shown
+    bodies = sorted({s.body for s in shown if s.body})
     start, end = float(run.t[0]), float(run.t[-1])
     count = max(int(_FRAMES * (end - start) / speed), 1)
     strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
@@ -136,11 +165,15 @@ def arrows(run: Trajectory) -> list[Arrow]:
     return sorted(shown, key=lambda a: a.time)
 
 
-def bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
-    """Return two corners, shape (3,) [m], of a box that holds all motion, and of what is fixed what is near it."""
+def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None = None) -> tuple[Array, Array]:
+    """Return two corners, shape (3,) [m], of a box that holds all motion, and of what is fixed what is near it.
+
+    The shapes are those that are shown, the collision shapes by default.
+    """
+    shown = scene.shapes if shown is None else shown
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
     turns = [Rotation.from_quat(moves.quaternion[:, b]) for b in range(len(moves.bodies))]
-    for placed in scene.shapes:
+    for placed in shown:
         if placed.body:
             b = moves.bodies.index(placed.body)
             centre = moves.position[:, b] + turns[b].apply(placed.position)
@@ -151,7 +184,7 @@ def bounds(scene: SceneModel, moves: Motion) -> tuple[Array, Array]:
             )
     near = 0.5 * float((upper - lower).max())
     first, last = lower - near, upper + near
-    for placed in scene.shapes:
+    for placed in shown:
         if not placed.body:
             for turn, place in _poses(placed.motion, moves.instants):
                 reach = _reach(placed.shape, turn @ placed.rotation)

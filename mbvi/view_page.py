@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -12,6 +13,9 @@ import umsgpack  # type: ignore[import-untyped]
 from meshcat.servers.zmqserver import VIEWER_ROOT
 
 _IDENTITY = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-1[0-9a-f]{3}-[0-9a-f]{4}-[0-9a-f]{12}")
+
+# bytes from which on an array is stored once for all commands that have it
+_LARGE = 1024
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -33,8 +37,10 @@ body { margin: 0; overflow: hidden; font: 14px sans-serif; color: #345; }
 <script>@VIEWER@</script>
 <script>
 const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
-for (const command of @COMMANDS@) {
-    const text = atob(command), bytes = new Uint8Array(text.length);
+// each command is the bytes of some chunks, of which large ones may be in several
+const chunks = @CHUNKS@;
+for (const parts of @COMMANDS@) {
+    const text = parts.map(k => atob(chunks[k])).join(""), bytes = new Uint8Array(text.length);
     for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
     viewer.handle_command_bytearray(bytes);
 }
@@ -86,8 +92,29 @@ class Page:
         def number(match: re.Match[bytes]) -> bytes:
             return numbers.setdefault(match[0], b"%036d" % len(numbers))
 
-        # meshcat names objects by clock and network card
-        packed = [_IDENTITY.sub(number, umsgpack.packb(command)) for command in self.commands]
-        texts = json.dumps([base64.b64encode(data).decode() for data in packed])
+        chunks: dict[bytes, int] = {}
+        commands = []
+        for command in self.commands:
+            left, parts = umsgpack.packb(command), []
+            for array in _large_arrays(command):
+                before, _, left = left.partition(array)
+                parts += [_IDENTITY.sub(number, before), array]
+            # meshcat names objects by clock and network card
+            parts.append(_IDENTITY.sub(number, left))
+            commands.append([chunks.setdefault(part, len(chunks)) for part in parts])
+        texts = json.dumps([base64.b64encode(data).decode() for data in chunks])
         viewer = Path(VIEWER_ROOT, "main.min.js").read_text(encoding="utf-8")
-        return _PAGE.replace("@COMMANDS@", texts).replace("@VIEWER@", viewer)
+        page = _PAGE.replace("@COMMANDS@", json.dumps(commands)).replace("@CHUNKS@", texts)
+        return page.replace("@VIEWER@", viewer)
+
+
+def _large_arrays(value: object) -> Iterator[bytes]:
+    """Yield the arrays of a command that are worth sharing, in the order they are packed in."""
+    if isinstance(value, dict):
+        for inner in value.values():
+            yield from _large_arrays(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _large_arrays(inner)
+    elif isinstance(value, umsgpack.Ext) and len(value.data) >= _LARGE:
+        yield value.data

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pinocchio as pin
+from distance_kernel_arguments import DISTANCE_ARGUMENTS
 from scipy.sparse import csr_array
 from test_same_as_before import is_free, path_of
 
@@ -320,7 +321,7 @@ def reached(rng):
     m = rng.integers(1, 9)
     where, sign, offset = rng.normal(size=m), rng.choice([-1.0, 1.0], size=m), rng.random(m)
     index, gap = last_time(rng, sign * where + offset, 1e-8)
-    return where, sign, offset, 1e-8, index, gap
+    return where, sign, offset, np.ones(m), 1e-8, index, gap
 
 
 def shape_pairs(rng, shapes=SHAPES):
@@ -385,7 +386,9 @@ def note(rng):
     before = rng.choice([-1.0, 0.0, 1.0], size=m) * rng.random(m)
     free = before + 0.5 * rng.normal(size=m)
     rates = np.array([percussion, free, rng.normal(size=m), before])
-    return int(rng.integers(n)), 0.1 * rng.normal(size=m), rates, rng.random(), rng.random(n), rng.random(n)
+    number, lever = rng.integers(0, 5, m), rng.random(3)
+    noted = rng.random(n), rng.random(n)
+    return int(rng.integers(n)), number, 0.1 * rng.normal(size=m), rates, rng.random(), lever, 1e-12, *noted
 
 
 def struck(rng):
@@ -402,7 +405,8 @@ def struck(rng):
             last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
     order = np.argsort(last_numbers, kind="stable")
     last_numbers, last_point, last = last_numbers[order], last_point[order], np.ascontiguousarray(last[:, order])
-    return numbers, point, rates, rng.random(m), last_numbers, last_point, last, 0.1, np.zeros(m, bool)
+    before = last_numbers, last_point, last
+    return numbers, point, rates, rng.random(m), *before, 0.1, rng.random(2), 1e-12, np.zeros(m, np.int8)
 
 
 def balls_in_a_heap(rng):
@@ -594,7 +598,14 @@ def near_triangles(rng):
     return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
 
 
+def raise_levels(rng):
+    number, known = rng.integers(0, 20, 12), np.unique(rng.integers(0, 20, 6))
+    return number, rng.normal(size=12), known, np.zeros(len(known))
+
+
 ARGUMENTS = {
+    **DISTANCE_ARGUMENTS,
+    "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_touching": touching,
     "_wall_contacts": wall_contacts,

@@ -101,7 +101,8 @@ def test_a_file_without_its_control_says_what_it_cannot_tell(tmp_path):
     scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 5, 0), control=lambda t, q, v: np.r_[np.zeros(6), 1, 0])
     run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.6, every=7, out=tmp_path / "run.h5")
     assert run.diagnosis().horizon == pytest.approx(0.5, abs=2e-3)
-    found = mbvi.load(tmp_path / "run.h5").diagnosis()
+    with pytest.warns(mbvi.MbviWarning, match="control of robot 'hopper'"):
+        found = mbvi.load(tmp_path / "run.h5").diagnosis()
     assert found.unseen
     assert np.isnan(found.energy_excess)
     assert np.isnan(found.horizon)

@@ -1,15 +1,23 @@
 """Processes of their own: when numba is imported, what the first use says, and when the cache is out of date."""
 
+import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
+import time
+from itertools import count
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 from conftest import ROBOTS
 
 import mbvi
+from mbvi import compiled
 
 LANDING = """
 import sys
@@ -104,3 +112,193 @@ print(np.concatenate(rows)[:, 2].max())
     file.write_text(changed)
     after, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
     assert (float(before), float(after)) == (1.0, 2.0)
+
+
+KERNEL = """
+def total(values):
+    found = 0.0
+    for value in values:
+        found += value
+    return found
+"""
+_NUMBERS = count()
+
+
+def small_kernel(folder):
+    """A kernel of a file of its own, as a new process would compile or load it."""
+    file = folder / "small.py"
+    if not file.exists():
+        file.write_text(KERNEL)
+    spec = importlib.util.spec_from_file_location(f"small_{next(_NUMBERS)}", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return mbvi.kernel_cache.compiled(module.total, "f8(f8[::1])")
+
+
+@pytest.fixture
+def small_cache(tmp_path, monkeypatch):
+    import mbvi.kernel_cache
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(mbvi.kernel_cache, "_said", set())
+    return tmp_path
+
+
+def flipped(data, k):
+    return data[:k] + bytes([data[k] ^ 0x10]) + data[k + 1 :]
+
+
+DAMAGES = {
+    "empty": lambda data, rng: b"",
+    "halved": lambda data, rng: data[: len(data) // 2],
+    "cut by one byte": lambda data, rng: data[:-1],
+    "garbage": lambda data, rng: rng.bytes(len(data)),
+    "garbage behind a good head": lambda data, rng: data[:60] + rng.bytes(len(data) - 60),
+    "zeros": lambda data, rng: bytes(len(data)),
+    "longer": lambda data, rng: data + rng.bytes(100),
+    "a byte flipped": lambda data, rng: flipped(data, int(rng.integers(len(data)))),
+    "a pickle of something else": lambda data, rng: __import__("pickle").dumps({"a": 1}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=DAMAGES)
+@pytest.mark.parametrize("kinds", [("nbi",), ("nbc",), ("nbi", "nbc")], ids="+".join)
+def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, damage, kinds, rng, capfd):
+    kernel, new = small_kernel(small_cache)
+    assert new
+    assert not small_kernel(small_cache)[1]
+    assert capfd.readouterr().err == ""
+    files = [file for kind in kinds for file in small_cache.rglob(f"*.{kind}")]
+    assert len(files) == len(kinds)
+    for file in files:
+        file.write_bytes(DAMAGES[damage](file.read_bytes(), rng))
+    values = rng.random(10)
+    again, new = small_kernel(small_cache)
+    assert again(values) == kernel(values)
+    assert not new
+    said = capfd.readouterr().err
+    # behind a damaged index nobody looks for the other
+    assert f"{files[0]} is damaged" in said
+    # and what was compiled is in the cache
+    last, _ = small_kernel(small_cache)
+    assert sum(last.stats.cache_hits.values()) == 1
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_in_the_place_of_a_file_does_not_stop_a_run(small_cache, capfd):
+    small_kernel(small_cache)
+    for file in [*small_cache.rglob("*.nbi")]:
+        file.unlink()
+        file.mkdir()
+    kernel, _ = small_kernel(small_cache)
+    assert kernel(np.ones(3)) == 3.0
+    said = capfd.readouterr().err
+    assert "is damaged" in said
+    assert "compiled kernels cannot be kept in" in said
+
+
+def test_a_disk_that_fills_while_the_cache_is_written_does_not_stop_a_run(small_cache, capfd):
+    """The limit on the size of files stands for the disk: it needs no other file system."""
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        kernel, _ = small_kernel(small_cache)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert kernel(np.ones(3)) == 3.0
+    assert "compiled kernels cannot be kept in" in capfd.readouterr().err
+    assert not [*small_cache.rglob("*.nbc"), *small_cache.rglob("*.tmp.*")]
+    # the index that was written names a file that is not there
+    assert small_kernel(small_cache)[0](np.ones(3)) == 3.0
+    assert sum(small_kernel(small_cache)[0].stats.cache_hits.values()) == 1
+
+
+def test_ctrl_c_is_held_back_and_never_lost():
+    """Where Python is called from compiled code the interrupt would be printed and forgotten."""
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), compiled._interrupts_later() as check:
+        os.kill(os.getpid(), signal.SIGINT)
+        done = sum(range(1000))
+        check()
+        raise AssertionError("the interrupt was lost")
+    assert done == 499500
+    assert signal.getsignal(signal.SIGINT) is before
+    with pytest.raises(KeyboardInterrupt), compiled._interrupts_later():
+        os.kill(os.getpid(), signal.SIGINT)
+    # elsewhere than in the main thread nobody may set a handler
+    found = []
+    thread = threading.Thread(target=lambda: found.append(compiled._interrupts_later().__enter__()))
+    thread.start()
+    thread.join()
+    found[0]()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+INTERRUPTED = """
+import sys
+import mbvi.compiled
+print("loading", flush=True)
+mbvi.compiled.load()
+print("loaded", flush=True)
+sys.stdin.read()
+"""
+
+
+def interrupted(delay, **environment):
+    """Send Ctrl-C a time after loading began; return what the process printed to both its ends, and how it ended."""
+    command = [sys.executable, "-c", INTERRUPTED]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=os.environ | environment
+    ) as child:  # fmt: skip
+        try:
+            assert child.stdout.readline() == "loading\n"
+            time.sleep(delay)
+            child.send_signal(signal.SIGINT)
+            out, said = child.communicate(timeout=60)
+        finally:
+            child.kill()
+    return out, said, child.returncode
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.3, 0.5, 0.7])
+def test_ctrl_c_while_kernels_load_stops_the_process(delay):
+    out, said, code = interrupted(delay)
+    # whether it comes before the end or after, the process ends with it
+    assert out in ("", "loaded\n")
+    assert "KeyboardInterrupt" in said
+    assert "ignored" not in said
+    assert code == -signal.SIGINT
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_kernels_are_compiled_leaves_a_cache_that_works(tmp_path):
+    for delay in (3.0, 5.0, 8.0):
+        out, said, code = interrupted(delay, NUMBA_CACHE_DIR=str(tmp_path))
+        assert (out, code) == ("", -signal.SIGINT)
+        assert "KeyboardInterrupt" in said
+        assert "ignored" not in said
+    kept = len([*tmp_path.rglob("*.nbc")])
+    assert kept
+    assert not [*tmp_path.rglob("*.tmp.*")]
+    expected, _ = process(LANDING + RUN)
+    found, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert found == expected
+    assert "damaged" not in said
+
+
+@pytest.mark.slow
+def test_a_run_with_damaged_kernels_is_the_same_run(tmp_path, rng):
+    expected, _ = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    files = sorted(tmp_path.rglob("*.nb?"))
+    for k in rng.choice(len(files), 9, replace=False).tolist():
+        damage = list(DAMAGES)[int(rng.integers(len(DAMAGES)))]
+        files[k].write_bytes(DAMAGES[damage](files[k].read_bytes(), rng))
+    found, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert found == expected
+    assert said.count("is damaged") >= 5
+    assert process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path)) == (expected, "")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi import surfaces
 from mbvi.constraints import Surface
-from mbvi.constraints.triangles import nearest_on_triangles
+from mbvi.constraints.triangles import nearest_on_triangles, sorted_into_cells
 
 coordinates = st.floats(-1, 1).map(lambda x: round(x, 3))
 triples = st.tuples(coordinates, coordinates, coordinates).map(np.array)
@@ -97,6 +97,17 @@ def test_a_sphere_sunk_into_a_plane_of_many_triangles_feels_the_plane_alone(x, y
     np.testing.assert_allclose(rows.gap, -depth, atol=1e-15)
     # rounding may see both sides of an edge
     assert 1 <= len(rows.gap) <= 2
+
+
+@pytest.mark.parametrize("width", [1.0, 1e3, 1e6, 1e12, 1e30])
+def test_a_wide_flat_mesh_has_few_cells(width):
+    """At any ratio of its width to the spheres' size, and the cell below a sphere holds its triangle."""
+    corners = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]]) * [width, width, 0.0]
+    cells = sorted_into_cells(corners, 0.01)
+    assert len(cells.start) < 2_000_000
+    place = np.floor((np.zeros(3) - cells.low) / cells.edge).astype(np.int64)
+    number = (place[0] * cells.shape[1] + place[1]) * cells.shape[2] + place[2]
+    assert cells.triangle[cells.start[number] : cells.start[number + 1]].tolist() == [0]
 
 
 def test_corner_ridge_and_tip_have_the_rows_they_should():
@@ -213,7 +224,7 @@ def test_funnel_drum_chute_hourglass_have_the_shapes_they_say():
         (lambda s: surfaces.hourglass(0.1, 0.0, 1.0), "neck must be positive"),
         (lambda s: surfaces.drum(0.1, 0.2, vanes=2, depth=0.3), "between 0 and the radius"),
         (lambda s: surfaces.chute(1, 1, 2.0, 0.1), "angle"),
-        (lambda s: surfaces.terrain([0, 1], [0, 1], np.zeros((2, 3))), "ask for"),
+        (lambda s: surfaces.terrain([0, 1], [0, 1], np.zeros((2, 3))), "must have"),
     ],
 )
 def test_wrong_meshes_say_what_is_wrong(call, message):

@@ -178,3 +178,76 @@ def test_impact_table_names_the_strongest(run):
     strongest = max(run.impacts, key=lambda i: i.percussion.max())
     assert f"{strongest.time:.4f}" in table
     assert "weaker ones" in table
+
+
+def test_a_printed_run_says_in_five_lines_what_happened(run, tmp_path):
+    text = str(run)
+    assert repr(run) == text and len(text.splitlines()) == 5 and len(text) < 1000 and "array" not in text
+    strongest = max(run.impacts, key=lambda i: i.percussion.max())
+    for part in (
+        "hopper, 1 body, 2 spheres",
+        f"{run.problem.system.nv} degrees of freedom",
+        "Paoli, h = 0.001 s",
+        "501 states",
+        f"{len(run.impacts)} impacts",
+        f"{strongest.percussion.max():.4g} N s at t = {strongest.time:.6g} s",
+        f"Energy {run.energy()[0]:.6g} J at the start, {run.energy()[-1]:.6g} J at the end",
+        f"{run.penetration().max():.3g} m or rad at t = {run.t[run.penetration().argmax()]:.6g} s",
+    ):
+        assert part in text
+    run.save(tmp_path / "run.h5")
+    assert repr(mbvi.load(tmp_path / "run.h5")) == text
+
+
+def test_a_run_of_functions_and_one_without_impacts_print_too():
+    system = mbvi.LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: np.array([-9.81]), 1)
+    for height, impacts in ((1.0, "1 impact at t = 0.45"), (9.0, "No impacts")):
+        gap = mbvi.GapFunction(lambda q: q[0], lambda q: np.ones(1))
+        run = mbvi.simulate(mbvi.Problem(system, [gap], [height], [0.0]), duration=0.5)
+        lines = repr(run).splitlines()
+        assert len(lines) == 5 and lines[0].startswith("Run of given functions, 1 degree of freedom, by EventDriven:")
+        assert lines[1].startswith(impacts) and "EventDriven(tolerance=1e-06) was chosen" in lines[4]
+
+
+@pytest.mark.parametrize("body", ["sphere", "box"])
+def test_what_is_struck_elsewhere_is_another_matter(body):
+    """One body lands in the first step, in which another begins to press on the floor that both stand on."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for name, x, height, speed in (("resting", 0, 0.1, 0.0), ("landing", 1, 0.1005, -1.0)):
+        place = {"position": (x, 0, height), "velocity": (0, 0, speed), "name": name}
+        if body == "sphere":
+            scene.add_sphere(0.1, 1.0, **place)
+        else:
+            scene.add_box((0.2, 0.2, 0.2), 1.0, **place)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.1, record="contacts")
+    assert {name for i in run.impacts for name in i.constraints} == {"landing | floor"}
+    assert {c.name for c in run.contacts(1e-3)} == {"landing | floor", "resting | floor"}
+
+
+def test_contacts_of_a_pile_that_press_now_and_then_are_no_impacts():
+    scene = mbvi.Scene()
+    scene.add_container((0, 0, 0), (0.4, 0.4), name="box")
+    rng = np.random.default_rng(5)
+    grid = np.array([(x, y, z) for z in range(5) for x in range(4) for y in range(4)]) * 0.1
+    scene.add_spheres(grid + 0.05 + rng.uniform(-5e-3, 5e-3, grid.shape), radius=0.044, mass=1.0, name="grains")
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.5, record="contacts")
+    late = [i for i in run.impacts if i.time > 0.5]
+    listed = sum(len(i.constraints) for i in late)
+    # where nothing has closed there is no impact, and one closes in each
+    assert all((i.before < 0.0).any() for i in run.impacts)
+    assert len(late) <= listed < 0.04 * sum(len(run.contacts(i.time)) for i in late)
+
+
+def test_all_that_passes_a_blow_on_belongs_to_the_impact():
+    """Balls in a row at rest, struck by one at e = 1 and at e = 0: the rows between them close nowhere."""
+    for e in (0.0, 1.0):
+        scene = mbvi.Scene(gravity=(0, 0, 0), restitution=e)
+        for k in range(6):
+            scene.add_sphere(0.1, 1.0, (0.2 * k + (k > 0) * 0.1, 0, 0), ((k == 0) * 1.0, 0, 0), name=f"ball {k}")
+        # another row far away rests as it is
+        for k in range(3):
+            scene.add_sphere(0.1, 1.0, (0.2 * k, 9, 0), name=f"far {k}")
+        run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.2)
+        names = {f"ball {k} | ball {k + 1}" for k in range(5)}
+        assert set(run.impacts[0].constraints) == names

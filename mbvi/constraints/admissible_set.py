@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..compiled import kernel, plain_array
-from ..errors import InputError
 from ..system import System
-from .active import NOWHERE, STILL, Array, Constraint, Rows, stacked
+from .active import STILL, Array, Constraint, Rows, stacked
+from .given import Given
+from .joint_limit import JointLimits
+from .rebuilt import Rebuilt
 
 # one bit each; more of them are asked at every step
 _MOST_REMEMBERING = 60
@@ -51,7 +53,7 @@ def _use_up(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
     return asked
 
 
-class AdmissibleSet:
+class AdmissibleSet(Rebuilt):
     """The stack of constraints.
 
     Parameters
@@ -63,6 +65,11 @@ class AdmissibleSet:
         their near rows only.
     restitution : ndarray, shape (len(constraints),)
         e of those constraints that carry none of their own.
+
+    Attributes
+    ----------
+    lever : ndarray, shape (k,)
+        What gaps and rates of the first k constraints are multiplied by to be lengths; those of all others are.
 
     Notes
     -----
@@ -78,7 +85,13 @@ class AdmissibleSet:
         self.constraints = tuple(constraints)
         self._sizes = [_size(c) for c in self.constraints]
         self._starts = [int(s) for s in np.concatenate([[0], np.cumsum(self._sizes)])]
-        ask = [getattr(c, "active", None) or partial(_plain, c) for c in self.constraints]
+        # those that choose their rows are the library's own, but for a user's that do so too
+        self._given = {
+            id(c): Given(system, c, partial(self._named, start))
+            for c, start in zip(self.constraints, self._starts[:-1], strict=True)
+            if not hasattr(c, "active")
+        }
+        ask = [getattr(c, "active", None) or self._given[id(c)].active for c in self.constraints]
         # those that remember are asked only when what they had to spare is spent
         remembering: Any = [c for c in self.constraints if hasattr(c, "asked_by")]
         self._remembering: list[Any] = remembering[:_MOST_REMEMBERING]
@@ -91,6 +104,12 @@ class AdmissibleSet:
         self._travels = list(self._travel)
         # of these, one bit for each that is asked at every step
         self._busy = self._epoch = 0
+        # of the constraints up to the last limit of a joint that turns: see `levers`
+        self.lever = np.zeros(0)
+        for constraint, start in zip(self.constraints, self._starts[:-1], strict=True):
+            if isinstance(constraint, JointLimits) and (constraint.lever != 1.0).any():
+                before = np.ones(start - len(self.lever))
+                self.lever = np.concatenate([self.lever, before, constraint.lever])
         self._names: dict[int, str] = {}
         self._last: Array | None = None
         self.empty = Rows(
@@ -115,6 +134,9 @@ class AdmissibleSet:
         names: Any = getattr(constraint, "names", ())
         return str(names[inner]) if inner < len(names) else f"f {number}"
 
+    def _named(self, start: int, row: int) -> str:
+        return self.name(start + row)
+
     @property
     def moving(self) -> bool:
         """Whether some constraint changes with time at a fixed q."""
@@ -130,6 +152,12 @@ class AdmissibleSet:
             elif not hasattr(constraint, "active"):
                 found.append(e)
         return max(found)
+
+    def levers(self, numbers: Array) -> Array | float:
+        """Return what gaps and rates of some rows are multiplied by to be lengths, shape (k,), or 1."""
+        if not self.lever.size:
+            return 1.0
+        return np.where(numbers < len(self.lever), self.lever.take(numbers, mode="clip"), 1.0)
 
     def numbered(self) -> list[tuple[Constraint, int, float]]:
         """Return every constraint, the number of its first row, and e where it carries none of its own."""
@@ -216,33 +244,31 @@ class AdmissibleSet:
 
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""
-        return np.concatenate([np.zeros(0), *(np.atleast_1d(c.gap(t, q)) for c in self.constraints)])
+        given = self._given
+        return np.concatenate([
+            np.zeros(0),
+            *(given[id(c)].gaps(t, q) if id(c) in given else np.atleast_1d(c.gap(t, q)) for c in self.constraints),
+        ])  # fmt: skip
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return every grad f_a(q) in the tangent space, stacked, shape (m, nv)."""
         rows = [np.atleast_2d(c.gradient(t, q)) for c in self.constraints]
         return np.concatenate([np.zeros((0, self.system.nv)), *rows])
 
+    def given(self, constraint: Constraint) -> Given | None:
+        """Return a constraint as it is checked, if a user gave it by gaps and gradients."""
+        return self._given.get(id(constraint))
+
     def check(self, t: float, q: Array) -> None:
-        """Raise `InputError` unless the gaps given by a user are finite and their gradients have shape (nv,)."""
-        for k, constraint in enumerate(self.constraints):
-            # those that choose their rows are the library's own, and may have too many to list
-            if hasattr(constraint, "active"):
-                continue
-            gap = np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))
-            name = self.name(self._starts[k]) if gap.size else "constraint"
-            if not np.isfinite(gap).all():
-                raise InputError(f"{name}: f(q0) is not finite")
-            gradient = np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))
-            if gap.size and gradient.shape != (gap.size, self.system.nv):
-                raise InputError(
-                    f"{name}: the gradient has shape {gradient.shape[-1:]}; the velocity asks for ({self.system.nv},)"
-                )
-            if not np.isfinite(gradient).all():
-                raise InputError(f"{name}: the gradient at q0 is not finite")
-            rate = np.atleast_1d(constraint.rate(t, q)) if hasattr(constraint, "rate") else np.zeros_like(gap)
-            if rate.shape != gap.shape or not np.isfinite(rate).all():
-                raise InputError(f"{name}: df/dt has shape {rate.shape}; {gap.shape} finite numbers are asked for")
+        """Check what users gave at the start of a run.
+
+        Raises
+        ------
+        InputError
+            If gaps are not finite, or gradients not of shape (nv,), not finite or of the wrong sign.
+        """
+        for given in self._given.values():
+            given.check(t, q)
 
 
 def _size(constraint: Constraint) -> int:
@@ -261,15 +287,3 @@ def _own_numbers(rows: Rows | None, start: int, e: float) -> Rows | None:
     gradients = plain_array(jacobian) if isinstance(jacobian, np.ndarray) else jacobian
     moving = None if rate is None else plain_array(rate)
     return Rows(numbers, plain_array(gap), gradients, plain_array(own), plain_array(point), plain_array(normal), moving)
-
-
-def _plain(constraint: Constraint, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
-    """Return the active rows of a constraint that gives no more than gaps and gradients."""
-    gap = np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))
-    index = np.flatnonzero(gap <= tolerance)
-    if not index.size:
-        return None
-    rows = np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))[index]
-    nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
-    rate = np.atleast_1d(np.asarray(constraint.rate(t, q), dtype=float))[index] if hasattr(constraint, "rate") else None
-    return Rows(index, gap[index], rows, np.full(index.size, np.nan), nowhere, nowhere, rate)

@@ -13,12 +13,13 @@ from ..system.sparse_rows import dense
 from .active import Array, Rows
 from .neighbours import Neighbours
 from .pairs import Contacts
-from .shapes import Box, PlacedShape
+from .rebuilt import Rebuilt
+from .shapes import Box, PlacedShape, length_unit
 from .signed_distance import SignedDistances
 from .swept import may_pass
 
 
-class Crowd:
+class Crowd(Rebuilt):
     """Every pair of a scene's shapes, but those of one body, of two spheres, and those left out.
 
     Parameters
@@ -62,7 +63,8 @@ class Crowd:
             [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
         )
         self._neighbours = Neighbours(self._bound)
-        self._geometry: dict[int, Any] = {}
+        self._geometry: dict[tuple[int, float], Any] = {}
+        self._unit = length_unit(self._bound.tolist())
         self._inner = np.array([s.shape.inner for s in shapes])
         # made when first asked for
         self._reach: csr_array | None = None
@@ -122,7 +124,15 @@ class Crowd:
         first, second = [self._shapes[k] for k in i.tolist()], [self._shapes[k] for k in j.tolist()]
         e = np.array([self._restitution_of(a.name, b.name) for a, b in zip(first, second, strict=True)])
         return _Listed(
-            self.system, first, second, i * len(self._shapes) + j, e, self._geometry, self._line, self._at_rest
+            self.system,
+            first,
+            second,
+            i * len(self._shapes) + j,
+            e,
+            self._geometry,
+            self._line,
+            self._at_rest,
+            self._unit,
         )
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
@@ -193,22 +203,23 @@ class _Listed(SignedDistances):
         second: Sequence[PlacedShape],
         numbers: Array,
         restitution: Array,
-        geometry: dict[int, Any],
+        geometry: dict[tuple[int, float], Any],
         line: Array | None,
         at_rest: bool,
+        unit: float,
     ) -> None:
         self._numbers, self._known = numbers, geometry
         names = [f"{a.name} | {b.name}" for a, b in zip(first, second, strict=True)]
-        super().__init__(system, first, second, names, restitution, line, at_rest)
+        super().__init__(system, first, second, names, restitution, line, at_rest, unit)
 
     def _reckon(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
         pass
 
-    def _coal(self, placed: PlacedShape) -> Any:
+    def _coal(self, placed: PlacedShape, unit: float) -> Any:
         # hulls are dear to make
-        key = id(placed.shape)
+        key = id(placed.shape), unit
         if key not in self._known:
-            self._known[key] = placed.shape.coal()
+            self._known[key] = placed.shape.coal(unit)
         return self._known[key]
 
     def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:

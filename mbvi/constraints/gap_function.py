@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..arguments import Array, function, printable, returned
 from ..errors import InputError
-
-Array = np.ndarray
+from ..system.given import called
 
 
 class GapFunction:
@@ -22,24 +22,38 @@ class GapFunction:
         grad_f(q) -> gradient in the tangent space, shape (nv,).
     name : str, optional
         What impacts call it; "f", then numbered, by default.
+
+    Notes
+    -----
+    A problem holds grad_f against differences of f where it starts and where f becomes active: `MbviWarning` where they
+    differ, `InputError` where a sign is wrong. What is not finite raises `DivergedError` at its step.
     """
 
     def __init__(self, f: Callable[[Array], float], grad_f: Callable[[Array], Array], name: str | None = None) -> None:
-        if not callable(f) or not callable(grad_f):
-            raise InputError("GapFunction takes two functions: f(q) -> float and grad_f(q) -> (nv,)")
-        self._f, self._gradient = f, grad_f
-        self.names = (name,) if name else ()
+        self._f = function(f, "f", "f(q) -> float")
+        self._gradient = function(grad_f, "grad_f", "grad_f(q) -> (nv,)")
+        self.names = () if name is None else (printable(name, "name"),)
+
+    def __repr__(self) -> str:
+        named = "".join(f", name={name!r}" for name in self.names)
+        return f"GapFunction({called(self._f)}, {called(self._gradient)}{named})"
 
     def gap(self, t: float, q: Array) -> Array:
         """Return f(q), shape (1,)."""
-        value = np.asarray(self._f(q), dtype=float)
-        if value.size != 1:
-            raise InputError(f"f(q) has shape {value.shape}; a GapFunction is one constraint and returns one number")
-        return value.reshape(1)
+        value = self._f(q)
+        if not isinstance(value, float):
+            number = returned(value, f"f ({called(self._f)})")
+            if number.size != 1:
+                raise InputError(
+                    f"f ({called(self._f)}) returned shape {number.shape}; a GapFunction is one constraint and its f "
+                    "returns one number"
+                )
+            value = number.item()
+        return np.array([value])
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return grad f(q), shape (1, nv)."""
-        gradient = np.asarray(self._gradient(q), dtype=float)
+        gradient = returned(self._gradient(q), f"grad_f ({called(self._gradient)})")
         if gradient.ndim > 2 or (gradient.ndim == 2 and len(gradient) != 1):
-            raise InputError(f"grad_f(q) has shape {gradient.shape}; (nv,) is asked for")
+            raise InputError(f"grad_f ({called(self._gradient)}) returned shape {gradient.shape}; (nv,) is expected")
         return gradient.reshape(1, -1)

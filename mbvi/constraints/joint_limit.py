@@ -8,15 +8,20 @@ import numpy as np
 
 from ..compiled import kernel
 from .active import NOWHERE, Array, Rows
+from .rebuilt import Rebuilt
 
 
 def _reached_plain(
-    where: Array, sign: Array, offset: Array, tolerance: float, index: Array, gap: Array
+    where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
-    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance.
+    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths.
 
     Parameters
     ----------
+    lever : ndarray, shape (m,)
+        What the gaps are multiplied by to be lengths.
+    tolerance : float
+        The largest length [m].
     index : ndarray of int, shape (m + 1,)
         How many were reached the last time, and which; overwritten.
     gap : ndarray, shape (c,)
@@ -25,28 +30,28 @@ def _reached_plain(
     Returns
     -------
     nearest : float
-        The least gap.
+        The least gap as a length [m].
     same : bool
         Whether those reached are those of the last time.
     """
     gaps = sign * where + offset
-    reached = np.flatnonzero(gaps <= tolerance)
+    reached = np.flatnonzero(lever * gaps <= tolerance)
     same = np.array_equal(index[1 : 1 + index[0]], reached)
     index[0], index[1 : 1 + len(reached)] = len(reached), reached
     if same:
         gap[:] = gaps[reached]
-    return float(gaps.min()), same
+    return float((lever * gaps).min()), same
 
 
-@kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])", plain=_reached_plain)
+@kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])", plain=_reached_plain)
 def _reached(
-    where: Array, sign: Array, offset: Array, tolerance: float, index: Array, gap: Array
+    where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
     count, nearest, same = 0, np.inf, True
     for a in range(len(sign)):
         here = sign[a] * where[a] + offset[a]
-        nearest = min(nearest, here)
-        if here <= tolerance:
+        nearest = min(nearest, lever[a] * here)
+        if lever[a] * here <= tolerance:
             same = same and count < len(gap) and index[1 + count] == a
             index[1 + count] = a
             if same:
@@ -57,7 +62,7 @@ def _reached(
     return nearest, same
 
 
-class JointLimits:
+class JointLimits(Rebuilt):
     """All position limits of a system, one constraint a side.
 
     Parameters
@@ -72,6 +77,14 @@ class JointLimits:
         Names of the joints.
     restitution : float or ndarray, shape (n,)
         e of each joint.
+    lever : float or ndarray, shape (n,)
+        The length that a gap of 1 counts as where it is held against one: the scene's for a joint that turns [m/rad],
+        1 for one that slides.
+
+    Attributes
+    ----------
+    lever : ndarray, shape (m,)
+        That of each limit.
     """
 
     def __init__(
@@ -83,6 +96,7 @@ class JointLimits:
         upper: Array,
         joints: Sequence[str],
         restitution: Array | float = 0.0,
+        lever: Array | float = 1.0,
     ) -> None:
         n = len(position)
         e = np.broadcast_to(np.asarray(restitution, dtype=float), (n,))
@@ -96,7 +110,8 @@ class JointLimits:
         self.asked_by: object = None
         self.first_number = 0
         self.envelope = np.zeros(nv)
-        self.envelope[self._velocity] = 1.0
+        self.lever = np.broadcast_to(np.asarray(lever, dtype=float), (n,))[joint].copy()
+        self.envelope[self._velocity] = self.lever
         self.busy = False
         # which limits were reached the last time, and what is known of them
         self._index = np.zeros(len(kept) + 1, np.int64)
@@ -140,14 +155,14 @@ class JointLimits:
             return None
         number, rows, restitution, nowhere = self._near
         where, gap = q.take(self._position), np.empty(len(number))
-        nearest, same = _reached(where, self._sign, self._offset, tolerance, self._index, gap)
+        nearest, same = _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
         # a limit comes no nearer than its joint travels; while one is reached, all are looked at every time
         self.busy = nearest <= tolerance
         self.spare = np.inf if self.busy else nearest - tolerance
         if not same:
             self._near = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
             gap = np.empty(len(number))
-            _reached(where, self._sign, self._offset, tolerance, self._index, gap)
+            _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
         if not gap.size:
             return None
         return Rows(number, gap, rows.copy(), restitution, nowhere, nowhere)

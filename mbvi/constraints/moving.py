@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import all_finite
+from ..errors import DivergedError
 from ..motion import Motion
 from ..system import System
 from .active import Array, Rows
@@ -33,6 +35,11 @@ class SeenFrom:
         turn, place = self._motion.pose(t)
         self._turn, self._place = np.asarray(turn), np.asarray(place)
         self._u, self._w = self._motion.twist(t)
+        flat = np.concatenate([self._turn.ravel(), self._place, self._u, self._w])
+        if not all_finite(flat):
+            raise DivergedError(
+                f"the motion {self._motion!r} is not finite at t = {t:.9g} s: correct its pose or twist"
+            )
         self._q, seen = q, q.copy()
         seen[self._where] = ((q[self._where].reshape(-1, 3) - self._place) @ self._turn).reshape(-1)
         return seen

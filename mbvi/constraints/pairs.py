@@ -10,6 +10,7 @@ import numpy as np
 from ..compiled import kernel
 from ..system import System
 from .active import Array, Rows
+from .rebuilt import Rebuilt
 from .shapes import PlacedShape
 
 _DENSE_REACH = 200_000
@@ -129,7 +130,7 @@ def chosen(contacts: Contacts, index: Array, count: int) -> Contacts | None:
     return Contacts(pair.take(index), gap.take(index), point.take(index, 0), normal.take(index, 0)) if count else None
 
 
-class Pairs:
+class Pairs(Rebuilt):
     """Pairs of placed shapes with a budget each: how far their bodies must travel before they can touch.
 
     A pair's budget is its last gap less all that its two shapes can have travelled since, bounded by
@@ -182,7 +183,10 @@ class Pairs:
             row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
             np.maximum(envelope, row, out=envelope)
             rows.append(row if dense else _sparse().csr_array(row[None]))
-        self._reach = np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr")
+        # shape (nv, n), dense or sparse
+        self._reach = (
+            np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr").T
+        )
         # bodies that travel less within a step do not pass through each other; nothing passes a half-space
         self.thickness = np.array(
             [np.inf if a is None else a.shape.inner + b.shape.inner for a, b in zip(first, second, strict=True)]
@@ -281,7 +285,7 @@ class Pairs:
             count, self.spare = _spend(self._budget, self._reach, travel, tolerance, due)
             self._due = due[:count]
         else:
-            self._budget -= self._reach @ travel
+            self._budget -= travel @ self._reach
             travel[:] = 0.0
             spent = self._budget <= tolerance
             self._due = spent.nonzero()[0]
@@ -291,7 +295,7 @@ class Pairs:
     @property
     def reach(self) -> Array:
         """How fast each velocity can bring each pair nearer, shape (n, nv)."""
-        return self._reach.T if isinstance(self._reach, np.ndarray) else self._reach.toarray()
+        return self._reach.T if isinstance(self._reach, np.ndarray) else self._reach.T.toarray()
 
     def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other on a way from q, how far each travels, and how thick it is.

@@ -62,9 +62,9 @@ class Box(Polyhedron):
         half = 0.5 * np.asarray(self.size)
         return np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([half, half])
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
-        return coal.Box(*self.size)
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Box(*(edge / unit for edge in self.size))
 
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
@@ -105,10 +105,10 @@ class Hull(Polyhedron):
         inward = (outward * self.faces[0]).sum(axis=1) < 0.0
         self.triangles[inward] = self.triangles[inward][:, ::-1]
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
         points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-        points.extend(list(self.vertices))
+        points.extend(list(self.vertices / unit))
         triangles.extend([coal.Triangle(*map(int, t)) for t in self.triangles])
         return coal.Convex(points, triangles)
 

@@ -216,6 +216,8 @@ class SeparatingAxes:
         Whose placements are asked for, in that order.
     frame : ndarray of int
         For each shape where its body stands among these; -1 for the world.
+    supports : tuple of ndarray
+        `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear_plain`.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], sides: Array) -> None:
@@ -228,6 +230,8 @@ class SeparatingAxes:
         self._sizes = np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8)
         self._points = np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)])
         self._first_point = np.cumsum([0, *(len(s.points) for s in supports)])
+        # as kernels take them
+        self.supports = self.frame, self._fixed, self._sizes, self._points, self._first_point
         self._axis = np.full((len(sides), 3), np.nan)
 
     def clear(self, places: Array, due: Array, tolerance: float, budget: Array) -> Array:

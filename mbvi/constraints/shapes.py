@@ -5,8 +5,10 @@ Every shape is centred on its own frame; lengths in metres; capsules and cylinde
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from math import frexp
 from typing import Any
 
 import coal
@@ -38,9 +40,9 @@ class Sphere:
         """Radius of a ball that fits into the shape [m]."""
         return self.radius
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
-        return coal.Sphere(self.radius)
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Sphere(self.radius / unit)
 
     def standing_points(self) -> tuple[Array, Array, float]:
         """Return centres and half axes, shapes (k, 3), and a radius: the shape's reach below a plane is theirs.
@@ -72,9 +74,9 @@ class Ellipsoid:
         """Radius of a ball that fits into the shape [m]."""
         return min(self.radii)
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
-        return coal.Ellipsoid(*self.radii)
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Ellipsoid(*(r / unit for r in self.radii))
 
     def standing_points(self) -> tuple[Array, Array, float]:
         """Return itself: its lowest point moves over the surface."""
@@ -104,9 +106,9 @@ class Capsule:
         """Radius of a ball that fits into the shape [m]."""
         return self.radius
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
-        return coal.Capsule(self.radius, self.length)
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Capsule(self.radius / unit, self.length / unit)
 
     def standing_points(self) -> tuple[Array, Array, float]:
         """Return the centres of the two ends and the radius."""
@@ -146,9 +148,9 @@ class Cylinder:
         """Radius of a ball that fits into the shape [m]."""
         return min(self.radius, 0.5 * self.length)
 
-    def coal(self) -> Any:
-        """Return the Coal geometry."""
-        return coal.Cylinder(self.radius, self.length)
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Cylinder(self.radius / unit, self.length / unit)
 
     def standing_points(self) -> tuple[Array, Array, float]:
         """Return twelve points of each rim, and the rims themselves, whose lowest points move."""
@@ -186,6 +188,12 @@ def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
     along = points @ direction
     inside = along**2 - (points**2).sum(axis=1) + radius**2
     return np.sqrt(np.maximum(inside, 0.0)) - along
+
+
+def length_unit(sizes: Iterable[float]) -> float:
+    """Return the power of two above the median of sizes [m]; 1 of none."""
+    known = list(sizes)
+    return 2.0 ** frexp(float(np.median(known)))[1] if known else 1.0
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import UnsuitableError
+from ..system.lengths import velocity_units
 from .active import Array
 from .admissible_set import AdmissibleSet
 from .crowd import Crowd
+from .given import Given
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .pairs import Contacts, Pairs
@@ -21,8 +23,11 @@ from .spheres import SphereContacts
 _MOST_SETS = 1000
 # rows times velocities, beyond which a row for every pair is too much
 _MOST_NUMBERS = 20_000_000
-# length of the differences that give (dJ/dt) v: both errors of order four are at rounding there [m, rad]
+# length of the differences that give (dJ/dt) v, in lengths of the scene and radians: both errors of order four are at
+# rounding there
 _DIFFERENCE = 1e-3
+# rounding of gaps, relative to how far things are from the origin
+_ROUNDING = 1e-14
 
 
 class SmoothRows:
@@ -39,6 +44,8 @@ class SmoothRows:
         Time [s].
     q : ndarray, shape (nq,)
         A configuration.
+    length : float
+        Length of the scene [m].
 
     Attributes
     ----------
@@ -52,6 +59,10 @@ class SmoothRows:
         How fast each velocity can change the gap; infinite where that is not known.
     thickness : ndarray, shape (m,)
         What bodies travel at least in passing through each other [m]; infinite where nothing is passed through.
+    lever : ndarray, shape (m,)
+        What a gap is multiplied by to be a length: 1, or the scene's length for an angle.
+    rounding : ndarray, shape (m,)
+        What a gap is off by rounding [m or rad].
 
     Raises
     ------
@@ -59,15 +70,20 @@ class SmoothRows:
         If there are too many bodies for a row of every pair.
     """
 
-    def __init__(self, constraints: AdmissibleSet, t: float, q: Array) -> None:
+    def __init__(self, constraints: AdmissibleSet, t: float, q: Array, length: float = 1.0) -> None:
         self._system = constraints.system
+        self._units = velocity_units(constraints.system, length)
         self._parts: list[tuple[Any, slice]] = []
         columns: list[tuple[Array, ...]] = []
         start = 0
+        self._given: dict[int, Given] = {}
         for constraint, first, e in constraints.numbered():
             if isinstance(constraint, Crowd) or getattr(constraint, "size", 0) * self._system.nv > _MOST_NUMBERS:
                 raise UnsuitableError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
+            given = constraints.given(constraint)
             number, *described = _describe(constraint, e, self._system.nv, t, q)
+            if given is not None:
+                self._given[id(constraint)] = given
             columns.append((number + first, *described))
             self._parts.append((constraint, slice(start, start + len(number))))
             start += len(number)
@@ -75,6 +91,8 @@ class SmoothRows:
         stacked = [np.concatenate(parts) for parts in zip(empty, *columns, strict=True)]
         self.number, self.restitution, self.smooth, self.reach, self.thickness = stacked
         self.all = np.arange(start)
+        self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
+        self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
         self._known: dict[bytes, list[tuple[Any, Array]]] = {}
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
@@ -103,13 +121,22 @@ class SmoothRows:
         return bias
 
     def _difference(self, t: float, q: Array, v: Array, index: Array) -> Array:
-        speed = float(np.linalg.norm(v))
+        speed = float(np.linalg.norm(v / self._units))
         if speed == 0.0:
             return np.zeros(len(index))
         s = _DIFFERENCE / max(speed, _DIFFERENCE)
         move = self._system.integrate
         rates = [self.gradients(t, move(q, k * s * v), index) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
         return np.asarray((rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s))
+
+    def touch(self, t: float, q: Array, index: Array) -> None:
+        """Check the gradients that users gave of rows that touch; see `Given.touch`."""
+        if self._given:
+            for constraint, own in self._owners(index):
+                given = self._given.get(id(constraint))
+                if given is not None:
+                    gap = given.gaps(t, q)
+                    given.touch(t, q, own, gap, given.gradients(t, q))
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
@@ -138,6 +165,9 @@ class SmoothRows:
     def _gaps(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
         if isinstance(constraint, Pairs):
             return _contacts(constraint, q, own)[1]
+        given = self._given.get(id(constraint))
+        if given is not None:
+            return given.gaps(t, q)[own]
         return np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))[own]
 
     def _bounds(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
@@ -152,12 +182,23 @@ class SmoothRows:
             return self._system.separation_rows(q, first, second, point, normal)
         if isinstance(constraint, JointLimits):
             return constraint.rows(own)
+        given = self._given.get(id(constraint))
+        if given is not None:
+            return given.gradients(t, q)[own]
         return np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))[own]
 
     def _places(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
         if isinstance(constraint, Pairs):
             return np.concatenate(_contacts(constraint, q, own)[2:], axis=1)
+        if isinstance(constraint, SphereContacts | SphereWalls | SphereSurface):
+            return np.concatenate(constraint.places(q), axis=1)[own]
         return np.full((len(own), 6), np.nan)
+
+
+def _extent(system: Any, q: Array) -> float:
+    """Return how far bodies are from the origin at most [m]."""
+    bodies = np.arange(1, len(system.bodies))
+    return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
 
 
 def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[Array, Array, Array, Array, Array]:

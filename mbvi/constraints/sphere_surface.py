@@ -87,6 +87,10 @@ class SphereSurface:
         first = order[np.searchsorted(found.pair[order], spheres)]
         return Contacts(*(part[first] for part in found))
 
+    def places(self, q: Array) -> tuple[Array, Array]:
+        """Return the nearest point of every sphere and the normal there, shapes (n, 3)."""
+        return self.nearest(q, np.arange(self.size))[2:]
+
     def gap(self, t: float, q: Array) -> Array:
         """Return the distance of every sphere, shape (n,) [m]."""
         return self.nearest(q, np.arange(self.size)).gap

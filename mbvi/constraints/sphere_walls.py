@@ -259,6 +259,10 @@ class SphereWalls:
             )
         return gap
 
+    def places(self, q: Array) -> tuple[Array, Array]:
+        """Return point and normal of every pair, shapes (n w, 3)."""
+        return self._near(q, np.inf)[2:]
+
     @property
     def least_way(self) -> float:
         """What tangent vectors, entry by entry, must exceed to carry a sphere and a wall as far as both are thick."""

@@ -194,6 +194,10 @@ class SphereContacts:
         rows = self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal)
         return Rows(number, gap, rows, self._e[self._group[i], self._group[j]], point, normal)
 
+    def places(self, q: Array) -> tuple[Array, Array]:
+        """Return point and normal of every pair i < j, shapes (n (n - 1) / 2, 3)."""
+        return self._near(q, self._all(), np.inf)[2:]
+
     def _all(self) -> Array:
         i, j = np.triu_indices(len(self._radii), 1)
         return i * len(self._radii) + j

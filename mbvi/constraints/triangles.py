@@ -14,6 +14,8 @@ from .active import Array
 _SAME_VERTEX = 1e-9
 # cells that triangles are sorted into, at most about
 _MOST_CELLS = 200_000
+# times as many are made larger
+_TOO_MANY = 8
 
 
 class Surface:
@@ -121,6 +123,9 @@ def sorted_into_cells(corners: Array, reach: float) -> Cells:
     lower, upper = corners.min(axis=1) - reach, corners.max(axis=1) + reach
     low, size = lower.min(axis=0), upper.max(axis=0) - lower.min(axis=0)
     edge = max(reach, float(np.cbrt(size.prod() / _MOST_CELLS)))
+    # a wide, flat mesh has one layer of cells, of which its volume says too little
+    while (np.floor(size / edge) + 1.0).prod() > _TOO_MANY * _MOST_CELLS:
+        edge *= 1.5
     shape = np.floor(size / edge).astype(np.int64) + 1
     first, last = np.floor((lower - low) / edge).astype(np.int64), np.floor((upper - low) / edge).astype(np.int64)
     cell = []

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arguments import array, between, generator, optional, vector
 from ..errors import InputError
 from .sites import Packing
 from .sizes import Array, Size, sizes
@@ -48,8 +49,8 @@ def random_loose(
     -----
     Random sequential addition.
     """
-    rng = np.random.default_rng(seed)
-    low, high = _box(lower, upper)
+    rng, (low, high) = generator(seed), _box(lower, upper)
+    fraction = optional(between, fraction, "fraction", 0.0, 1.0)
     radii = sizes(radius, count if fraction is None else _enough(radius, fraction, high - low, rng), rng)
     if fraction is not None:
         filled = np.cumsum(4.0 / 3.0 * np.pi * radii**3)
@@ -112,15 +113,15 @@ def _placed_among(
 def _enough(radius: Size, fraction: float, size: Array, rng: np.random.Generator) -> int | None:
     """Return how many spheres surely fill a fraction of a box."""
     if not 0.0 < fraction < 1.0:
-        raise InputError(f"fraction must lie between 0 and 1; got {fraction}")
-    if not callable(radius) and np.ndim(radius):
+        raise InputError(f"fraction must lie between 0 and 1; got {fraction:g}")
+    if not callable(radius) and np.ndim(array(radius, "radius")):
         return None
     sample = sizes(radius, 1000, rng)
     return int(1.5 * fraction * size.prod() / (4.0 / 3.0 * np.pi * float((sample**3).mean()))) + 10
 
 
 def _box(lower: Sequence[float] | Array, upper: Sequence[float] | Array) -> tuple[Array, Array]:
-    low, high = np.array(lower, dtype=float), np.array(upper, dtype=float)
-    if low.shape != (3,) or high.shape != (3,) or not (np.isfinite(low) & (low < high) & np.isfinite(high)).all():
+    low, high = vector(lower, "lower"), vector(upper, "upper")
+    if not (low < high).all():
         raise InputError(f"lower and upper must be the corners of a box; got {low.tolist()} and {high.tolist()}")
     return low, high

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import array, generator, integers, not_negative, positive, shown, vector
 from ..errors import InputError
 from .sizes import Array, Size, sizes
 
 _ROUNDING = 1e-12
+# sites along an axis that an integer can count
+_MOST_SITES = 1e9
 
 
 class Packing(NamedTuple):
@@ -58,18 +62,18 @@ def lattice(
     InputError
         If spheres of these sizes could overlap, or on numbers that are not positive.
     """
-    sites = np.array(shape)
-    if sites.shape != (3,) or sites.dtype.kind != "i" or not (sites > 0).all():
-        raise InputError(f"shape must be three positive integers; got {shape!r}")
-    rng = np.random.default_rng(seed)
-    radii = sizes(radius, int(sites.prod()), rng)
+    sites = integers(shape, "shape", (3,)).tolist()
+    if min(sites) < 1:
+        raise InputError(f"shape must be three positive integers; got {shown(shape)}")
+    rng, jitter, corner = generator(seed), not_negative(jitter, "jitter"), vector(corner, "corner")
+    radii = sizes(radius, math.prod(sites), rng)
     least = 2.0 * (float(radii.max()) + jitter)
-    spacing = least if spacing is None else float(spacing)
-    if not (jitter >= 0.0 and spacing >= least * (1.0 - _ROUNDING)):
-        raise InputError(f"spheres on sites {spacing:g} m apart could overlap: radii and jitter ask for {least:g} m")
+    spacing = least if spacing is None else positive(spacing, "spacing")
+    if spacing < least * (1.0 - _ROUNDING):
+        raise InputError(f"spheres on sites {spacing:g} m apart could overlap: radii and jitter need {least:g} m")
     grid = np.stack(np.meshgrid(*map(np.arange, sites), indexing="ij"), axis=-1).reshape(-1, 3)
     off = rng.uniform(-jitter, jitter, grid.shape)
-    return Packing(np.asarray(corner, dtype=float) + spacing * grid + off, radii)
+    return Packing(corner + spacing * grid + off, radii)
 
 
 def layers(
@@ -102,18 +106,19 @@ def layers(
     InputError
         If the floor is too small for one sphere, or on numbers that are not positive.
     """
-    rng = np.random.default_rng(seed)
+    rng, clearance = generator(seed), not_negative(clearance, "clearance")
     radii = sizes(radius, count, rng)
-    if not (clearance >= 0.0 and np.isfinite(clearance)):
-        raise InputError(f"clearance must not be negative; got {clearance}")
-    corner, far = np.array(lower, dtype=float), np.array(upper, dtype=float)
-    if corner.shape != (3,) or far.shape not in ((2,), (3,)):
-        raise InputError(f"lower has shape {corner.shape} and upper {far.shape}; (3,) and (2,) or (3,) are asked for")
+    corner, far = vector(lower, "lower"), array(upper, "upper")
+    if far.shape not in ((2,), (3,)):
+        raise InputError(f"upper has shape {far.shape}; it must have (2,) or (3,)")
     largest = float(radii.max())
     pitch = 2.0 * largest * (1.0 + clearance)
-    sites = np.floor((far[:2] - corner[:2]) / pitch + _ROUNDING).astype(int)
-    if not (sites > 0).all():
+    room = np.floor((far[:2] - corner[:2]) / pitch + _ROUNDING)
+    if (room > _MOST_SITES).any():
+        raise InputError(f"a layer of {(far[:2] - corner[:2]).tolist()} m is too wide for spheres {pitch:g} m apart")
+    if not (room >= 1.0).all():
         raise InputError(f"a layer of {(far[:2] - corner[:2]).tolist()} m has no room for spheres {pitch:g} m apart")
+    sites = room.astype(int)
     # spread over the whole floor
     width = np.append((far[:2] - corner[:2]) / sites, pitch)
     across, number = int(sites.prod()), np.arange(len(radii))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
+from ..arguments import Array, all_positive, array, between, function, integer, positive, returned
 from ..errors import InputError
 
-Array = np.ndarray
+# the widest distribution whose radii are still numbers, the least share of radii that are not drawn again, and more
+# spheres than a packing takes
+_LARGEST_SIGMA, _LEAST_SHARE, _MOST_SPHERES = 10.0, 1e-3, 100_000_000
 Size = float | Sequence[float] | Array | Callable[[np.random.Generator, int], Array]
 
 
@@ -20,7 +25,7 @@ def uniform(low: float, high: float) -> Callable[[np.random.Generator, int], Arr
     InputError
         If not 0 < low <= high.
     """
-    _check_range(low, high)
+    low, high = _range(low, high)
     return lambda rng, count: rng.uniform(low, high, count)
 
 
@@ -43,13 +48,16 @@ def lognormal(
     InputError
         If median or sigma is not positive, or the median is not between low and high.
     """
-    if not (median > 0.0 and sigma > 0.0 and np.isfinite(median) and np.isfinite(sigma)):
-        raise InputError(f"median and sigma must be positive and finite; got {median} and {sigma}")
+    median, sigma = positive(median, "median"), positive(sigma, "sigma")
+    between(sigma, "sigma", 0.0, _LARGEST_SIGMA)
     least = median * np.exp(-3.0 * sigma) if low is None else low
     most = median * np.exp(3.0 * sigma) if high is None else high
-    _check_range(least, most)
+    least, most = _range(least, most)
     if not least < median < most:
         raise InputError(f"the median {median} must lie between low and high, {least:g} and {most:g}")
+    below, above = (0.5 * (1.0 + math.erf(math.log(x / median) / (math.sqrt(2.0) * sigma))) for x in (least, most))
+    if above - below < _LEAST_SHARE:
+        raise InputError(f"low and high keep a share of {above - below:.1g} of the radii: widen them, or lessen sigma")
 
     def draw(rng: np.random.Generator, count: int) -> Array:
         radii = np.zeros(count)
@@ -62,22 +70,23 @@ def lognormal(
 
 def sizes(radius: Size, count: int | None, rng: np.random.Generator) -> Array:
     """Return the radii, drawn from a distribution or as given."""
-    if callable(radius) or np.ndim(radius) == 0:
-        if count is None or int(count) != count or count < 1:
-            raise InputError(f"say how many spheres: count must be a positive integer; got {count!r}")
-        count = int(count)
-        radii = np.array(radius(rng, count) if callable(radius) else np.full(count, radius), dtype=float)
-    else:
-        radii = np.array(radius, dtype=float)
-        if count is not None and radii.shape != (count,):
-            raise InputError(f"radius has shape {radii.shape}; ({count},) is asked for")
-    # written so that a NaN is refused too
-    if radii.ndim != 1 or not radii.size or not ((radii > 0.0) & np.isfinite(radii)).all():
-        raise InputError("every radius must be positive and finite, one a sphere")
-    return radii
+    number = None if count is None else integer(count, "count", 1)
+    if number is not None and number > _MOST_SPHERES:
+        raise InputError(f"count must be {_MOST_SPHERES} at most; got {number}")
+    given: Any = radius
+    if callable(radius):
+        function(radius, "radius", "radius(rng, count) -> radii")
+        if number is not None:
+            given = returned(radius(rng, number), "radius(rng, count)")
+    elif np.ndim(array(radius, "radius")):
+        return all_positive(radius, "radius", len(array(radius, "radius", ("n",))) if number is None else number)
+    if number is None:
+        raise InputError("say how many spheres: count must be a positive integer; got None")
+    return all_positive(given, "radius", number)
 
 
-def _check_range(low: float, high: float) -> None:
-    # written so that a NaN is refused too
-    if not 0.0 < low <= high < np.inf:
-        raise InputError(f"radii must lie between two positive numbers; got {low} and {high}")
+def _range(low: float, high: float) -> tuple[float, float]:
+    least, most = positive(low, "low"), positive(high, "high")
+    if least > most:
+        raise InputError(f"radii must lie between two positive numbers; got low = {least:g} above high = {most:g}")
+    return least, most

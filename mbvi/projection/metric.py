@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import blas, lapack
 from scipy.sparse import csr_array, hstack
 
+from ..arguments import array
 from ..errors import InputError
 
 Array = np.ndarray
@@ -244,13 +245,14 @@ def as_metric(M: Array | Metric, nv: int) -> Metric:
     InputError
         If the shape is wrong, an entry is not finite, or M is not symmetric positive definite.
     """
-    if not isinstance(M, (np.ndarray, list, tuple)):
-        return M
-    matrix = np.asarray(M, dtype=float)
+    if not isinstance(M, type) and all(hasattr(M, name) for name in ("apply", "whiten", "unwhiten", "dense")):
+        given: Metric = M  # type: ignore[assignment]
+        if given.dense().shape != (nv, nv):
+            raise InputError(f"M has shape {given.dense().shape}; it must have ({nv}, {nv})")
+        return given
+    matrix = array(M, "M")
     if matrix.shape != (nv, nv):
-        raise InputError(f"M has shape {matrix.shape}; the velocity asks for ({nv}, {nv})")
-    if not np.isfinite(matrix).all():
-        raise InputError("M has entries that are not finite")
+        raise InputError(f"M has shape {matrix.shape}; it must have ({nv}, {nv})")
     if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-9 * np.abs(matrix).max(initial=0.0):
         raise InputError("M is not symmetric")
     return DenseMetric(matrix)

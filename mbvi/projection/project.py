@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array, issparse
 
+from ..arguments import array, shown
 from ..errors import InputError
 from .metric import Array, Metric, as_metric
 from .projector import Projection, Projector
@@ -85,24 +86,22 @@ def checked_impact(v: Array, J: Array, e: Array | float) -> tuple[Array, Array, 
     velocity, J, restitution = _checked(v, J, e, "e")
     # written so that a NaN is refused too
     if not ((restitution >= 0.0) & (restitution <= 1.0)).all():
-        raise InputError(f"restitution e must lie in [0, 1]; got {e}")
+        raise InputError(f"restitution e must lie in [0, 1]; got {shown(e)}")
     return velocity, J, restitution
 
 
 def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:
     """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
     # a copy: where nothing is violated it is what is returned
-    x = np.array(x, dtype=float)
-    J = csr_array(J, dtype=float) if issparse(J) else np.ascontiguousarray(J, dtype=float)
-    if x.ndim != 1:
-        raise InputError(f"the velocity has shape {x.shape}; (nv,) is asked for")
+    x = array(x, "the velocity", ("nv",))
+    if issparse(J):
+        array(J.data, "J")
+        J = csr_array(J, dtype=float)
+    else:
+        J = array(J, "J")
     if J.ndim != 2 or J.shape[1] != x.size:
-        raise InputError(f"J has shape {J.shape}; the velocity asks for (m, {x.size})")
-    try:
-        bound = np.broadcast_to(np.asarray(bound, dtype=float), J.shape[:1])
-    except ValueError as error:
-        raise InputError(f"{name} has shape {np.shape(bound)}; J asks for ({J.shape[0]},)") from error
-    entries = J if isinstance(J, np.ndarray) else J.data
-    if not (np.isfinite(x).all() and np.isfinite(entries).all() and np.isfinite(bound).all()):
-        raise InputError(f"x, J and {name} must be finite")
-    return x, J, bound
+        raise InputError(f"J has shape {J.shape}; it must have (m, {x.size}), as many columns as the velocity")
+    bound = array(bound, name)
+    if bound.shape not in ((), J.shape[:1]):
+        raise InputError(f"{name} has shape {bound.shape}; it must be one number or one a row of J, ({J.shape[0]},)")
+    return x, J, np.broadcast_to(bound, J.shape[:1])

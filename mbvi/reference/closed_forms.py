@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from ..arguments import finite, positive
 from ..constraints import GapFunction
 from ..errors import InputError
 from ..problem import Problem
@@ -42,8 +43,7 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     e^(k+1) gravity T; they accumulate at T (1 + e) / (1 - e). The source is elementary.
     """
     e, duration = checked(e, duration)
-    if not (height > 0 and gravity > 0):
-        raise InputError(f"height and gravity must be positive; got {height} and {gravity}")
+    height, gravity = positive(height, "height"), positive(gravity, "gravity")
     fall = float(np.sqrt(2 * height / gravity))
     rest = fall * (1 + e) / (1 - e) if e < 1 else np.inf
     starts, states = [0.0], [partial(_thrown, 0.0, height, 0.0, gravity)]
@@ -97,8 +97,7 @@ def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Refe
     f(q) = (1 - |q|^2) / 2 and q = (cos w t, sin w t) with w the speed: the reaction is the centripetal force.
     """
     e, duration = checked(e, duration)
-    if not np.isfinite(speed):
-        raise InputError(f"speed must be finite; got {speed}")
+    speed = finite(speed, "speed")
 
     def at(t: float) -> State:
         q: Array = np.array([np.cos(speed * t), np.sin(speed * t)])

@@ -119,18 +119,21 @@ class Motion:
         while flight is not None:
             self._add(flight.start, flight)
             t = flight.landing(stop, duration)
-            monodromy = _rotation((duration if t is None else t) - flight.start) @ monodromy
+            with np.errstate(over="ignore", invalid="ignore"):
+                monodromy = _rotation((duration if t is None else t) - flight.start) @ monodromy
             if t is None:
                 break
             if len(struck) == _MOST_IMPACTS or (struck and e > 0 and t - last < _NEAREST):
                 raise InputError(f"impacts accumulate near {t:g} s: choose a shorter duration or another start")
             struck.append(t)
             last, before = t, float(flight(t)[1][0])
-            monodromy = self._saltation(t, before) @ monodromy
+            with np.errstate(over="ignore", invalid="ignore"):
+                monodromy = self._saltation(t, before) @ monodromy
             flight = self._onward(t, before, released)
         self.at = Pieces(self._starts, self._states, duration)
         self.impacts, self.releases = times(struck, duration), times(released, duration)
-        self.amplification = float(np.linalg.norm(monodromy, 2))
+        # a product of thousands of impacts may be larger than any float
+        self.amplification = float(np.linalg.norm(monodromy, 2)) if np.isfinite(monodromy).all() else np.inf
 
     def _add(self, start: float, state: Callable[[float], State]) -> None:
         self._starts.append(start)

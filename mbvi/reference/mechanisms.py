@@ -14,6 +14,8 @@ from .located import Mechanism, locate
 from .solution import Array, Reference, checked
 
 G = 9.81
+# a located motion costs a second of CPU for some twenty of its own [s]
+_LONGEST = 50.0
 
 _SOURCE = (
     "DOP853 at relative tolerance 1e-13 in small steps, impacts located to rounding by re-taken steps, the law (8) by "
@@ -40,7 +42,7 @@ def double_pendulum(e: float, duration: float | None = None) -> Reference:
     -----
     q holds both angles from the vertical; the tip may not go beyond the wall at x = -0.1. M depends on q.
     """
-    e, end = checked(e, 2.5 if duration is None else duration)
+    e, end = checked(e, 2.5 if duration is None else duration, _LONGEST)
 
     def mass(q: Array) -> Array:
         c = np.cos(q[0] - q[1])
@@ -87,7 +89,7 @@ def rod(e: float, duration: float | None = None) -> Reference:
     sideways. Each end is a constraint. The ends' gradients are at an obtuse kinetic angle near the horizontal, so that
     condition (12) holds at e = 0: there the rod comes to rest when its second end lands.
     """
-    e, end = checked(e, 0.6 if duration is None else duration)
+    e, end = checked(e, 0.6 if duration is None else duration, _LONGEST)
     half, side = 0.5, np.array([1.0, -1.0])
     mechanism = Mechanism(
         mass=lambda q: np.diag([1.0, half**2 / 3]),
@@ -121,7 +123,7 @@ def rocking_block(e: float, duration: float | None = None) -> Reference:
     rest; the two lower corners are the constraints. At e = 0.5 it strikes at 0.1837515, 0.2962969, 0.4726932,
     0.5185766 and 0.6146458 s.
     """
-    e, end = checked(e, 0.6 if duration is None else duration)
+    e, end = checked(e, 0.6 if duration is None else duration, _LONGEST)
     width, height, side = 0.5, 0.75, np.array([1.0, -1.0])
 
     def gap(q: Array) -> Array:
@@ -164,7 +166,7 @@ def tumbling_body(e: float, duration: float | None = None) -> Reference:
     q holds the centre and the quaternion (x, y, z, w), v the velocity of the centre in the world and the angular
     velocity in the body's axes. Its eight vertices are the constraints.
     """
-    e, end = checked(e, 0.45 if duration is None else duration)
+    e, end = checked(e, 0.45 if duration is None else duration, _LONGEST)
     size, centre, speed, spin = np.array([0.3, 0.5, 0.7]), (0.0, 0.0, 0.54), (0.3, 0.1, 0.0), (1.2, 3.0, 2.4)
     scene = Scene(gravity=(0, 0, -G), restitution=e)
     scene.add_halfspace((0, 0, 1), name="floor")

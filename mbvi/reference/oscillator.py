@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..arguments import finite, integer, positive
 from ..constraints import GapFunction
 from ..errors import InputError
 from ..problem import Problem
 from ..system import LagrangianSystem
 from .flights import Flight, Motion
 from .solution import Array, Pieces, Reference, checked, times
+
+_MOST_PERIODS = 100_000
 
 
 def impact_oscillator(
@@ -49,12 +52,13 @@ def impact_oscillator(
     1 + e^2 in size, its determinant being e^2. The run starts in the middle between two impacts.
     """
     e, duration = checked(e, duration)
-    _check(frequency, stop)
+    frequency, stop = _checked(frequency, stop)
+    n = integer(n, "n", 1)
     if e == 0.0:
         return _sticking(frequency, stop, duration)
-    if int(n) != n or n < 1:
-        raise InputError(f"n must be a positive integer; got {n!r}")
     P = 2 * np.pi * n / frequency
+    if duration > _MOST_PERIODS * P:
+        raise InputError(f"more than {_MOST_PERIODS} impacts: choose a shorter duration or a lower frequency")
     orbit = _periodic(e, frequency, stop, P)
     starts = -0.5 * P + P * np.arange(int(duration / P + 0.5) + 1)
     # the forcing has the same phase at each impact
@@ -100,9 +104,10 @@ def chaotic_oscillator(
     error by about (1 + e) |q''| / |q'|: a nearly grazing one by much.
     """
     e, duration = checked(e, duration)
-    _check(frequency, stop)
-    if not (np.isfinite(v0) and q0 > stop):
-        raise InputError(f"q0 must be above the stop at {stop} and v0 finite; got {q0} and {v0}")
+    frequency, stop = _checked(frequency, stop)
+    q0, v0 = finite(q0, "q0"), finite(v0, "v0")
+    if q0 <= stop:
+        raise InputError(f"q0 must be above the stop at {stop:g}; got {q0:g}")
     motion = Motion(e, frequency, 0.0, stop, q0, v0, duration)
     problem = _problem(e, frequency, 0.0, stop, np.array([q0]), np.array([v0]))
     grown = motion.amplification
@@ -171,8 +176,8 @@ def _problem(e: float, W: float, phase: float, stop: float, q0: Array, v0: Array
     )
 
 
-def _check(frequency: float, stop: float) -> None:
-    if not (np.isfinite(frequency) and frequency > 0 and abs(frequency - 1) > 1e-3):
-        raise InputError(f"frequency must be positive and away from the resonance at 1; got {frequency}")
-    if not np.isfinite(stop):
-        raise InputError(f"stop must be finite; got {stop}")
+def _checked(frequency: float, stop: float) -> tuple[float, float]:
+    rate = positive(frequency, "frequency")
+    if abs(rate - 1) <= 1e-3:
+        raise InputError(f"frequency must be away from the resonance at 1; got {rate:g}")
+    return rate, finite(stop, "stop")

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from ..arguments import array, between, boolean, shown
 from ..constraints import GapFunction
 from ..errors import InputError
 from ..problem import Problem
@@ -57,11 +58,11 @@ def corner(
     corner itself does not depend continuously on the data.
     """
     e, duration = checked(e, duration)
-    M = np.array(mass, dtype=float)
-    if M.shape != (2, 2) or not np.allclose(M, M.T) or not np.linalg.eigvalsh(M)[0] > 0:
-        raise InputError(f"mass must be symmetric positive definite, shape (2, 2); got {mass!r}")
-    if not 0 < angle < np.pi:
-        raise InputError(f"angle must lie in (0, pi): beyond that K is no intersection of two walls; got {angle}")
+    M, aim = array(mass, "mass", (2, 2)), boolean(aim, "aim")
+    if not np.allclose(M, M.T) or not np.linalg.eigvalsh(M)[0] > 0:
+        raise InputError(f"mass must be symmetric positive definite, shape (2, 2); got {shown(mass)}")
+    # beyond that K is no intersection of two walls
+    angle = between(angle, "angle", 0.0, np.pi, ends=False)
     L = np.linalg.cholesky(M)
     N = np.array([[0.0, 1.0], [np.sin(angle), -np.cos(angle)]]) @ L.T
     middle = np.array([np.cos(angle / 2), np.sin(angle / 2)])
@@ -106,12 +107,12 @@ def chain(
     rounding decides which a scheme finds unless it takes touching balls as active.
     """
     e, duration = checked(e, duration)
-    m, d = np.array(masses, dtype=float), np.array(gaps, dtype=float)
-    if m.ndim != 1 or len(m) < 2 or not (np.isfinite(m) & (m > 0)).all():
-        raise InputError(f"masses must be two positive numbers or more; got {masses!r}")
-    if d.shape != (len(m) - 1,) or not (np.isfinite(d) & (d >= 0)).all() or d[0] == 0:
+    m, d = array(masses, "masses", ("n",)), array(gaps, "gaps")
+    if len(m) < 2 or not (m > 0).all():
+        raise InputError(f"masses must be two positive numbers or more; got {shown(masses)}")
+    if d.shape != (len(m) - 1,) or not (d >= 0).all() or d[0] == 0:
         raise InputError(
-            f"gaps must be {len(m) - 1} numbers >= 0, one between each two balls, the first positive; got {gaps!r}"
+            f"gaps must be {len(m) - 1} numbers >= 0, one between each two balls, the first positive; got {shown(gaps)}"
         )
     n = len(m)
     N = np.eye(n)[1:] - np.eye(n)[:-1]

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arguments import between, finite, number, positive
 from ..errors import InputError
-from ..problem import Problem, check_restitution
+from ..problem import Problem
 
 Array = np.ndarray
 State = tuple[Array, Array]
@@ -56,7 +57,7 @@ class Reference:
 
     def started(self, t: float) -> Problem:
         """Return the same problem started at time t [s] on its exact solution: impacts fall elsewhere in the steps."""
-        problem = self.problem
+        problem, t = self.problem, finite(t, "t")
         e, length = problem.restitution, problem.length
         return Problem(problem.system, problem.constraints.constraints, *self.at(t), restitution=e, t0=t, length=length)
 
@@ -85,19 +86,15 @@ class Pieces:
         InputError
             If t is before 0 or after the end.
         """
-        slack = _PAST * self._end
+        t, slack = number(t, "t"), _PAST * self._end
         if not -slack <= t <= self._end + slack:
             raise InputError(f"the solution is known from 0 s to {self._end:g} s; got t = {t}")
-        return self._states[max(0, bisect_right(self._starts, t) - 1)](float(t))
+        return self._states[max(0, bisect_right(self._starts, t) - 1)](t)
 
 
-def checked(e: float, duration: float) -> tuple[float, float]:
-    """Return restitution and duration, or raise `InputError` where they are none."""
-    if np.ndim(e):
-        raise InputError(f"a reference takes one restitution e for all its constraints; got {e!r}")
-    if not (np.isfinite(duration) and duration > 0):
-        raise InputError(f"duration must be positive; got {duration}")
-    return float(check_restitution(e, 1)[0]), float(duration)
+def checked(e: float, duration: float, longest: float = 1e4) -> tuple[float, float]:
+    """Return restitution and duration, or raise `InputError` where they are none or no solution goes on for so long."""
+    return between(e, "restitution e", 0.0, 1.0), between(positive(duration, "duration"), "duration", 0.0, longest)
 
 
 def times(values: Sequence[float], end: float) -> Array:

@@ -14,11 +14,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ..constraints.shapes import Array, HalfSpace, PlacedShape
+from ..constraints.shapes import Array, HalfSpace, PlacedShape, length_unit
 from ..system import ArticulatedSystem, System
 
-# steps violate limits a little: what ranges are widened by [rad, m]
-MARGIN = 0.05, 0.005
+# steps violate limits a little: what ranges are widened by, in radians and in sizes of the shapes
+MARGIN = 0.05
 # distances to be measured, in all and for a pair, and what looking at a pair costs in such units
 _MOST, _MOST_EACH, _LOOK = 8_000, 400, 25
 # boxes looked at together
@@ -27,8 +27,8 @@ _ONE = np.eye(3)
 _MOST_JOINTS = 4
 # part of a distance that a bound may leave unproven, so that bounds say something
 _SURE = 0.75
-# distances are measured to some 1e-6 [m]
-_LEAST = 1e-4
+# what a distance must exceed, in sizes of the smaller shape: they are measured to some 1e-6
+_LEAST = 1e-3
 
 
 class _Joint(NamedTuple):
@@ -71,10 +71,11 @@ def always_apart(
     known : set of (str, str)
         Pairs that are not asked anyway.
     """
-    chains = _chains(systems)
+    moving = [s.shape.bound for s in shapes if s.body]
+    chains = _chains(systems, MARGIN * float(np.median(moving)) if moving else 0.0)
     left = _MOST
     candidates = sorted(_candidates(chains, shapes, walls, known), key=lambda sides: sum(map(_count, sides)))
-    geometry: dict[int, Any] = {}
+    geometry: dict[tuple[int, float], Any] = {}
     for first, second in candidates:
         if left < _LOOK:
             return
@@ -117,20 +118,23 @@ def _candidates(
             moving.append((b, chain))
 
 
-def _chains(systems: Sequence[System]) -> list[list[tuple[int, _Joint | None]] | None]:
-    """Return what carries each body, from the world outwards, each joint with a number; None for a free body."""
+def _chains(systems: Sequence[System], slide: float) -> list[list[tuple[int, _Joint | None]] | None]:
+    """Return what carries each body, from the world outwards, each joint with a number; None for a free body.
+
+    `slide` is what the ranges of joints that slide are widened by [m].
+    """
     chains: list[list[tuple[int, _Joint | None]] | None] = [[]]
     for system in systems:
         if not isinstance(system, ArticulatedSystem):
             chains += [None] * (len(system.bodies) - 1)
             continue
         first, model = len(chains), system.model
-        joints = [None, *(_joint(model, j) for j in range(1, model.njoints))]
+        joints = [None, *(_joint(model, j, slide) for j in range(1, model.njoints))]
         chains += [[(first + k, joints[k]) for k in list(model.supports[j])[1:]] for j in range(1, model.njoints)]
     return chains
 
 
-def _joint(model: pin.Model, number: int) -> _Joint | None:
+def _joint(model: pin.Model, number: int, slide: float) -> _Joint | None:
     """Return a joint with its range widened, None if it is of another kind or unbounded."""
     joint = model.joints[number]
     if joint.nv != 1:
@@ -143,9 +147,10 @@ def _joint(model: pin.Model, number: int) -> _Joint | None:
         return None
     lower, upper = -np.pi, np.pi
     if joint.nq == 1:
-        widen, first = MARGIN[not turns], model.idx_qs[number]
+        widen, first = MARGIN if turns else slide, model.idx_qs[number]
         lower, upper = model.lowerPositionLimit[first] - widen, model.upperPositionLimit[first] + widen
-        if turns and upper - lower > 2.0 * np.pi:
+        # halves, for no limit may be the largest float
+        if turns and 0.5 * upper - 0.5 * lower > np.pi:
             lower, upper = -np.pi, np.pi
         if not max(abs(lower), abs(upper)) < 1e100:
             return None
@@ -158,19 +163,24 @@ def _joint(model: pin.Model, number: int) -> _Joint | None:
 class _Pair:
     """Two sides, of which the first may be a half-space, and how their distance follows the joints."""
 
-    def __init__(self, first: _Side | tuple[str, HalfSpace], second: _Side, geometry: dict[int, Any]) -> None:
+    def __init__(
+        self, first: _Side | tuple[str, HalfSpace], second: _Side, geometry: dict[tuple[int, float], Any]
+    ) -> None:
         self._first, self._second = first, second
         self._chains = [first.joints if isinstance(first, _Side) else [], second.joints]
         if isinstance(first, _Side):
             self.names = first.placed.name, second.placed.name
             sides = first.placed, second.placed
-            self._asked = coal.ComputeDistance(*(_made(s.shape, geometry) for s in sides))
+            # Coal's tolerance is absolute
+            self._size = min(s.shape.bound for s in sides)
+            self._unit = length_unit([self._size])
+            self._asked = coal.ComputeDistance(*(_made(s.shape, self._unit, geometry) for s in sides))
             self._poses_asked = coal.Transform3s(), coal.Transform3s()
             self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
             self._bounds = sum(s.shape.bound for s in sides)
             levers = np.minimum(_levers(first, second), _levers(second, first)[::-1])
         else:
-            self.names = first[0], second.placed.name
+            self.names, self._size = (first[0], second.placed.name), second.placed.shape.bound
             levers = _levers(second, _Side(second.placed, []))[::-1]
         order = [*reversed(self._chains[0]), *self._chains[1]]
         self._levers = np.where([joint.turns for joint in order], levers, 1.0)
@@ -193,7 +203,7 @@ class _Pair:
             for k in np.flatnonzero(distance * _SURE < taken).tolist():
                 spent += 1
                 distance[k] = self._measured(poses, k)
-                if spent > most or not distance[k] > _LEAST:
+                if spent > most or not distance[k] > _LEAST * self._size:
                     return 0.0, spent
             clear = distance * _SURE >= taken
             least = min(least, (distance - taken)[clear].min(initial=np.inf))
@@ -227,16 +237,17 @@ class _Pair:
         if not isinstance(self._first, _Side):
             return float(self._far([(poses[0][0][k : k + 1], poses[0][1][k : k + 1])])[0])
         for pose, (turn, origin) in zip(self._poses_asked, poses, strict=True):
-            pose.setTransform(turn[k], origin[k])
+            pose.setTransform(turn[k], origin[k] / self._unit)
         self._result.clear()
-        return float(self._asked(*self._poses_asked, self._request, self._result))
+        return float(self._asked(*self._poses_asked, self._request, self._result)) * self._unit
 
 
-def _made(shape: Any, geometry: dict[int, Any]) -> Any:
+def _made(shape: Any, unit: float, geometry: dict[tuple[int, float], Any]) -> Any:
     # hulls are dear to make
-    if id(shape) not in geometry:
-        geometry[id(shape)] = shape.coal()
-    return geometry[id(shape)]
+    key = id(shape), unit
+    if key not in geometry:
+        geometry[key] = shape.coal(unit)
+    return geometry[key]
 
 
 def _tilt(wall: HalfSpace, joint: _Joint) -> float:

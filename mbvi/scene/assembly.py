@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from ..constraints.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sp
 from ..errors import InputError
 from ..problem import Problem
 from ..system import BlockSystem, System
+from ..system.lengths import are_lengths
+from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
@@ -49,8 +52,11 @@ class _Meetings:
 
     def constraints(self, system: System) -> Iterator[Constraint]:
         items = self.items
+        if self.blocks.limits:
+            turns = ~are_lengths(system)
         for here, rate, lower, upper, names in self.blocks.limits:
-            yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution)
+            lever = np.where(turns[rate], self.blocks.length, 1.0)
+            yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution, lever)
         bulk = self._bulk()
         single = [s for k, s in enumerate(self.shapes) if s.body and k not in bulk]
         moving = [s for s in self.shapes if s.body]
@@ -156,11 +162,7 @@ class _Meetings:
         apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
-
-        def left_out(i: Array, j: Array) -> Array:
-            apart = np.isin(i * n + j, known)
-            return sphere[i] & sphere[j] | closed[i] & sphere[j] | driven[i] | driven[j] | apart
-
+        left_out = _LeftOut(sphere, closed, driven, known)
         yield Crowd(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _crowd_around(
@@ -175,10 +177,7 @@ class _Meetings:
         everything, alone = shapes + moving, {id(s) for s in single}
         closed = np.array([any(s is one for one in solid) for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
-
-        def left_out(i: Array, j: Array) -> Array:
-            return (i >= len(shapes)) | closed[i] & sphere[j]
-
+        left_out = _LeftOutAround(len(shapes), sphere, closed)
         return Crowd(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
@@ -209,6 +208,37 @@ class _Meetings:
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
 
 
+@dataclass(frozen=True)
+class _LeftOut:
+    """Which pairs of shapes a crowd leaves out; a class, for a function within a function cannot be pickled.
+
+    `sphere`, `closed` and `driven` hold of each shape whether it is a sphere, one that spheres meet in bulk, and one
+    that moves on its own; `known` holds i n + j of other pairs, ascending.
+    """
+
+    sphere: Array
+    closed: Array
+    driven: Array
+    known: Array
+
+    def __call__(self, i: Array, j: Array) -> Array:
+        sphere, driven = self.sphere, self.driven
+        apart = np.isin(i * len(sphere) + j, self.known)
+        return np.asarray(sphere[i] & sphere[j] | self.closed[i] & sphere[j] | driven[i] | driven[j] | apart)
+
+
+@dataclass(frozen=True)
+class _LeftOutAround:
+    """The same of shapes about the first `count` ones, which move on their own."""
+
+    count: int
+    sphere: Array
+    closed: Array
+
+    def __call__(self, i: Array, j: Array) -> Array:
+        return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
+
+
 def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem:
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
@@ -231,6 +261,6 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
     blocks.leave_out_pairs(system, q0)
     constraints = list(_Meetings(blocks, blocks.lines(system, q0)).constraints(system))
     omitted = (*blocks.omitted, *blocks.simplified.omitted(), *in_line(constraints))
-    length = float(np.median(blocks.sizes)) if blocks.sizes else 1.0
-    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce)
-    return Problem(system, constraints, q0, v0, restitution=items.restitution, length=length, scene=scene)
+    acted = actuated(blocks, system, blocks.length)
+    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
+    return Problem(acted, constraints, q0, v0, restitution=items.restitution, length=blocks.length, scene=scene)

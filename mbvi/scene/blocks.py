@@ -9,12 +9,13 @@ import pinocchio as pin
 
 from ..constraints.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
+from .actuation import with_centres
 from .always_apart import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
 from .simplified import Simplified
-from .still_joints import without_still_joints
+from .still_joints import counts_joints, without_still_joints
 
 _PALETTE = (
     (0.20, 0.45, 0.70, 1.0),
@@ -56,6 +57,8 @@ class Blocks:
         Of all shapes that move [m].
     axes : ndarray, shape (3, 3), or None
         In rows two axes and the normal of the plane that all moves in.
+    centres : dict of str to (int, ndarray)
+        Of each link that a force acts on the joint that carries it, and its centre of mass in that joint's frame [m].
     """
 
     items: SceneItems
@@ -72,6 +75,7 @@ class Blocks:
     spheres: list[int] = field(default_factory=list)
     sizes: list[float] = field(default_factory=list)
     simplified: Simplified = field(default_factory=Simplified)
+    centres: dict[str, tuple[int, Array]] = field(default_factory=dict)
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many q, v and bodies there are so far."""
@@ -84,18 +88,22 @@ class Blocks:
     def add_robot(self, item: RobotItem) -> None:
         """Add a robot."""
         nq, nv, nb = self.counts()
-        item, still = without_still_joints(item, self.reduce)
+        marked = with_centres(item, self.items.forces)
+        marks = len(marked.robot.shapes) - len(item.robot.shapes)
+        item, still = without_still_joints(marked, self.reduce, counts_joints(item, self.items))
         if self.items.plane:
             check_robot(item, self.items.plane)
         if self.axes is not None and item.base == "free":
             item = on_planar_base(item, self.axes)
             still.append(Omission(f"motion of {item.robot.name}'s base out of the plane", _PLANAR, dofs=3))
+        shapes = item.robot.shapes[: len(item.robot.shapes) - marks]
+        self.centres |= {s.name: (s.body, s.position) for s in item.robot.shapes[len(shapes) :]}
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
         self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
         self.q0.append(item.q0)
         self.v0.append(item.v0)
-        placed = [replace(s, body=s.body + nb if s.body else 0) for s in item.robot.shapes]
+        placed = [replace(s, body=s.body + nb if s.body else 0) for s in shapes]
         self.shapes += [self.simplify(s, item.tolerance) for s in placed]
         self.apart |= item.robot.apart
         self.omitted += [*item.robot.omitted, *still]
@@ -108,6 +116,11 @@ class Blocks:
         lower, upper = np.where(lower < -1e100, -np.inf, lower), np.where(upper > 1e100, np.inf, upper)
         if joints and (np.isfinite(lower) | np.isfinite(upper)).any():
             self.limits.append((here + nq, rate + nv, lower, upper, names))
+
+    @property
+    def length(self) -> float:
+        """The length of the scene: the median size of what moves [m]."""
+        return float(np.median(self.sizes)) if self.sizes else 1.0
 
     def add_bodies(self, bodies: list[BodyItem]) -> None:
         """Add all bodies, those of the world too."""

@@ -1,4 +1,8 @@
-"""A Problem as JSON text and back: everything that can be written down, which functions cannot."""
+"""A Problem as JSON text and back: everything that can be written down, which functions cannot.
+
+A function is written as its source, for the reader. `not_kept` names each of them; in a problem that was restored
+a stand-in without effect stands for a control or a force, and what moved by a motion of the user's stands still.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +17,21 @@ import pinocchio as pin
 
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from ..constraints.triangles import Surface
+from ..errors import TrajectoryFileError
 from ..motion import Motion, Oscillation, Rotation, Translation
+from ..system.articulated import Control
 from .assembly import assemble
-from .items import BodyItem, RobotItem, SceneItems, SphereItem, SurfaceItem
-from .reductions import Omission
+from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
+from .items import BodyItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from .reductions import Omission, checked_reductions
 from .urdf import Robot, build_model
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
 _MOTIONS: dict[str, type] = {c.__name__: c for c in (Translation, Oscillation, Rotation)}
+# what a problem may have that its scene was not built to
+SYSTEM_BY_HAND, CONSTRAINTS_BY_HAND = "a system given by hand", "constraints given by hand"
 _SHAPES: dict[str, type] = {c.__name__: c for c in (Sphere, Box, Ellipsoid, Capsule, Cylinder)}
 
 
@@ -55,40 +64,94 @@ def describe(problem: Problem) -> str:
             "shapes": [_shape(s) for s in shapes.values()],
             "bodies": [_body(b, number[id(b.shape)]) for b in items.bodies],
             "spheres": [_plain(s.__dict__) for s in items.spheres],
+            "controls": [_source(control) for control in items.controls],
+            "forces": [{"body": f.body, "source": _source(f.function)} for f in items.forces],
             "order_of_q_and_v": list(problem.system.bodies[1:]),
+            "not_kept": sorted({*problem.not_kept, *_changed_by_hand(problem)} - set(_functions(items))),
         }
     )
 
 
-def restore(text: str) -> Problem | None:
-    """Return the Problem that `describe` wrote, or None if it was given by functions."""
+def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
+    """Return the Problem that `describe` wrote, or None if it was given by functions or had a system given by hand.
+
+    Its `not_kept` names what is missing of that which a user does not give again.
+    """
     data = json.loads(text)
-    if data["kind"] != "scene":
+    if data["kind"] == "functions" or SYSTEM_BY_HAND in data.get("not_kept", ()):
         return None
+    if data["kind"] != "scene":
+        raise TrajectoryFileError(f"it holds a problem of the unknown kind {data['kind']!r}")
+    given = given or GivenAgain()
     items = SceneItems(np.array(data["gravity"]), data["restitution"], data.get("plane"))
     for a, *b, e in data["pair_restitution"]:
         items.pair_restitution[frozenset((a, *b))] = e
     for wall in data["walls"]:
         items.walls[wall["name"]] = HalfSpace(tuple(wall["normal"]), wall["offset"], _motion_back(wall.get("motion")))
     items.surfaces += [_surface_back(s) for s in data.get("surfaces", ())]
-    items.robots += [_robot_back(r) for r in data["robots"]]
+    items.robots += [_robot_back(r, given.robots.get(r["name"])) for r in data["robots"]]
     shapes = [_shape_back(s) for s in data.get("shapes", ())]
     items.bodies += [_body_back(b, shapes) for b in data["bodies"]]
     items.spheres += [SphereItem(**_arrays(s)) for s in data["spheres"]]
+    sources = data.get("controls", ())
+    items.controls += given.scene or [LostSceneControl(str(source)) for source in sources]
+    forces = {name: list(functions) for name, functions in given.forces.items()}
+    for one in data.get("forces", ()):
+        again, stand_in = forces.get(one["body"]), LostForce(str(one["source"]), "/" in one["body"])
+        items.forces.append(ForceItem(one["body"], again.pop(0) if again else stand_in))
     # files of before there were reductions hold states of all
-    return assemble(items, tuple(data.get("reduce", ())))
+    problem = assemble(items, checked_reductions(data.get("reduce", ())))
+    moved = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
+    motions = [_motion_name(thing["name"]) for thing in moved if "source" in (thing.get("motion") or ())]
+    named = data.get("not_kept", [])
+    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
+        raise TrajectoryFileError("not_kept of its scene is no list of texts")
+    lost = [name for name, function in _actions(items) if isinstance(function, LOST)]
+    problem.not_kept = tuple(dict.fromkeys([*lost, *motions, *named]))
+    return problem
 
 
-def lost(text: str) -> bool:
-    """Tell whether a problem that `describe` wrote had a control or an own motion, which come back as none."""
-    data = json.loads(text)
-    moved = [*data.get("walls", ()), *data.get("surfaces", ()), *data.get("bodies", ())]
-    return any(robot["control"] is not None for robot in data.get("robots", ())) or any(
-        "source" in (thing.get("motion") or ()) for thing in moved
+def _functions(items: SceneItems) -> list[str]:
+    """Return what of a scene is given by functions, which a file cannot keep."""
+    moved: list[Any] = [*items.surfaces, *items.bodies]
+    motions = [(name, wall.motion) for name, wall in items.walls.items()] + [(m.name, m.motion) for m in moved]
+    return [
+        *(name for name, _ in _actions(items)),
+        *(
+            _motion_name(name)
+            for name, motion in motions
+            if motion is not None and type(motion) not in _MOTIONS.values()
+        ),
+    ]
+
+
+def _actions(items: SceneItems) -> list[tuple[str, Any]]:
+    """Return the controls and forces of a scene, each with what it is called."""
+    return [
+        *((f"control of robot {r.robot.name!r}", r.control) for r in items.robots if r.control is not None),
+        *(("control of the scene", control) for control in items.controls),
+        *((f"force on {force.body!r}", force.function) for force in items.forces),
+    ]
+
+
+def _changed_by_hand(problem: Problem) -> list[str]:
+    """Return what of a problem is not what its scene was built to."""
+    assert problem.scene is not None
+    system, constraints = problem.scene.system, problem.scene.constraints
+    same = len(constraints) == len(problem.constraints.constraints) and all(
+        a is b for a, b in zip(constraints, problem.constraints.constraints, strict=True)
     )
+    return [SYSTEM_BY_HAND] * (system is not problem.system) + [CONSTRAINTS_BY_HAND] * (not same)
+
+
+def _motion_name(name: str) -> str:
+    return f"motion of {name!r}"
 
 
 def _source(function: Any) -> str:
+    if isinstance(function, LOST):
+        source: str = function.source
+        return source
     try:
         return inspect.getsource(function).strip()
     except (OSError, TypeError):
@@ -160,6 +223,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
     return {
         "name": robot.name,
         "urdf": robot.text,
+        "file": robot.file,
         "base": item.base,
         "position": item.position.tolist(),
         "rotation": item.rotation.tolist(),
@@ -174,7 +238,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
     }
 
 
-def _robot_back(data: dict[str, Any]) -> RobotItem:
+def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     position, rotation = np.array(data["position"]), np.array(data["rotation"])
     model = build_model(data["urdf"], data["base"], rotation, position)
     shapes = tuple(
@@ -183,9 +247,11 @@ def _robot_back(data: dict[str, Any]) -> RobotItem:
     )
     apart = frozenset((a, b) for a, b in data["apart"])
     omitted = tuple(Omission(*one) for one in data["omitted"])
-    robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model))
+    robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""))
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
-    return RobotItem(robot, data["base"], position, rotation, *start, None, locked, data.get("tolerance"))
+    if control is None and data["control"] is not None:
+        control = LostControl(str(data["control"]))
+    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, data.get("tolerance"))
 
 
 def _vector(values: list[float]) -> Array:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from ..arguments import all_positive, array, file_path, optional, positive, vectors
 from ..constraints.shapes import Array, Box, Hull
-from .inputs import many_masses, many_positive, many_rotations, many_vectors, mesh_of, optional_positive, positive
+from ..orientation import RotationLike, rotation_matrices
+from .inputs import many_masses, mesh_of, scaled
 from .items import BodyItem, SceneItems, SphereItem
 
 Numbers = float | Sequence[float] | Array
@@ -49,10 +50,10 @@ class Grains:
         InputError
             On wrong shapes, a radius, mass or density that is not positive, or both mass and density, or neither.
         """
-        centres = many_vectors(positions, "positions")
-        radii = many_positive(radius, "radius", len(centres))
+        centres = vectors(positions, "positions")
+        radii = all_positive(radius, "radius", len(centres))
         masses = many_masses(mass, density, 4.0 / 3.0 * np.pi * radii**3)
-        speeds = np.zeros_like(centres) if velocities is None else many_vectors(velocities, "velocities", len(centres))
+        speeds = np.zeros_like(centres) if velocities is None else vectors(velocities, "velocities", len(centres))
         name = self._items.new_name(name, "spheres")
         self._items.spheres.append(SphereItem(name, centres, radii, masses, speeds))
         return name
@@ -64,7 +65,7 @@ class Grains:
         mass: Numbers | None = None,
         *,
         density: Numbers | None = None,
-        rotations: Array | None = None,
+        rotations: RotationLike | None = None,
         velocities: Array | None = None,
         angular_velocities: Array | None = None,
         name: str | None = None,
@@ -79,8 +80,9 @@ class Grains:
             Edge lengths [m].
         mass, density : float or array_like, shape (n,)
             One of them [kg, kg/m^3].
-        rotations : array_like, shape (3, 3) or (n, 3, 3), optional
-            Upright by default.
+        rotations : array_like, shape (n, 3, 3) or (n, 4), or one rotation for all, optional
+            Matrices or unit quaternions (x, y, z, w), as an array or as scipy's `Rotation`; one for all may be
+            roll-pitch-yaw angles too. Upright by default.
         velocities, angular_velocities : array_like, shape (n, 3), optional
             Both in the world [m/s, rad/s]; at rest by default.
         name : str, optional
@@ -91,11 +93,10 @@ class Grains:
         InputError
             On wrong shapes, a length, mass or density that is not positive, a rotation that is none.
         """
-        centres = many_vectors(positions, "positions")
-        edges = many_vectors(np.atleast_2d(np.asarray(size, dtype=float)), "size")
-        if len(edges) not in (1, len(centres)):
-            many_vectors(edges, "size", len(centres))
-        many_positive(edges.ravel(), "size", edges.size)
+        centres = vectors(positions, "positions")
+        edges = np.atleast_2d(array(size, "size"))
+        edges = vectors(edges, "size", None if len(edges) == 1 else len(centres))
+        all_positive(edges.ravel(), "size", edges.size)
         shapes = [Box(tuple(edge)) for edge in edges.tolist()]
         if len(shapes) < len(centres):
             shapes *= len(centres)
@@ -117,7 +118,7 @@ class Grains:
         *,
         density: Numbers | None = None,
         scale: float = 1.0,
-        rotations: Array | None = None,
+        rotations: RotationLike | None = None,
         velocities: Array | None = None,
         angular_velocities: Array | None = None,
         name: str | None = None,
@@ -145,9 +146,12 @@ class Grains:
         InputError
             As `add_boxes`; also if the points span no volume or the file cannot be read.
         """
-        centres = many_vectors(positions, "positions")
-        points = mesh_of(Path(shape))[0] if isinstance(shape, str | os.PathLike) else many_vectors(shape, "shape")
-        hull, within = Hull(positive(scale, "scale") * points), optional_positive(tolerance, "tolerance")
+        centres = vectors(positions, "positions")
+        if isinstance(shape, str | os.PathLike):
+            points = mesh_of(file_path(shape, "shape"))[0]
+        else:
+            points = vectors(shape, "shape")
+        hull, within = Hull(scaled(points, scale)), optional(positive, tolerance, "tolerance")
         masses = many_masses(mass, density, np.full(len(centres), hull.volume))
         name = self._items.new_name(name, "grains")
         centre, inertia = hull.mass_properties(1.0)
@@ -161,11 +165,11 @@ class Grains:
 
 
 def _motions(
-    count: int, rotations: Array | None, velocities: Array | None, angular_velocities: Array | None
+    count: int, rotations: RotationLike | None, velocities: Array | None, angular_velocities: Array | None
 ) -> tuple[Array, Array, Array]:
     still = np.zeros((count, 3))
     return (
-        many_rotations(rotations, count),
-        still if velocities is None else many_vectors(velocities, "velocities", count),
-        still if angular_velocities is None else many_vectors(angular_velocities, "angular_velocities", count),
+        rotation_matrices(np.eye(3) if rotations is None else rotations, "rotations", count),
+        still if velocities is None else vectors(velocities, "velocities", count),
+        still if angular_velocities is None else vectors(angular_velocities, "angular_velocities", count),
     )

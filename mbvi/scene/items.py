@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
+import pinocchio as pin
+
+from ..arguments import label, made_label
 from ..constraints.shapes import Array, Convex, HalfSpace
 from ..constraints.triangles import Surface
 from ..errors import InputError
 from ..motion import Motion
 from ..system.articulated import Control
+from .state import State
 from .urdf import Robot
+
+SceneControl = Callable[[State], Mapping[str, Any] | None]
+Force = Callable[[float, Array, Array], Any]
 
 
 @dataclass(frozen=True)
@@ -28,6 +37,14 @@ class RobotItem:
     control: Control | None
     locked: tuple[str, ...] = ()
     tolerance: float | None = None
+
+    def links(self) -> dict[str, bool]:
+        """Return the names of the links, "robot/link", and whether each can move."""
+        model, moves = self.robot.model, [False]
+        for joint in range(1, model.njoints):
+            moves.append(moves[model.parents[joint]] or model.names[joint] not in self.locked)
+        links = (f for f in model.frames if f.type == pin.FrameType.BODY)
+        return {f"{self.robot.name}/{f.name}": moves[f.parentJoint] for f in links}
 
 
 @dataclass(frozen=True)
@@ -83,6 +100,14 @@ class SphereItem:
         return [f"{self.name}[{k}]" for k in range(len(self.radii))]
 
 
+@dataclass(frozen=True)
+class ForceItem:
+    """An external force on a body, a group of them, or a link "robot/link"."""
+
+    body: str
+    function: Force
+
+
 @dataclass
 class SceneItems:
     """All that was added to a scene, in its order."""
@@ -96,6 +121,8 @@ class SceneItems:
     bodies: list[BodyItem] = field(default_factory=list)
     spheres: list[SphereItem] = field(default_factory=list)
     pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
+    controls: list[SceneControl] = field(default_factory=list)
+    forces: list[ForceItem] = field(default_factory=list)
 
     def names(self) -> set[str]:
         """Return the names that are taken."""
@@ -122,12 +149,10 @@ class SceneItems:
         """
         taken = self.names()
         if name is not None:
-            if set("/[|") & set(name):
-                raise InputError(f"the name {name!r} holds one of / [ |, which part a thing from its pieces")
-            if name in taken:
+            if label(name) in taken:
                 raise InputError(f"the name {name!r} is taken; give another one")
             return name
-        number = 1
+        default, number = made_label(default), 1
         while default in taken:
             number += 1
             default = f"{default.removesuffix(f'_{number - 1}')}_{number}"

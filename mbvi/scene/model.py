@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..constraints import (
+    Constraint,
     HalfSpaceContacts,
     JointLimits,
     MovingWalls,
@@ -15,8 +16,10 @@ from ..constraints import (
     SphereSurface,
     SphereWalls,
 )
-from ..constraints.shapes import HalfSpace, PlacedShape
-from ..system import ArticulatedSystem, BlockSystem, FreeBodies, Spheres, System
+from ..constraints.shapes import Array, HalfSpace, PlacedShape
+from ..system import ArticulatedSystem, FreeBodies, Spheres, System, parts_of
+from ..system.given import called
+from .plane import check_same_plane
 from .reductions import Omission, savings
 
 if TYPE_CHECKING:
@@ -39,12 +42,18 @@ class SceneModel:
         What was left out of the model, why, and what it saves.
     reduce : tuple of str
         The kinds of reductions that were asked for.
+    system : System
+        What the scene was built to.
+    constraints : tuple of Constraint
+        As `system`.
     """
 
     items: SceneItems
     shapes: tuple[PlacedShape, ...]
     omitted: tuple[Omission, ...]
     reduce: tuple[str, ...]
+    system: System
+    constraints: tuple[Constraint, ...]
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -63,10 +72,15 @@ class SceneModel:
         given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
         return list({id(motion): motion for motion in given if motion is not None}.values())
 
+    def check_in_plane(self, problem: Problem, q: Array) -> None:
+        """Raise `InputError` if a configuration of a planar scene's problem has something outside its plane."""
+        if self.items.plane is not None and "plane" in self.reduce:
+            check_same_plane(problem.system, problem.q0, q, self.items.plane)
+
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
-        lines += [f"  {_describe(s)}" for s in _parts(problem.system)]
+        lines += [f"  {_describe(s)}" for s in parts_of(problem.system)]
         planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
         lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
         for given in problem.constraints.constraints:
@@ -84,6 +98,8 @@ class SceneModel:
                 lines.append(f"  {constraint.size} spheres at a mesh{' that moves' * moves}")
             elif isinstance(constraint, SphereContacts):
                 lines.append("  every pair of spheres, found when near")
+        lines += [f"  a control of the scene, {called(control)}" for control in self.items.controls]
+        lines += [f"  a force on {force.body}, {called(force.function)}" for force in self.items.forces]
         e = {self.items.restitution, *self.items.pair_restitution.values()}
         lines.append(f"  restitution {', '.join(f'{x:g}' for x in sorted(e))}")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
@@ -94,10 +110,6 @@ class SceneModel:
         saved = savings(self.omitted)
         lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
-
-
-def _parts(system: System) -> tuple[System, ...]:
-    return system.parts if isinstance(system, BlockSystem) else (system,)
 
 
 def _describe(system: System) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from ..arguments import shown
 from ..constraints import Constraint, HalfSpaceContacts, MovingWalls
 from ..constraints.shapes import Array, HalfSpace, PlacedShape
 from ..errors import InadmissibleStartError, InputError
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
 _ALONG = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 # what counts as none: directions of unit vectors, and shares of velocities, moments of inertia and gravity
 _ROUND = 1e-9
+# how far another state of a planar problem may be from its plane: what a run drifts by in rounding is far less
+_SAME_PLANE = 1e-6
 
 
 def checked_plane(plane: str | None) -> str | None:
     """Return the name of a plane, or None."""
-    if plane is not None and plane not in _ALONG:
-        raise InputError(f"plane must be one of {', '.join(_ALONG)}, or None; got {plane!r}")
+    if plane is not None and not (isinstance(plane, str) and plane in _ALONG):
+        raise InputError(f"plane must be one of {', '.join(_ALONG)}, or None; got {shown(plane)}")
     return plane
 
 
@@ -38,7 +41,7 @@ def axes_of(plane: str) -> Array:
 
 
 def check_plane(items: SceneItems) -> None:
-    """Raise `InputError` if something in a planar scene, robots aside, would leave its plane or turn out of it."""
+    """Raise `InputError` if something in a planar scene, joints aside, would leave its plane or turn out of it."""
     plane = items.plane
     if plane is None:
         return
@@ -53,21 +56,34 @@ def check_plane(items: SceneItems) -> None:
             raise InputError(f"half-space {name} leans out of the plane {plane}: it would push what it meets out of it")
     moving = [(body.name, body.velocity) for body in items.bodies if not body.fixed]
     moving += [pair for s in items.spheres for pair in zip(s.names(), s.velocities, strict=True)]
+    turning = [(body.name, body.angular_velocity) for body in items.bodies if not body.fixed]
+    for robot in items.robots:
+        if robot.base == "free":
+            velocity, spin = _base_velocity(robot)
+            moving.append((robot.robot.name, velocity))
+            turning.append((robot.robot.name, spin))
     for name, velocity in moving:
         if _leaves(velocity, axes):
             raise InputError(f"{name} starts with a velocity out of the plane {plane}")
+    for name, spin in turning:
+        if np.linalg.norm(axes[:2] @ spin) > _ROUND * np.linalg.norm(spin):
+            raise InputError(f"{name} starts with an angular velocity that turns it out of the plane {plane}")
     for body in items.bodies:
         if not body.fixed:
-            _check_turning(body, plane, axes)
+            _check_inertia(body, plane, axes)
 
 
 def _leaves(vector: Array, axes: Array) -> bool:
     return bool(abs(vector @ axes[2]) > _ROUND * np.linalg.norm(vector))
 
 
-def _check_turning(body: BodyItem, plane: str, axes: Array) -> None:
-    if np.linalg.norm(axes[:2] @ body.angular_velocity) > _ROUND * np.linalg.norm(body.angular_velocity):
-        raise InputError(f"{body.name} starts with an angular velocity that turns it out of the plane {plane}")
+def _base_velocity(item: RobotItem) -> tuple[Array, Array]:
+    """Return the linear and the angular velocity of a free base in the world."""
+    turn = pin.XYZQUATToSE3(item.q0[:7]).rotation
+    return turn @ item.v0[:3], turn @ item.v0[3:6]
+
+
+def _check_inertia(body: BodyItem, plane: str, axes: Array) -> None:
     own = body.rotation.T @ axes[2]
     moment = body.inertia @ own
     if np.linalg.norm(moment - (own @ moment) * own) > _ROUND * np.linalg.norm(moment):
@@ -108,7 +124,22 @@ def on_planar_base(item: RobotItem, axes: Array) -> RobotItem:
     )
     q0 = np.concatenate([axes[:2] @ pose.translation, [1.0, 0.0], item.q0[7:]])
     robot = replace(item.robot, model=model, shapes=shapes)
-    return replace(item, robot=robot, q0=q0, v0=np.concatenate([np.zeros(3), item.v0[6:]]))
+    velocity, spin = _base_velocity(item)
+    v0 = np.concatenate([axes[:2] @ velocity, axes[2:] @ spin, item.v0[6:]])
+    return replace(item, robot=robot, q0=q0, v0=v0)
+
+
+def check_same_plane(system: System, known: Array, q: Array, plane: str) -> None:
+    """Raise `InputError` if a body left its plane, or turned out of it, from a known configuration to q."""
+    bodies = np.arange(1, len(system.bodies))
+    before, after = (system.placements(at, bodies) @ axes_of(plane)[2] for at in (known, q))
+    off = np.abs(after - before)
+    # places, in rows after three of the axes, are in metres
+    off[:, 3] /= 1.0 + np.abs(before[:, 3])
+    wrong = np.flatnonzero(off.max(axis=1) > _SAME_PLANE)
+    if wrong.size:
+        name = system.bodies[1 + int(wrong[0])]
+        raise InputError(f"q has {name} outside the plane {plane} that the problem was built for, or turned out of it")
 
 
 def in_line(constraints: Sequence[Constraint]) -> list[Omission]:

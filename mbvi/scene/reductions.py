@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
+from ..arguments import several_names, shown
 from ..errors import InputError
 
 REDUCTIONS = ("joints", "pairs", "shapes", "plane", "rest")
@@ -44,8 +45,8 @@ def savings(omitted: Iterable[Omission]) -> str:
 
 def checked_reductions(reduce: Collection[str]) -> tuple[str, ...]:
     """Return the named ones of `REDUCTIONS`, in their order."""
-    names = {reduce} if isinstance(reduce, str) else set(reduce)
-    unknown = sorted(map(str, names - set(REDUCTIONS)))
+    names = {reduce} if isinstance(reduce, str) else set(several_names(reduce, "reduce"))
+    unknown = sorted(names - set(REDUCTIONS))
     if unknown:
-        raise InputError(f"unknown reduction {unknown[0]!r}; known are {', '.join(REDUCTIONS)}")
+        raise InputError(f"unknown reduction {shown(unknown[0])}; known are {', '.join(REDUCTIONS)}")
     return tuple(name for name in REDUCTIONS if name in names)

@@ -4,36 +4,53 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from ..arguments import (
+    between,
+    boolean,
+    choice,
+    file_path,
+    function,
+    label,
+    numbers_by_name,
+    optional,
+    positive,
+    printable,
+    several_names,
+    shown,
+    vector,
+)
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..errors import InputError
 from ..motion import Motion, checked_motion
-from ..problem import check_restitution
+from ..orientation import RotationLike, rotation_matrix
 from ..system.articulated import Control
+from .actions import Actions
 from .assembly import assemble
 from .grains import Grains
-from .inputs import BodyArguments, mesh_of, optional_positive, positive, rotation_matrix, vector
+from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .plane import checked_plane
 from .reductions import REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
-from .urdf import initial_state, load_robot
+from .urdf import initial_state, load_robot, set_base_velocity
+from .urdf_checks import check_mass_matrix
 from .walls import Walls
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
 _ORIGIN = (0.0, 0.0, 0.0)
+_STILL = (0.0,) * 6
 _UPRIGHT = np.eye(3)
 # links and single bodies of many that an error names
 _MOST_NAMED = 50
 
 
-class Scene(Walls, Grains):
+class Scene(Walls, Grains, Actions):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -61,7 +78,7 @@ class Scene(Walls, Grains):
     ) -> None:
         self._items = SceneItems(
             gravity=vector(gravity, "gravity"),
-            restitution=float(check_restitution(restitution, 1)[0]),
+            restitution=between(restitution, "restitution e", 0.0, 1.0),
             plane=checked_plane(plane),
         )
 
@@ -70,7 +87,7 @@ class Scene(Walls, Grains):
         path: str | os.PathLike[str],
         base: str = "free",
         position: Sequence[float] | Array = _ORIGIN,
-        rotation: Array | Sequence[Sequence[float]] = _UPRIGHT,
+        rotation: RotationLike = _UPRIGHT,
         joints: Mapping[str, float] | None = None,
         velocity: Mapping[str, float] | None = None,
         control: Control | None = None,
@@ -78,6 +95,7 @@ class Scene(Walls, Grains):
         srdf: str | None = None,
         locked: Sequence[str] = (),
         tolerance: float | None = None,
+        base_velocity: Sequence[float] | Array = _STILL,
     ) -> str:
         """Add a robot.
 
@@ -87,8 +105,9 @@ class Scene(Walls, Grains):
             URDF file.
         base : "free" or "fixed"
             Whether its root link floats or is welded to the world.
-        position, rotation : array_like, shapes (3,) and (3, 3)
-            Initial pose of a free root link, or the pose of a fixed one [m].
+        position, rotation : array_like
+            Initial pose of a free root link, or the pose of a fixed one: shape (3,) [m], and a rotation as
+            `BodyArguments` has it.
         joints, velocity : mapping of str to float, optional
             Initial positions and velocities by joint name; zero by default, or the middle of the limits where these
             leave zero out.
@@ -102,26 +121,34 @@ class Scene(Walls, Grains):
             Joints that stay at their initial positions.
         tolerance : float, optional
             As `add_mesh`, for each of its meshes [m].
+        base_velocity : array_like, shape (6,)
+            Initial velocity of a free root link in the world frame: linear, of the origin of the link's frame, then
+            angular [m/s, rad/s]; zero by default, and of a fixed one always.
 
         Raises
         ------
         UrdfError
             If a file is missing, is no URDF, or describes no physical mechanism.
         InputError
-            On an unknown joint, a locked one that is to move, a wrong shape, a rotation that is none.
+            On an unknown joint, a locked one that is to move, a wrong shape, a rotation that is none, a fixed base that
+            is to move, an initial configuration at which the mass matrix is singular.
         """
-        if base not in ("free", "fixed"):
-            raise InputError(f"base must be 'free' or 'fixed'; got {base!r}")
-        if control is not None and not callable(control):
-            raise InputError("control must be a function control(t, q, v) -> tau")
+        choice(base, "base", ("free", "fixed"))
+        optional(function, control, "control", "control(t, q, v) -> tau")
+        file, disabled, given = file_path(path), optional(file_path, srdf, "srdf"), optional(label, name)
+        placed = {} if joints is None else numbers_by_name(joints, "joints")
+        moving = {} if velocity is None else numbers_by_name(velocity, "velocity")
+        still, within = several_names(locked, "locked"), optional(positive, tolerance, "tolerance")
         place, turn = vector(position, "position"), rotation_matrix(rotation)
-        robot = load_robot(path, base, turn, place, name, srdf)
-        if name is None and robot.name in self._items.names():
-            name = self._items.new_name(None, robot.name)
-            robot = load_robot(path, base, turn, place, name, srdf)
+        robot = load_robot(file, base, turn, place, given, disabled)
+        if given is None and robot.name in self._items.names():
+            given = self._items.new_name(None, robot.name)
+            robot = load_robot(file, base, turn, place, given, disabled)
         self._items.new_name(robot.name, robot.name)
-        q0, v0 = initial_state(robot, base, place, turn, joints or {}, velocity or {})
-        still, within = checked_locked(robot, base, q0, v0, locked), optional_positive(tolerance, "tolerance")
+        q0, v0 = initial_state(robot, base, place, turn, placed, moving)
+        set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
+        still = checked_locked(robot, base, q0, v0, still)
+        check_mass_matrix(robot.model, q0, still, file)
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
         return robot.name
 
@@ -156,7 +183,8 @@ class Scene(Walls, Grains):
             On a radius or mass that is not positive, or a wrong shape.
         """
         radius = positive(radius, "radius")
-        if fixed or motion is not None:
+        if boolean(fixed, "fixed") or motion is not None:
+            vector(velocity, "velocity")
             body: BodyArguments = {"position": position, "name": name, "fixed": True, "motion": motion}
             return self._add_body(Sphere(radius), mass, "sphere", **body)
         name = self._items.new_name(name, "sphere")
@@ -188,7 +216,7 @@ class Scene(Walls, Grains):
         InputError
             On a length or mass that is not positive, a wrong shape, a rotation that is none.
         """
-        edges = tuple(positive(x, "size") for x in vector(size, "size"))
+        edges = tuple(positive(x, "size") for x in vector(size, "size").tolist())
         shape = Box(edges)  # type: ignore[arg-type]
         return self._add_body(shape, mass, "box", **body)
 
@@ -199,7 +227,7 @@ class Scene(Walls, Grains):
         **body: Unpack[BodyArguments],
     ) -> str:
         """Add a homogeneous ellipsoid of three semi-axes, shape (3,) [m]; the rest as `add_box`."""
-        axes = tuple(positive(x, "radii") for x in vector(radii, "radii"))
+        axes = tuple(positive(x, "radii") for x in vector(radii, "radii").tolist())
         shape = Ellipsoid(axes)  # type: ignore[arg-type]
         return self._add_body(shape, mass, "ellipsoid", **body)
 
@@ -240,9 +268,10 @@ class Scene(Walls, Grains):
         as that, or else as the hull of as few vertices as that takes; by default the first within 1e-9 of its size.
         Mass and inertia stay the hull's.
         """
-        hull = Hull(positive(scale, "scale") * mesh_of(Path(path))[0])
-        within = optional_positive(tolerance, "tolerance")
-        return self._add_body(hull, mass, Path(path).stem, within, **body)
+        file = file_path(path)
+        hull = Hull(scaled(mesh_of(file)[0], scale))
+        within = optional(positive, tolerance, "tolerance")
+        return self._add_body(hull, mass, file.stem, within, **body)
 
     def set_restitution(self, first: str, second: str, e: float) -> None:
         """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
@@ -260,11 +289,11 @@ class Scene(Walls, Grains):
             If a name is unknown or e is outside [0, 1].
         """
         things, parts = self._items.names(), self._items.parts()
-        for name in (first, second):
+        for name in (printable(first, "first"), printable(second, "second")):
             if name not in things and name not in parts:
                 known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
-                raise InputError(f"unknown name {name!r}; known are {', '.join(known) or 'none yet'}")
-        self._items.pair_restitution[frozenset((first, second))] = float(check_restitution(e, 1)[0])
+                raise InputError(f"unknown name {shown(name)}; known are {', '.join(known) or 'none yet'}")
+        self._items.pair_restitution[frozenset((first, second))] = between(e, "restitution e", 0.0, 1.0)
 
     def build(self, reduce: Collection[str] = REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
@@ -310,7 +339,7 @@ class Scene(Walls, Grains):
         centre, inertia = np.zeros(3), shape.inertia(mass)
         if isinstance(shape, Hull):
             centre, inertia = shape.mass_properties(mass)
-        fixed = bool(body.get("fixed", False)) or motion is not None
+        fixed = boolean(body.get("fixed", False), "fixed") or motion is not None
         self._items.bodies.append(
             BodyItem(name, shape, mass, inertia, centre, place, turn, speed, spin, fixed, motion, tolerance)
         )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import coal
 import pinocchio as pin
 
-from ..constraints.shapes import Array, PlacedShape
-from ..errors import UrdfError
+from ..constraints.shapes import Array, Convex, PlacedShape, length_unit
 from .reductions import Omission
+from .urdf_checks import read_xml
+
+# distance of shapes that touch, in sizes of the smaller
+_TOUCHING = 1e-5
 
 
 def pairs_left_out(
@@ -18,7 +20,6 @@ def pairs_left_out(
 ) -> tuple[set[tuple[str, str]], list[Omission]]:
     """Return the pairs of a robot's own shapes that are not asked, and in words why."""
     poses = [_poses(model, shapes, q) for q in (pin.neutral(model), reference)]
-    geometry = [s.shape.coal() for s in shapes]
     apart: set[tuple[str, str]] = set()
     adjacent, overlapping, srdf = [], [], []
     for i, a in enumerate(shapes):
@@ -32,7 +33,7 @@ def pairs_left_out(
             elif {frozenset(pair), frozenset(map(_link_of, pair))} & disabled:
                 apart.add(pair)
                 srdf.append(pair)
-            elif any(_overlap(geometry[i], pose[i], geometry[j], pose[j]) for pose in poses):
+            elif any(_overlap(a.shape, pose[i], b.shape, pose[j]) for pose in poses):
                 apart.add(pair)
                 overlapping.append(pair)
     reasons = (
@@ -43,17 +44,11 @@ def pairs_left_out(
     return apart, [Omission(f"pair {a} | {b}", why, pairs=1) for pairs, why in reasons for a, b in pairs]
 
 
-def disabled_pairs(srdf: str | None, name: str) -> set[frozenset[str]]:
+def disabled_pairs(file: Path | None, name: str) -> set[frozenset[str]]:
     """Return the pairs of names that an SRDF disables."""
-    if srdf is None:
+    if file is None:
         return set()
-    file = Path(srdf)
-    if not file.is_file():
-        raise UrdfError(f"no such file: {file}")
-    try:
-        root = ElementTree.fromstring(file.read_bytes())
-    except ElementTree.ParseError as error:
-        raise UrdfError(f"{file} is no XML: {error}") from error
+    _, root = read_xml(file)
     return {
         frozenset((f"{name}/{p.get('link1')}", f"{name}/{p.get('link2')}")) for p in root.iter("disable_collisions")
     }
@@ -65,18 +60,20 @@ def _link_of(label: str) -> str:
     return head if tail.isdigit() else label
 
 
-def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[coal.Transform3s]:
+def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[Array, Array]]:
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     poses = []
     for s in shapes:
         R, origin = data.oMi[s.body].rotation, data.oMi[s.body].translation
-        poses.append(coal.Transform3s(R @ s.rotation, R @ s.position + origin))
+        poses.append((R @ s.rotation, R @ s.position + origin))
     return poses
 
 
-def _overlap(
-    a: coal.CollisionGeometry, pose_a: coal.Transform3s, b: coal.CollisionGeometry, pose_b: coal.Transform3s
-) -> bool:
-    distance = coal.distance(a, pose_a, b, pose_b, coal.DistanceRequest(), coal.DistanceResult())
-    return bool(distance <= 1e-6)
+def _overlap(a: Convex, pose_a: tuple[Array, Array], b: Convex, pose_b: tuple[Array, Array]) -> bool:
+    # Coal's tolerance is absolute
+    unit = length_unit([min(a.bound, b.bound)])
+    sides = ((shape.coal(unit), coal.Transform3s(R, p / unit)) for shape, (R, p) in ((a, pose_a), (b, pose_b)))
+    first, second = sides
+    distance = coal.distance(*first, *second, coal.DistanceRequest(), coal.DistanceResult())
+    return bool(distance <= _TOUCHING)

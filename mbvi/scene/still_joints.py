@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from ..arguments import shown
 from ..constraints.shapes import Array, PlacedShape
 from ..errors import InputError
-from .items import RobotItem
+from .items import RobotItem, SceneItems
 from .reductions import Omission
 from .urdf import Robot
 
@@ -27,7 +28,7 @@ def checked_locked(robot: Robot, base: str, q: Array, v: Array, locked: Sequence
     known = list(model.names)[2 if base == "free" else 1 :]
     for name in locked:
         if name not in known:
-            raise InputError(f"{robot.name} has no joint {name!r} to lock; known are {', '.join(known) or 'none'}")
+            raise InputError(f"{robot.name} has no joint {shown(name)} to lock; known are {', '.join(known) or 'none'}")
         joint = model.getJointId(name)
         if _of(v, model.idx_vs[joint], model.nvs[joint]).any():
             raise InputError(f"joint {name!r} is locked and cannot have a velocity")
@@ -39,11 +40,19 @@ def checked_locked(robot: Robot, base: str, q: Array, v: Array, locked: Sequence
     return tuple(dict.fromkeys(locked))
 
 
-def without_still_joints(item: RobotItem, reduce: Sequence[str]) -> tuple[RobotItem, list[Omission]]:
-    """Return a robot without the joints that are locked or whose limits leave them no range, and what was left out."""
+def counts_joints(item: RobotItem, items: SceneItems) -> bool:
+    """Return whether a function of the user's counts the joints of a robot's URDF: a control, or a force on a link."""
+    on_links = [force.body.partition("/")[0] for force in items.forces if "/" in force.body]
+    return item.control is not None or bool(items.controls) or item.robot.name in on_links
+
+
+def without_still_joints(item: RobotItem, reduce: Sequence[str], counted: bool) -> tuple[RobotItem, list[Omission]]:
+    """Return a robot without the joints that are locked or whose limits leave them no range, and what was left out.
+
+    `counted` says that a function of the user's counts the joints of the URDF: those without range then stay.
+    """
     model, reasons = item.robot.model, {name: "locked" for name in item.locked}
-    # a control counts the joints of the URDF
-    if "joints" in reduce and item.control is None:
+    if "joints" in reduce and not counted:
         reasons = {name: "its limits leave no range" for name in _without_range(model, item.q0, item.v0)} | reasons
     if not reasons or len(reasons) == model.njoints - 1:
         return item, []

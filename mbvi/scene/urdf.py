@@ -15,11 +15,22 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from ..arguments import LARGEST, made_label, shown
 from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ..errors import InputError, UrdfError
 from .reductions import Omission
 from .self_pairs import disabled_pairs, pairs_left_out
-from .urdf_checks import check_inertias, check_links, check_mass_matrix, check_masses, check_meshes, check_shapes
+from .urdf_checks import (
+    check_axes,
+    check_inertias,
+    check_links,
+    check_masses,
+    check_meshes,
+    check_numbers,
+    check_shapes,
+    mesh_folders,
+    read_xml,
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,8 @@ class Robot:
         What was left out, and why.
     reference : ndarray, shape (nq,)
         Neutral configuration; a joint whose limits leave zero out stands in the middle of them.
+    file : str
+        The URDF's path, from which the meshes to look at are found when a replay is made.
     """
 
     name: str
@@ -51,10 +64,11 @@ class Robot:
     apart: frozenset[tuple[str, str]]
     omitted: tuple[Omission, ...] = field(repr=False)
     reference: Array = field(repr=False)
+    file: str = ""
 
 
 def load_robot(
-    path: str | os.PathLike[str], base: str, rotation: Array, position: Array, name: str | None, srdf: str | None
+    path: str | os.PathLike[str], base: str, rotation: Array, position: Array, name: str | None, srdf: Path | None
 ) -> Robot:
     """Read a robot.
 
@@ -77,16 +91,13 @@ def load_robot(
         If a file is missing, is no URDF, or describes no physical mechanism.
     """
     file = Path(path)
-    if not file.is_file():
-        raise UrdfError(f"no such file: {file}")
-    text = file.read_text(encoding="utf-8", errors="replace")
-    root = _parse(text, file)
-    # a slash parts a robot from its link
-    name = name or (root.get("name") or file.stem).replace("/", "_")
+    text, root = read_xml(file)
+    _check_root(root, file)
+    name = name or made_label(root.get("name") or file.stem)
+    check_numbers(root, file)
+    check_axes(root, file)
     check_links(root, file)
-    folders = [str(p) for p in file.resolve().parents] + [
-        p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p
-    ]
+    folders = mesh_folders(file)
     check_meshes(root, file, folders)
     model = build_model(text, base, rotation, position, file)
     geometry = _build_geometry(model, text, folders, file)
@@ -97,11 +108,12 @@ def load_robot(
     check_masses(model, geometry, file)
     check_inertias(model, file)
     reference, moved = _reference(model)
-    check_mass_matrix(model, reference, file)
     omitted += _unmodelled(model, root)
     omitted += moved
     apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name))
-    return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted + dropped), reference)
+    omitted += dropped
+    where = str(file.resolve())
+    return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted), reference, where)
 
 
 def build_model(text: str, base: str, rotation: Array, position: Array, file: Path | str = "URDF") -> pin.Model:
@@ -151,16 +163,11 @@ def _caught() -> Iterator[list[str]]:
             lines += [x.strip() for x in file.read().decode(errors="replace").splitlines() if x.strip()]
 
 
-def _parse(text: str, file: Path) -> ElementTree.Element:
-    try:
-        root = ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
-        raise UrdfError(f"{file} is no XML: {error}") from error
+def _check_root(root: ElementTree.Element, file: Path) -> None:
     if root.tag != "robot":
         raise UrdfError(f"{file} is no URDF: its root element is <{root.tag}>, not <robot>")
     if root.find("link") is None:
         raise UrdfError(f"{file} is no URDF: it has no <link>")
-    return root
 
 
 def _move_base(objects: Sequence[pin.GeometryObject], rotation: Array, position: Array) -> None:
@@ -248,6 +255,10 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
         lower, upper = model.lowerPositionLimit[k], model.upperPositionLimit[k]
         if lower > upper:
             raise UrdfError(f"joint '{model.names[joint]}': its lower limit {lower:g} is above its upper {upper:g}")
+        if lower > LARGEST or upper < -LARGEST:
+            raise UrdfError(
+                f"joint '{model.names[joint]}': its limits, {lower:g} and {upper:g}, leave no configuration"
+            )
         if not lower <= 0.0 <= upper:
             q[k] = 0.5 * (lower + upper)
             why = f"outside its limits; it starts at their middle, {q[k]:.4g}"
@@ -297,9 +308,9 @@ def initial_state(
     for given, what in ((joints, "position"), (velocity, "velocity")):
         for joint, value in given.items():
             if joint not in names[first:]:
-                raise InputError(f"{robot.name} has no joint {joint!r}; known are {', '.join(names[first:]) or 'none'}")
-            if not np.isfinite(value):
-                raise InputError(f"the {what} of joint {joint!r} is not finite")
+                raise InputError(
+                    f"{robot.name} has no joint {shown(joint)}; known are {', '.join(names[first:]) or 'none'}"
+                )
             k = names.index(joint)
             if model.nvs[k] != 1:
                 raise InputError(f"joint {joint!r} has {model.nvs[k]} degrees of freedom; one number cannot place it")
@@ -311,3 +322,19 @@ def initial_state(
                 # a joint without limits stores cosine and sine
                 q[model.idx_qs[k] : model.idx_qs[k] + 2] = np.cos(value), np.sin(value)
     return q, v
+
+
+def set_base_velocity(q: Array, v: Array, base: str, velocity: Array) -> None:
+    """Write the velocity of a base, shape (6,) in the world frame, into the v of a robot at q.
+
+    Raises
+    ------
+    InputError
+        If the base is fixed and is to move.
+    """
+    if base == "free":
+        # Pinocchio has it in the frame of the base
+        turn = pin.XYZQUATToSE3(q[:7]).rotation
+        v[:3], v[3:6] = turn.T @ velocity[:3], turn.T @ velocity[3:]
+    elif velocity.any():
+        raise InputError("base_velocity is that of a free base, and base='fixed' welds it to the world: leave it out")

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from ..arguments import SMALLEST, array, file_path, finite, integers, vector
 from ..constraints.shapes import Array, HalfSpace
 from ..constraints.triangles import Surface
 from ..errors import InputError
 from ..motion import Motion, checked_motion
-from .inputs import mesh_of, positive, rotation_matrix, vector
+from ..orientation import RotationLike, rotation_matrix
+from .inputs import scaled
 from .items import SceneItems, SurfaceItem
+from .meshes import triangles_of
 
 _SIDES = {
     "floor": (0, 0, 1),
@@ -56,13 +58,12 @@ class Walls:
         """
         n = vector(normal, "normal")
         length = float(np.linalg.norm(n))
-        if length == 0.0:
+        if length < SMALLEST:
             raise InputError("the normal of a half-space must not be zero")
-        if not np.isfinite(offset):
-            raise InputError(f"offset must be finite; got {offset}")
-        moved = checked_motion(motion)
+        shift, moved = finite(offset, "offset") / length, checked_motion(motion)
+        finite(shift, "offset divided by the length of the normal")
         name = self._items.new_name(name, "floor")
-        self._items.walls[name] = HalfSpace(tuple(n / length), float(offset) / length, moved)
+        self._items.walls[name] = HalfSpace(tuple(n / length), shift, moved)
         return name
 
     def add_container(
@@ -90,8 +91,10 @@ class Walls:
         InputError
             If the corners are none of a box, the name is taken, or the motion is none.
         """
-        low, far = vector(lower, "lower"), np.array(upper, dtype=float)
-        high = vector([*far[:2], 0.0] if far.shape in ((2,), (3,)) else far, "upper")
+        low, far = vector(lower, "lower"), array(upper, "upper")
+        if far.shape not in ((2,), (3,)):
+            raise InputError(f"upper has shape {far.shape}; it must have (2,) or (3,)")
+        high = np.array([*far[:2], 0.0])
         if not (low[:2] < high[:2]).all():
             raise InputError(f"lower must lie below upper in x and y; got {low.tolist()} and {high[:2].tolist()}")
         moved = checked_motion(motion)
@@ -108,7 +111,7 @@ class Walls:
         triangles: Array | None = None,
         scale: float = 1.0,
         position: Sequence[float] | Array = (0.0, 0.0, 0.0),
-        rotation: Array | Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        rotation: RotationLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         name: str | None = None,
         motion: Motion | None = None,
     ) -> str:
@@ -125,8 +128,8 @@ class Walls:
             Which vertices each triangle has; not for a file.
         scale : float
             Metres per unit of the file or the vertices.
-        position, rotation : array_like, shapes (3,) and (3, 3)
-            Pose of the mesh's frame [m].
+        position, rotation : array_like
+            Pose of the mesh's frame: shape (3,) [m], and a rotation as `BodyArguments` has it.
         name : str, optional
             The file's, or "surface", by default.
         motion : Motion, optional
@@ -137,16 +140,21 @@ class Walls:
         InputError
             If the file cannot be read, the mesh has no area, the name is taken, or the motion is none.
         """
-        factor, place, turn = positive(scale, "scale"), vector(position, "position"), rotation_matrix(rotation)
+        place, turn = vector(position, "position"), rotation_matrix(rotation)
         if isinstance(mesh, str | os.PathLike):
+            file = file_path(mesh, "mesh")
             if triangles is not None:
                 raise InputError("a mesh file brings its triangles itself")
-            default, (points, corners) = Path(mesh).stem, mesh_of(Path(mesh))
+            default, (points, corners, _) = file.stem, triangles_of(file)
         elif triangles is None:
             raise InputError("give triangles with the vertices: add_surface(vertices, triangles)")
         else:
-            default, points, corners = "surface", np.array(mesh, dtype=float), np.asarray(triangles)
-        moved, surface = checked_motion(motion), Surface(factor * points, corners)
+            default, points, corners = (
+                "surface",
+                array(mesh, "mesh", ("v", 3)),
+                integers(triangles, "triangles", ("t", 3)),
+            )
+        moved, surface = checked_motion(motion), Surface(scaled(points, scale), corners)
         name = self._items.new_name(name, default)
         self._items.surfaces.append(SurfaceItem(name, surface, place, turn, moved))
         return name

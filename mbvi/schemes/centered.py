@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arguments import boolean
 from ..constraints import Rows
 from ..constraints.active import chosen, owners, stacked
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
+from .options import Options
 from .step import Step, carried, law
 
 _NONE = np.zeros((4, 0))
 
 
-class Centered:
+class Centered(Options):
     """Drift by h v_i / 2, the law there for all that v_i would close within the step, drift by h v_{i+1} / 2.
 
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
@@ -40,7 +42,7 @@ class Centered:
     jump = 0.5
 
     def __init__(self, *, project_positions: bool = False) -> None:
-        self.project_positions = bool(project_positions)
+        self.project_positions = boolean(project_positions, "project_positions")
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

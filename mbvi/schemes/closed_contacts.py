@@ -87,7 +87,7 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
         before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
         owner = owners(before, rows)
         floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
-        depth = float((floor - before.gap).max(initial=0.0))
+        depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max(initial=0.0))
         if depth <= problem.tolerance:
             break
         lifted = _lifted(problem, step, before, floor, projector)
@@ -122,7 +122,7 @@ def _tangent(
     lower = -rows.restitution * before
     # what hovers closes until the law is applied next, lest it fall
     idle = closed[owner] | (step.percussion[owner] == 0.0)
-    hovers = np.flatnonzero(idle & (near.gap > problem.tolerance))
+    hovers = np.flatnonzero(idle & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
     lower[hovers] = -near.gap[hovers] / (applied.h - (step.t - applied.t))
     if rows.rate is not None:
         lower -= rows.rate
@@ -133,7 +133,9 @@ def _tangent(
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     """Return which rows of the law are closed contacts, shape (k,)."""
-    rows, h, rise = step.active, applied.h, applied.h * step.after
+    rows, h = step.active, applied.h
+    lever = problem.constraints.levers(rows.constraint)
+    rise, gap = h * lever * step.after, lever * rows.gap
     closed = np.abs(rise) <= problem.tolerance
     # where nothing is ever lost, a hop is a bounce
     hops = (rise > problem.tolerance) & (rows.restitution < 1.0)
@@ -143,11 +145,11 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         owner, lowest = owners(then, rows), np.full(len(rise), np.inf)
         known = owner >= 0
         np.minimum.at(lowest, owner[known], then.gap[known])
-        closed |= hops & (lowest <= rows.gap + problem.tolerance)
+        closed |= hops & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
         # to lift one side of what still bounces at another would set it rocking
         metric, J = problem.system.metric(applied.q), rows.jacobian
-        bounces = ~closed & ((step.percussion > 0.0) | (rows.gap < -problem.tolerance))
+        bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
         closed[closed] = ~_seen(metric, J, closed, bounces)
     return closed
 
@@ -187,7 +189,7 @@ def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector:
     """
     system, tolerance = problem.system, problem.tolerance
     metric, still = system.metric(step.q), np.zeros(system.nv)
-    depth = float((floor - before.gap).max())
+    depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max())
     place, moved, near, asked = step.q, still, before, floor
     for _ in range(_MOST):
         lower = near.jacobian @ moved + asked - near.gap
@@ -196,8 +198,9 @@ def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector:
             moved, percussion, residual = projector.project(still, metric, near.jacobian, lower)
         except ProjectionError:
             return None
-        done = (np.abs(near.jacobian @ (moved - last))[percussion > 0.0] <= tolerance).all()
-        if done and (near.gap >= asked - tolerance).all():
+        lever = problem.constraints.levers(near.constraint)
+        done = (lever * np.abs(near.jacobian @ (moved - last)) <= tolerance)[percussion > 0.0].all()
+        if done and (lever * (near.gap - asked) >= -tolerance).all():
             return _Lifted(place, last, near, residual)
         place = system.integrate(step.q, moved)
         near = problem.constraints.near(step.t, place, tolerance + _NEAR * depth)

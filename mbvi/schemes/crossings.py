@@ -14,9 +14,6 @@ from .flow import Stride
 
 Ask = Callable[[float, Array, Array], Array]
 
-# what touches is off by rounding: a row closes where its gap falls below this [m, rad]
-_ROUNDING = 1e-14
-
 
 class Crossings:
     """Watches the gaps of open rows along a motion; rows too far to close within a step are not asked.
@@ -60,11 +57,12 @@ class Crossings:
         return share, first
 
     def within(self, t: float, q: Array, gap: float) -> Array:
-        """Return the rows that may be as near as that where the last step was cut or ended."""
-        near = (self._least <= gap).nonzero()[0]
+        """Return the rows that may be as near as that length where the last step was cut or ended."""
+        lever = self._rows.lever
+        near = (self._least * lever <= gap).nonzero()[0]
         if near.size:
             self._least[near] = least = self._rows.at_least(t, q, near)
-            near = near[least <= gap]
+            near = near[least * lever[near] <= gap]
         return near
 
     def forget(self) -> None:
@@ -90,10 +88,11 @@ class Crossings:
             return 1.0, suspects
 
         def gaps(x: float, of: Array) -> Array:
-            return self._at(stride, x, suspects[of], self._rows.gaps) + _ROUNDING
+            # what touches is off by rounding: a row closes where its gap falls below that
+            return self._at(stride, x, suspects[of], self._rows.gaps) + self._rows.rounding[suspects[of]]
 
         # a bound by an axis is no gap
-        known = bounds[:, near] + _ROUNDING if self._rows.smooth[suspects].all() else None
+        known = bounds[:, near] + self._rows.rounding[suspects] if self._rows.smooth[suspects].all() else None
         # what passes through another within the step may leave no trace in a few values
         steepest = np.where(used[near] > self._rows.thickness[suspects], used[near], np.inf)
         share, k = first_fall(gaps, steepest, known)

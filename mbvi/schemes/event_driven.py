@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from ..errors import InputError, UnsuitableError
+from ..arguments import between
+from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
 from .motion import Motion
+from .options import Options
 
 
-class EventDriven:
+class EventDriven(Options):
     """Error control on the smooth motion; impacts located on it, contacts that rest integrated with their reactions.
 
     Parameters
     ----------
     tolerance : float
-        Bound aimed at for the error of configurations [m, rad] and, in their own unit, of velocities.
+        Bound aimed at for the error of configurations, in lengths of the scene (`Problem.length`) and radians, and of
+        velocities, in their own unit and relative to the largest.
 
     Raises
     ------
@@ -29,13 +32,11 @@ class EventDriven:
     all take less time than the tolerance, or rise less than 1e-14 of the scene's length, is put to rest; where impacts
     on several constraints accumulate, single impacts are followed to their limit. Where polyhedra stay on each other,
     so that gradients jump, and where events follow each other without end, steps of 1e-4 s of `Paoli` go on, of order
-    one, and the run says so.
+    one, and the run says so. Where steps and events make no progress in time at all the run ends with `DivergedError`.
     """
 
-    def __init__(self, tolerance: float) -> None:
-        if not (isinstance(tolerance, (int, float)) and 1e-13 <= tolerance <= 0.1):
-            raise InputError(f"tolerance must lie between 1e-13 and 0.1; got {tolerance!r}")
-        self.tolerance = float(tolerance)
+    def __init__(self, tolerance: float = 1e-6) -> None:
+        self.tolerance = between(tolerance, "tolerance", 1e-13, 0.1)
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if walls move on their own."""

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
+from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
+from .options import Options
 from .step import Step, carried, law
 
 _NONE = np.zeros((4, 0))
 
 
-class MoreauJean:
+class MoreauJean(Options):
     """Drift by (1 - theta) h v_i, the law on velocities there, drift by theta h v_{i+1}.
 
     q_m = q_i + (1 - theta) h v_i; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and the
@@ -44,11 +45,8 @@ class MoreauJean:
     """
 
     def __init__(self, theta: float = 0.5, *, project_positions: bool = False) -> None:
-        # written so that a NaN is refused too
-        if not (isinstance(theta, (int, float, np.number)) and 0.0 <= theta <= 1.0):
-            raise InputError(f"theta must lie in [0, 1]; got {theta!r}")
-        self.theta = float(theta)
-        self.project_positions = bool(project_positions)
+        self.theta = between(theta, "theta", 0.0, 1.0)
+        self.project_positions = boolean(project_positions, "project_positions")
         self.jump = 1.0 - self.theta
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:

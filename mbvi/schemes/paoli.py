@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arguments import boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied, settled
+from .options import Options
 from .step import Step, law
 
 _NONE = np.zeros((4, 0))
 
 
-class Paoli:
+class Paoli(Options):
     """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i pushed by the forces.
 
     v_{i+1} = -e v_i + (1 + e) Proj_M(T_K(q_{i+1}), v_i + h / (1 + e) M^-1 g(t_{i+1}, q_{i+1}, v_i)), computed as
@@ -35,7 +37,7 @@ class Paoli:
     jump = 1.0
 
     def __init__(self, *, project_positions: bool = False) -> None:
-        self.project_positions = bool(project_positions)
+        self.project_positions = boolean(project_positions, "project_positions")
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

@@ -15,15 +15,17 @@ _OPENS, STAYS = 1e-9, 1e-10
 # how much later in a step a release is beyond doubt, and how often dependent contacts are looked at
 _LATER, _LOOKS = 1e-7, 17
 _SHORTEST = 1e-13
+# accelerations below this have lost their digits: they are none
+_DENORMAL = 1e-290
 
 
 def complementarity(flow: Flow, projector: Projector, t: float, q: Array, v: Array, rest: Array) -> tuple[Array, Array]:
     """Return how resting contacts press, and their accelerations apart relative to the terms these consist of."""
     free, metric, J, wanted = flow.reactions(t, q, v, rest)
     solved = projector.project(free, metric, J, wanted)
-    scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
+    scale = np.abs(J) @ np.abs(free) + np.abs(wanted) + _DENORMAL
     opening = J @ solved.velocity - wanted
-    return solved.percussion, opening / np.where(scale > 0.0, scale, 1.0)
+    return solved.percussion, opening / scale
 
 
 def first_release(flow: Flow, projector: Projector, stride: Stride, closed: Array, share: float) -> float:
@@ -33,8 +35,10 @@ def first_release(flow: Flow, projector: Projector, stride: Stride, closed: Arra
     x, _ = first_fall(lambda x, of: _press(flow, stride, closed, x * share)[of], np.full(len(closed), np.inf))
     if x == 1.0:
         return 1.0
-    if not _all_hold(flow, projector, stride, closed, min(x * share + _LATER, share)):
-        return x * share
+    later = min(x * share + _LATER, share)
+    if not _all_hold(flow, projector, stride, closed, later):
+        # where all forces on a contact vanish at once it opens only after that
+        return later if _all_hold(flow, projector, stride, closed, x * share) else x * share
     # dependent ones may hold though the least of their forces would pull
     low = x * share
     for high in np.linspace(low, share, _LOOKS)[1:].tolist():
@@ -54,7 +58,7 @@ def _press(flow: Flow, stride: Stride, closed: Array, share: float) -> Array:
     q, v = stride.at(flow.system, share)
     free, metric, J, wanted = flow.reactions(stride.t + share * stride.h, q, v, closed)
     G = J @ metric.solve_rows(J).T
-    scale = np.abs(J) @ np.abs(free) + np.abs(wanted)
+    scale = np.abs(J) @ np.abs(free) + np.abs(wanted) + _DENORMAL
     return np.asarray(least_push(G, wanted - J @ free) * G.diagonal() + _OPENS * scale)
 
 

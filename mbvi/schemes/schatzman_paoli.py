@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.active import chosen, stacked
+from ..constraints.active import chosen, owners, stacked
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
+from .options import Options
 from .step import Step
 
 _NONE = np.zeros((4, 0))
@@ -17,7 +18,7 @@ _NONE = np.zeros((4, 0))
 _MOST = 20
 
 
-class SchatzmanPaoli:
+class SchatzmanPaoli(Options):
     """q_{i+1} = -e q_{i-1} + (1 + e) Proj_K((2 q_i - (1 - e) q_{i-1} + h^2 M^-1 g) / (1 + e)), in increments.
 
     With h v_i the tangent vector from q_{i-1} to q_i and p(w) = q_i + h (w - e v_i) / (1 + e) along the retraction:
@@ -32,12 +33,15 @@ class SchatzmanPaoli:
     two steps: the record of an impact holds the first of them and its part of the percussion. At e = 1 an impact
     changes the energy by up to h |g| |v|, either way. Several constraints at once by the projection onto K. A step
     takes M and g once, the gaps twice in free flight and about six times, gradients with them, where something is
-    active. All steps are to be equally long: the last, cut one of a run is wrong where it falls into an impact.
+    active. The form above is that of steps of one length, for the second step of an impact reflects what the first one
+    left. A run therefore takes whole steps only: the last one goes beyond the end, and its state is read at the end, on
+    the straight way. Where a step is shortened lest a body pass through another, `shortened` takes its place.
     Schatzman and Paoli, Mouvement a un nombre fini de degres de liberte avec contraintes unilaterales (1993); Paoli and
     Schatzman, A numerical scheme for impact problems I, II (2002).
     """
 
     jump = 0.0
+    whole_steps = True
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
@@ -74,6 +78,48 @@ class SchatzmanPaoli:
         gap = h * (J @ w - lower) / (1.0 + e) + h * e * (after + before) / (1.0 + e)
         rates = np.array([percussion, rows.speeds(free), after, before])
         return Step(t + h, system.integrate(q, h * w), w, rows._replace(gap=gap), rates, residual)
+
+    def shortened(self, problem: Problem, t: float, state: Step, h: float, projector: Projector) -> Step:
+        """Return the state at t + h, where h is not the length of the step that led to `state`.
+
+        The law (8) on velocities, for all that touches at t or would at t + h: J w >= -e J v. Where `state` is half-way
+        through an impact, v there is the velocity before that. What has sunk in is moved out, which is no velocity, so
+        that equal steps can go on from here.
+
+        Parameters
+        ----------
+        problem : Problem
+            What moves.
+        t : float
+            Time [s].
+        state : Step
+            The state at t.
+        h : float
+            Time step [s].
+        projector : Projector
+            Solves the projections.
+        """
+        system, q, v = problem.system, state.q, state.v
+        push = system.push(t, q, v, h)
+        rows = problem.constraints.active(t, q, problem.tolerance)
+        ahead = problem.constraints.active(t + h, system.integrate(q, h * push.free), problem.tolerance)
+        new = owners(ahead, rows) < 0
+        # their gaps as they are now
+        gap = np.concatenate([rows.gap, (ahead.gap - h * ahead.speeds(push.free))[new]])
+        rows = stacked([rows, chosen(ahead, new)]) if new.any() else rows
+        if not rows.gap.size:
+            return Step(t + h, system.integrate(q, h * push.free), push.free, rows, _NONE, 0.0)
+        before, owner = rows.speeds(v), owners(rows, state.active)
+        struck = (owner >= 0) & (np.append(state.percussion, 0.0)[owner] > 0.0)
+        incoming = np.where(struck, np.minimum(before, np.append(state.before, 0.0)[owner]), before)
+        rate = 0.0 if rows.rate is None else rows.rate
+        w, percussion, residual = projector.project(
+            push.free, push.metric, rows.jacobian, -rows.restitution * incoming - rate
+        )
+        way, _, error = projector.project(w, push.metric, rows.jacobian, -gap / h - rate)
+        rates = np.array([percussion, rows.speeds(push.free), rows.speeds(w), incoming])
+        rows = rows._replace(gap=gap + h * rows.speeds(way))
+        return Step(t + h, system.integrate(q, h * way), w, rows, rates, max(residual, error))
 
 
 def _beyond(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:

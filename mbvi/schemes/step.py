@@ -9,6 +9,7 @@ import numpy as np
 from ..constraints import Rows
 from ..problem import Problem
 from ..projection import Projector, Push, TreePush
+from ..system import System
 from ..system.system import Array
 
 
@@ -84,19 +85,45 @@ def law(projector: Projector, v: Array, push: Push | TreePush, rows: Rows) -> tu
     return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
 
 
-# [m/s, rad/s]; what approaches more slowly does not close
+# in lengths of the scene a second, and rad/s; what approaches more slowly does not close
 STILL = 1e-12
 
 
-def closes(rates: Array) -> Array:
-    """Tell of each row whether it presses and approaches faster than the forces of one step explain."""
+def closes(rates: Array, still: Array | float) -> Array:
+    """Return of each row whether it presses and approaches faster than `still` and the forces of one step explain."""
     percussion, free, _, before = rates
-    return np.asarray((percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -STILL))
+    return np.asarray((percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -still))
+
+
+def still_rates(problem: Problem, numbers: Array) -> Array | float:
+    """Return the rate of each row below which it does not close, shape (k,) or one for all [m/s, rad/s]."""
+    return STILL * problem.length / problem.constraints.levers(numbers)
 
 
 def carried(step: Step, time: float) -> Step:
     """Return the step with the gaps of its rows where its velocity carries them within a time, to first order."""
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
+
+
+def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[list[Step], Step]:
+    """Return the steps from a state up to a time, the last of them read on its straight way there.
+
+    Parameters
+    ----------
+    system : System
+        What moves.
+    state : Step
+        Where the first step starts.
+    found : list of Step
+        Steps of a scheme that moves with the velocity it leads to, the last of which ends at t or later.
+    t : float
+        Time [s].
+    """
+    k = next((k for k, step in enumerate(found) if step.t >= t), len(found) - 1)
+    start, end = found[k - 1] if k else state, found[k]
+    way = system.difference(start.q, end.q)
+    q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * way)
+    return found[:k], carried(end._replace(t=t, q=q), t - end.t)
 
 
 class Scheme(Protocol):
@@ -110,7 +137,9 @@ class Scheme(Protocol):
 
     Notes
     -----
-    A scheme that is not made for every problem has `check(problem)` too, which raises `UnsuitableError`.
+    A scheme that is not made for every problem has `check(problem)` too, which raises `UnsuitableError`. One whose
+    steps must all be equally long says so by `whole_steps = True` and gives `shortened(problem, t, state, h,
+    projector)`, a step of another length, for where a body would pass through another.
     """
 
     jump: float

@@ -10,6 +10,7 @@ from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
 from ..projection import Projection, Projector, Push, TreePush
 from ..system.system import Array
+from .options import Options
 from .step import Step
 
 # how often a step looks for what it has no row for yet, or whose gradient has turned
@@ -18,7 +19,7 @@ _MOST = 6
 _OFF = 1e-3
 
 
-class StewartTrinkle:
+class StewartTrinkle(Options):
     """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all that is within reach, then q + h w.
 
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, the rows
@@ -54,9 +55,11 @@ class StewartTrinkle:
         for turn in range(_MOST + 1):
             way, lifted = _way(problem, rows, h, projector, push)
             place, gap = system.integrate(q, h * way.velocity), rows.gap + h * rows.speeds(way.velocity)
-            deepest = min(-problem.tolerance, float(gap.min(initial=0.0)) - 1e-12 * problem.length)
+            lever = problem.constraints.levers(rows.constraint)
+            deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
             there = problem.constraints.near(end, place, deepest)
-            unseen = ~_among(there.constraint, rows.constraint) | (there.gap < -_OFF * problem.length)
+            sunk = problem.constraints.levers(there.constraint) * there.gap < -_OFF * problem.length
+            unseen = ~_among(there.constraint, rows.constraint) | sunk
             if turn == _MOST or not unseen.any():
                 break
             more = _back(chosen(there, unseen), h)

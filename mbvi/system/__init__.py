@@ -1,5 +1,6 @@
 """Mechanical systems: mass matrix M(q), forces g(t, q, v), and the retraction q + h v of their configurations."""
 
+from .actuated import ActuatedSystem, located_parts, parts_of
 from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .bodies import FreeBodies, Spheres
@@ -8,6 +9,7 @@ from .planar import PlanarBodies, PlanarSpheres
 from .system import System
 
 __all__ = [
+    "ActuatedSystem",
     "ArticulatedSystem",
     "BlockSystem",
     "FreeBodies",
@@ -16,4 +18,6 @@ __all__ = [
     "PlanarSpheres",
     "Spheres",
     "System",
+    "located_parts",
+    "parts_of",
 ]

@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from ..arguments import all_finite, returned
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..projection import TreeMetric, TreePush
+from .given import not_finite
 from .memory import Memory
 from .system import Array
 
@@ -157,7 +159,7 @@ class ArticulatedSystem:
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
         self.model = model
         self.control = control
-        self._name = name
+        self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
         # a control is called once a step
         self.velocity_dependent = control is None
@@ -165,6 +167,8 @@ class ArticulatedSystem:
         self.damping = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
         self._zero = np.zeros(self.nv)
+        # generalised force from outside the mechanism, which is added to the control's
+        self.applied = self._zero
         # whether q + dv is the retraction but for the names of angles
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
         # up to which velocity it is not; joints are independent of each other
@@ -189,7 +193,7 @@ class ArticulatedSystem:
 
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy gets Data of its own, for what is kept here lies in the memory of these
-        return type(self), (self.model, self._name, self.control)
+        return type(self), (self.model, self.name, self.control)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         moved = pin.integrate(self.model, q, dv)
@@ -231,20 +235,22 @@ class ArticulatedSystem:
         assert self.control is not None
         tau = self.control(t, q, v)
         if type(tau) is not np.ndarray or not tau.flags.carray or tau.dtype != np.float64:
-            tau = plain_array(np.asarray(tau, dtype=float))
+            tau = plain_array(returned(tau, f"the control of {self.name}"))
         if tau.shape != (self.nv,):
-            raise InputError(f"control returned shape {tau.shape}; this robot asks for ({self.nv},)")
-        return tau
+            raise InputError(f"the control returned shape {tau.shape} at t = {t:.6g} s; {self.name} has ({self.nv},)")
+        if not all_finite(tau):
+            raise not_finite(f"the control of {self.name}", tau, t, q, v)
+        return tau if self.applied is self._zero else tau + self.applied
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        torque = self._zero if self.control is None else self._torque(t, q, v)
+        torque = self.applied if self.control is None else self._torque(t, q, v)
         g = torque - pin.nonLinearEffects(self.model, self._data, q, v)
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         if self._damped:
             return self.push(t, q, v, h).free
-        torque = self._zero if self.control is None else self._torque(t, q, v)
+        torque = self.applied if self.control is None else self._torque(t, q, v)
         # even where M is there already: the last digits may not depend on which pairs were asked
         free = pin.aba(self.model, self._data, q, v, torque)
         # that leaves the data of another q, or of this one in other coordinates
@@ -255,14 +261,14 @@ class ArticulatedSystem:
     def push(self, t: float, q: Array, v: Array, h: float) -> TreePush:
         if q is not self._seen:
             self._refresh(q)
-        torque = self._zero if self.control is None else self._torque(t, q, v)
+        torque = self.applied if self.control is None else self._torque(t, q, v)
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
         if not v.flags.carray:
             v = plain_array(v)
         return TreePush(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        torque = self._zero if self.control is None else self._torque(t, q, v)
+        torque = self.applied if self.control is None else self._torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
         # that leaves the data of another q, or of this one in other coordinates

@@ -6,12 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..arguments import all_finite, function, integer, optional, returned
 from ..errors import InputError
-from ..projection import DenseMetric, Metric, Push, as_metric
+from ..projection import DenseMetric, Metric, Push
+from .given import called, not_finite, short
 from .system import Array
 
 # nodes and weights of Gauss and Legendre on [0, 1]
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(16)[1])
+
+# of the largest entry, by which M may differ from its transpose
+_ASYMMETRIC = 1e-9
 
 
 class LagrangianSystem:
@@ -32,7 +37,10 @@ class LagrangianSystem:
     Raises
     ------
     InputError
-        If an argument is not of its kind; at the first call, if M or g has another shape.
+        If an argument is not of its kind; at any call, if M or g has another shape or is no real number, or M is not
+        symmetric positive definite.
+    DivergedError
+        At any call, if M or g is not finite.
     """
 
     def __init__(
@@ -42,13 +50,18 @@ class LagrangianSystem:
         dim: int,
         potential: Callable[[Array], float] | None = None,
     ) -> None:
-        if not callable(mass) or not callable(force):
-            raise InputError("mass and force must be functions: mass(q) -> (d, d), force(t, q, v) -> (d,)")
-        if int(dim) != dim or dim < 1:
-            raise InputError(f"dim must be a positive integer; got {dim!r}")
-        self.nq = self.nv = int(dim)
+        self._mass = function(mass, "mass", "mass(q) -> (d, d)")
+        self._force = function(force, "force", "force(t, q, v) -> (d,)")
+        self._potential = optional(function, potential, "potential", "potential(q) -> float")
+        self.nq = self.nv = integer(dim, "dim", 1)
         self.bodies: tuple[str, ...] = ("world",)
-        self._mass, self._force, self._potential = mass, force, potential
+        # of the last step, for what an error says
+        self._t: float | None = None
+        # the last M, by its bytes, and its factor: often it is constant
+        self._known: tuple[bytes, DenseMetric] | None = None
+
+    def __repr__(self) -> str:
+        return f"LagrangianSystem(mass={called(self._mass)}, force={called(self._force)}, dim={self.nv})"
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return q + dv
@@ -57,30 +70,56 @@ class LagrangianSystem:
         return q1 - q0
 
     def metric(self, q: Array) -> Metric:
-        M = np.asarray(self._mass(q), dtype=float)
-        return as_metric(M, self.nv) if M.ndim != 2 or len(M) != self.nv else DenseMetric(M)
+        M, size = returned(self._mass(q), f"mass ({called(self._mass)})"), self.nv
+        if M.shape != (size, size):
+            raise InputError(f"mass ({called(self._mass)}) returned shape {M.shape}; ({size}, {size}) is expected")
+        key = M.tobytes()
+        if self._known is None or key != self._known[0]:
+            # a copy: the user may write to theirs
+            self._known = key, self._factorised(M.copy(), q)
+        return self._known[1]
+
+    def _factorised(self, M: Array, q: Array) -> DenseMetric:
+        if not np.isfinite(M).all():
+            raise not_finite(f"mass ({called(self._mass)})", M, self._t, q)
+        if M.tobytes() != M.T.tobytes() and np.abs(M - M.T).max() > _ASYMMETRIC * np.abs(M).max():
+            raise InputError(f"mass ({called(self._mass)}) is not symmetric{self._when()}, q = {short(q)}: {short(M)}")
+        try:
+            return DenseMetric(M)
+        except InputError as error:
+            raise InputError(
+                f"mass ({called(self._mass)}) is not positive definite{self._when()}, q = {short(q)}: {short(M)}; "
+                "check masses, inertias and the coordinates' redundancy"
+            ) from error
+
+    def _when(self) -> str:
+        return "" if self._t is None else f" near t = {self._t:.9g} s"
 
     velocity_dependent = True
 
     def check(self, t: float, q: Array, v: Array) -> None:
         """Raise `InputError` unless M(q) and g(t, q, v) have their shapes and M its symmetry."""
-        as_metric(np.asarray(self._mass(q), dtype=float), self.nv)
+        self.metric(q)
         self.force(t, q, v)
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        g = np.asarray(self._force(t, q, v), dtype=float)
+        g = returned(self._force(t, q, v), f"force ({called(self._force)})")
         if g.shape != (self.nv,):
-            raise InputError(f"force returned shape {g.shape}; ({self.nv},) is asked for")
+            raise InputError(f"force ({called(self._force)}) returned shape {g.shape}; ({self.nv},) is expected")
+        if not all_finite(g):
+            raise not_finite(f"force ({called(self._force)})", g, t, q, v)
         return g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return self.push(t, q, v, h).free
 
     def push(self, t: float, q: Array, v: Array, h: float) -> Push:
+        self._t = t
         metric = self.metric(q)
         return Push(v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        self._t = t
         metric = self.metric(q)
         return metric.unwhiten(metric.whiten(self.force(t, q, v)))
 
@@ -88,11 +127,11 @@ class LagrangianSystem:
         return v
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
-        return float(0.5 * v @ np.asarray(self._mass(q), dtype=float) @ v)
+        return float(0.5 * v @ returned(self._mass(q), "mass(q)") @ v)
 
     def potential_energy(self, t: float, q: Array) -> float:
         if self._potential is not None:
-            return float(self._potential(q))
+            return float(returned(self._potential(q), "potential(q)"))
         rest = np.zeros(self.nv)
         work = sum(w * (self.force(t, s * q, rest) @ q) for s, w in zip(_NODES, _WEIGHTS, strict=True))
         return -float(work)

@@ -1,0 +1,88 @@
+"""Directional derivatives by central differences, with bounds on what they may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+# lengths of differences, relative to the scale of q: in all, and where few must do
+_ALL, _FEW = 10.0 ** -np.arange(2.0, 10.0), 10.0 ** -np.arange(4.0, 8.0)
+_EPS = 2.3e-16
+# a shorter difference is taken where its error is no more than so many times the least there is, or this part of it
+_NEARLY, _PRECISE = 10.0, 1e-5
+# the part of the steepest by which two lengths may differ and still tell of one slope
+_ALIKE = 1e-4
+
+
+class Slopes(NamedTuple):
+    """Derivatives of m functions along k directions, each of shape (k, m).
+
+    Attributes
+    ----------
+    middle : ndarray
+        By central differences; NaN where these do not tell.
+    low, high : ndarray
+        Bounds of what a derivative may be: they hold the slopes on both sides, so that a kink says nothing wrong, and
+        the estimated error.
+    """
+
+    middle: Array
+    low: Array
+    high: Array
+
+
+def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, full: bool) -> Slopes:
+    """Return the derivatives of functions of a displacement, at none.
+
+    Parameters
+    ----------
+    f : callable
+        f(w) -> values, shape (m,), where w, shape (nv,), is the displacement. What it raises there counts as unknown.
+    here : ndarray, shape (m,)
+        f(0).
+    along : ndarray, shape (k, nv)
+        Unit directions.
+    scale : float
+        To which lengths of differences are relative.
+    full : bool
+        Whether to try differences of eight lengths, or of four.
+    """
+    lengths = scale * (_ALL if full else _FEW)
+    found = np.array([[[_value(f, s * h * u, len(here)) for s in (1.0, -1.0)] for h in lengths] for u in along])
+    plus, minus = found[:, :, 0], found[:, :, 1]
+    h = lengths[None, :, None]
+    with np.errstate(all="ignore"):
+        central = (plus - minus) / (2.0 * h)
+        rounding = _EPS * np.maximum(np.abs(plus), np.abs(minus)) / h + _EPS * np.abs(here) / h
+        error = np.abs(np.diff(central, axis=1)) + rounding[:, 1:]
+        error[~np.isfinite(error)] = np.inf
+        least = error.min(axis=1, keepdims=True)
+        enough = error <= np.maximum(_NEARLY * least, _PRECISE * np.abs(central[:, 1:]))
+        # the shortest of them
+        best = (error.shape[1] - 1 - enough[:, ::-1].argmax(axis=1))[:, None]
+        middle = np.take_along_axis(central[:, 1:], best, 1)[:, 0]
+        off = 2.0 * np.take_along_axis(error, best, 1)[:, 0]
+        forward = np.take_along_axis(((plus - here) / h)[:, 1:], best, 1)[:, 0]
+        backward = np.take_along_axis(((here - minus) / h)[:, 1:], best, 1)[:, 0]
+        # of a staircase, or of noise, there is one slope from near and another from afar
+        flat = error <= _ALIKE * np.abs(central).max(axis=1, keepdims=True, initial=0.0) + rounding[:, 1:]
+        least_flat = np.where(flat, central[:, 1:], np.inf).min(axis=1)
+        most_flat = np.where(flat, central[:, 1:], -np.inf).max(axis=1)
+        low = np.minimum(np.minimum(np.minimum(forward, backward), middle), least_flat) - off
+        high = np.maximum(np.maximum(np.maximum(forward, backward), middle), most_flat) + off
+    unknown = ~np.isfinite(np.take_along_axis(error, best, 1)[:, 0])
+    middle[unknown], low[unknown], high[unknown] = np.nan, -np.inf, np.inf
+    return Slopes(middle, low, high)
+
+
+def _value(f: Callable[[Array], Any], way: Array, count: int) -> Array:
+    """Return f there; NaN where it does not tell, for nobody asked a user's function to hold beyond the motion."""
+    try:
+        value = np.asarray(f(way), dtype=float).reshape(-1)
+    except Exception:
+        return np.full(count, np.nan)
+    return value if len(value) == count else np.full(count, np.nan)

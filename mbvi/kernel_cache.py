@@ -1,0 +1,142 @@
+"""numba's cache of compiled kernels on disk, with a checksum on every file.
+
+Imported when a run starts, for numba's weight.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+from collections.abc import Callable
+from hashlib import sha256
+from typing import Any
+
+from numba import njit
+from numba.core import typeinfer
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+_MARK = b"mbvi-1\n\0"
+_DIGEST = 32
+# said once a process
+_said: set[str] = set()
+
+
+class _DamagedFile(Exception):
+    """A file of the cache is not what was written."""
+
+
+class _CheckedFile(IndexDataCacheFile):
+    """numba's index and data files, each behind the checksum of what was written."""
+
+    damaged = False
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            found = self._checked(self._index_path)
+            if found is None or found[0] != self._version or found[1] != self._source_stamp:
+                return {}
+            overloads: dict[Any, str] = found[2]
+            return overloads
+        except _DamagedFile:
+            self._remove(self._index_path)
+            return {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any:
+        path = self._data_path(name)
+        try:
+            return self._checked(path)
+        except _DamagedFile:
+            self._remove(path)
+            return None
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, content: Any) -> None:
+        data = self._dump(content)
+        with self._open_for_write(path) as file:
+            file.write(_MARK + sha256(data).digest() + data)
+
+    def _remove(self, path: str) -> None:
+        self.damaged = True
+        print(f"mbvi: {path} is damaged: its kernel is compiled again", file=sys.stderr, flush=True)
+        try:
+            os.unlink(path)
+        except OSError:
+            # it is written over, or nothing is kept
+            pass
+
+    @staticmethod
+    def _checked(path: str) -> Any:
+        """Return what was written to a file, None if there is no such file; nothing else is ever unpickled."""
+        try:
+            with open(path, "rb") as file:
+                found = file.read()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise _DamagedFile from error
+        mark, digest, data = found[: len(_MARK)], found[len(_MARK) :][:_DIGEST], found[len(_MARK) + _DIGEST :]
+        if mark != _MARK or sha256(data).digest() != digest:
+            raise _DamagedFile
+        try:
+            return pickle.loads(data)
+        except Exception as error:
+            # written by a numba whose classes are not these
+            raise _DamagedFile from error
+
+
+class _CheckedCache(FunctionCache):
+    """numba's cache of one function; what cannot be read is compiled, and what cannot be written is not kept."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        # files of numba's own cache, which have no checksum, bear other names
+        self._cache_file = _CheckedFile(
+            cache_path=self._cache_path,
+            filename_base=f"{self._impl.filename_base}.checked",
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    @property
+    def damaged(self) -> bool:
+        """Whether a file was found to be damaged."""
+        return bool(self._cache_file.damaged)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _say_once(
+                f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror or error}): the next process "
+                "compiles them again"
+            )
+
+
+def compiled(function: Callable[..., Any], signature: str) -> tuple[Any, bool]:
+    """Return a function compiled for one signature, and whether it had to be compiled for the first time."""
+    dispatcher: Any = njit(error_model="numpy")(function)
+    if not hasattr(dispatcher, "disable_compile"):
+        # with numba's own switch off (NUMBA_DISABLE_JIT) there is nothing to compile
+        return dispatcher, False
+    try:
+        dispatcher._cache = _CheckedCache(function)
+    except RuntimeError as error:
+        if "cannot cache" not in str(error):
+            raise
+        # nowhere to write to: the next process compiles again
+    with typeinfer.register_dispatcher(dispatcher):
+        dispatcher.compile(signature)
+        dispatcher.disable_compile()
+    known = sum(dispatcher.stats.cache_hits.values()) or getattr(dispatcher._cache, "damaged", False)
+    return dispatcher, not known
+
+
+def _say_once(what: str) -> None:
+    if what not in _said:
+        _said.add(what)
+        print(f"mbvi: {what}", file=sys.stderr, flush=True)

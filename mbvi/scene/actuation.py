@@ -1,0 +1,131 @@
+"""From the controls and forces of a scene to what acts on its system."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from ..constraints.shapes import Array, PlacedShape, Sphere
+from ..system import ActuatedSystem, ArticulatedSystem, System, located_parts
+from ..system.actuated import Part
+from .items import BodyItem, ForceItem, RobotItem
+from .loads import BodyForce, LinkForce, SceneControls, SphereForce
+from .plane import axes_of
+from .state import Place, Places
+
+if TYPE_CHECKING:
+    from .blocks import Blocks
+
+_POINT = Sphere(1.0)
+
+
+def with_centres(item: RobotItem, forces: Iterable[ForceItem]) -> RobotItem:
+    """Return a robot with a mark at the centre of mass of each link that a force acts on, behind its shapes.
+
+    Marks are shapes, so that whatever moves these to other bodies moves marks too.
+    """
+    links = {f.body.partition("/")[2] for f in forces if f.body.startswith(f"{item.robot.name}/")}
+    if not links:
+        return item
+    model, marks = item.robot.model, []
+    for link in ElementTree.fromstring(item.robot.text.encode()).findall("link"):
+        name = link.get("name", "")
+        if name not in links:
+            continue
+        origin, centre = link.find("inertial/origin"), np.zeros(3)
+        if origin is not None and origin.get("xyz"):
+            centre = np.array(origin.get("xyz", "").split(), dtype=float)
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        place = frame.placement.act(centre)
+        marks.append(PlacedShape(f"{item.robot.name}/{name}", _POINT, int(frame.parentJoint), np.eye(3), place))
+    return replace(item, robot=replace(item.robot, shapes=(*item.robot.shapes, *marks)))
+
+
+def actuated(blocks: Blocks, system: System, length: float) -> System:
+    """Return a system with the scene's controls and forces acting on it; the same where there are none.
+
+    Parameters
+    ----------
+    blocks : Blocks
+        What the system was made of.
+    system : System
+        Robots, bodies and spheres.
+    length : float
+        Of the scene [m].
+    """
+    items = blocks.items
+    if not items.controls and not items.forces:
+        return system
+    places = _places(blocks, system)
+    normal = axes_of(items.plane)[2] if items.plane else None
+    robots = {item.robot.name: part.system for item, part in zip(items.robots, located_parts(system), strict=False)}
+    spheres = {name for s in items.spheres for name in (s.name, *s.names())}
+    loads: list[SceneControls | BodyForce | SphereForce | LinkForce] = []
+    for force in items.forces:
+        given = force.body, force.function
+        owner, _, link = force.body.partition("/")
+        if link:
+            robot = robots[owner]
+            assert isinstance(robot, ArticulatedSystem)
+            loads.append(LinkForce(robot, *blocks.centres[force.body], *given, places.of(owner), normal, length))
+            continue
+        kind = SphereForce if force.body in spheres else BodyForce
+        loads.append(kind(*given, places.of(force.body), normal, length))
+    if items.controls:
+        where = {name: places.of(name).v for name in robots}
+        loads.append(SceneControls(tuple(items.controls), places, where))
+    return ActuatedSystem(system, loads, bool(items.controls))
+
+
+def _places(blocks: Blocks, system: System) -> Places:
+    """Return where everything that moves stands."""
+    items, parts = blocks.items, located_parts(system)
+    places = Places()
+    for item in items.robots:
+        part, *parts = parts
+        q, v = slice(part.q, part.q + part.system.nq), slice(part.v, part.v + part.system.nv)
+        places.known[item.robot.name] = Place(q, v, (part.system.nq,), (part.system.nv,))
+    bodies = [b for b in items.bodies if not b.fixed]
+    groups = [(name, list(group)) for name, group in groupby(bodies, lambda b: b.name.partition("[")[0])]
+    given = [(name, [b.name for b in group], _lift(blocks.axes, group)) for name, group in groups]
+    if bodies:
+        part, *parts = parts
+        _add(places, part, given, 7, 6)
+    if items.spheres:
+        lifts = None if blocks.axes is None else blocks.axes[None, :2].transpose(0, 2, 1)
+        each = [(s.name, s.names(), None if lifts is None else lifts.repeat(len(s.radii), 0)) for s in items.spheres]
+        _add(places, parts[0], each, 3, 3)
+    return places
+
+
+def _lift(axes: Array | None, bodies: list[BodyItem]) -> Array | None:
+    """Return the velocities in space that the velocities of bodies in a plane stand for, shape (n, 6, 3)."""
+    if axes is None:
+        return None
+    lift = np.zeros((len(bodies), 6, 3))
+    lift[:, :3, :2] = axes[:2].T
+    lift[:, 3:, 2] = [b.rotation.T @ axes[2] for b in bodies]
+    return lift
+
+
+def _add(places: Places, part: Part, groups: list[tuple[str, list[str], Array | None]], nq: int, nv: int) -> None:
+    """Add groups of bodies or spheres, each with nq coordinates and nv velocities in space."""
+    width, k = part.system.nv // (len(part.system.bodies) - 1), 0
+    for name, members, lift in groups:
+        n = len(members)
+        for i, member in enumerate(members):
+            q, v = part.q + (k + i) * nq, part.v + (k + i) * width
+            own = None if lift is None else lift[i : i + 1]
+            places.members[member] = Place(slice(q, q + nq), slice(v, v + width), (nq,), (nv,), own)
+        if members == [name]:
+            places.known[name] = places.members.pop(name)
+        else:
+            q, v = part.q + k * nq, part.v + k * width
+            places.known[name] = Place(slice(q, q + n * nq), slice(v, v + n * width), (n, nq), (n, nv), lift)
+        k += n

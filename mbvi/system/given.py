@@ -1,0 +1,36 @@
+"""What functions given by a user return: real numbers, finite ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..errors import DivergedError
+
+Array = np.ndarray
+
+
+def called(function: Callable[..., Any]) -> str:
+    """Return what a function is called, without its address."""
+    return str(getattr(function, "__name__", type(function).__name__))
+
+
+def not_finite(what: str, value: Array, t: float | None, q: Array, v: Array | None = None) -> DivergedError:
+    """Return the error that says what was not finite, when and where."""
+    when = "" if t is None else f" at t = {t:.9g} s"
+    if not np.isfinite(q).all() or (v is not None and not np.isfinite(v).all()):
+        return DivergedError(f"the state{when} is not finite: q = {short(q)}; take a smaller step")
+    where = f"q = {short(q)}" if v is None else f"q = {short(q)}, v = {short(v)}"
+    advice = "correct it there, or take a smaller step if the motion ran away"
+    return DivergedError(f"{what} is not finite{when}, {where}: it returned {short(value)}; {advice}")
+
+
+def short(value: Any) -> str:
+    """Return a value in at most 120 characters."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    text = np.array2string(value, threshold=8, separator=", ") if isinstance(value, np.ndarray) else repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 120 else f"{text[:117]}..."

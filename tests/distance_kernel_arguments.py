@@ -1,0 +1,202 @@
+"""Random arguments of the kernels that refine distances: pairs of two shapes about as far apart as they are large."""
+
+import numpy as np
+
+from mbvi.constraints import kinks, refined_distance
+from mbvi.constraints import normal_search as search
+from mbvi.constraints.separating_axis import SeparatingAxes
+from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+
+CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
+SHAPES = [
+    Sphere(0.2), Box((0.3, 0.4, 0.2)), Ellipsoid((0.3, 0.2, 0.1)), Capsule(0.1, 0.4), Cylinder(0.15, 0.3),
+    Hull(0.2 * CORNERS),
+]  # fmt: skip
+
+
+def rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def unit(rng):
+    n = rng.normal(size=3)
+    return n / np.linalg.norm(n)
+
+
+def axes_of(rng):
+    """Two shapes on bodies of their own or of the world, their axes, and where the bodies are."""
+    shapes = [SHAPES[k] for k in rng.integers(len(SHAPES), size=2)]
+    bodies = [(1, 2), (0, 1), (1, 0)][rng.integers(3)]
+    at = np.zeros(3), 0.45 * unit(rng)
+    placed = [
+        PlacedShape(f"{k}", shape, body, rotation(rng), where)
+        for k, (shape, body, where) in enumerate(zip(shapes, bodies, at, strict=True))
+    ]
+    axes = SeparatingAxes(placed, np.array([[0, 1]]))
+    places = np.array([[*rotation(rng), 0.05 * rng.normal(size=3)] for _ in axes.bodies])
+    return axes, places
+
+
+def supports(rng):
+    """The arguments of `_refine` but the last two."""
+    axes, places = axes_of(rng)
+    world = np.empty((2, 4, 3))
+    refined_distance._place_pair(places, axes.frame, axes._fixed, np.array([0, 1]), world)
+    ends = axes._first_point
+    return [
+        part
+        for side in (0, 1)
+        for part in (world[side].copy(), axes._sizes[side].copy(), axes._points[ends[side] : ends[side + 1]].copy())
+    ]
+
+
+def state(rng):
+    """What the kernels of `kinks` share, at a normal that some of them are near."""
+    place, sizes, points, other_place, other_sizes, other_points = supports(rng)
+    s = {"edge": np.empty((6, 3)), "swell": np.empty((2, 3, 3)), "ball": sizes[3] + other_sizes[3]}
+    s["first"], s["second"] = np.empty((len(points), 3)), np.empty((len(other_points), 3))
+    refined_distance._describe(place, sizes, points, 1.0, s["edge"][:3], s["swell"][:1], s["first"])
+    refined_distance._describe(other_place, other_sizes, other_points, -1.0, s["edge"][3:], s["swell"][1:], s["second"])
+    s["between"] = other_place[3] - place[3]
+    n = s["between"] / np.linalg.norm(s["between"]) + 0.1 * rng.normal(size=3)
+    edges = s["edge"][np.any(s["edge"] != 0.0, axis=1)]
+    if len(edges) and rng.random() < 0.5:
+        # on one kink
+        a = edges[rng.integers(len(edges))]
+        n -= (n @ a) / (a @ a) * a
+    s["n"] = n / np.linalg.norm(n)
+    s["sign"] = np.where(s["edge"] @ s["n"] >= 0.0, 1, -1)
+    s["base"] = np.array([np.argmax(s["first"] @ s["n"]), np.argmax(s["second"] @ s["n"])])
+    s["kinks"] = np.zeros((3, 3), np.int64)
+    s["count"] = refined_distance._first_set(
+        s["n"], s["kinks"], s["edge"], s["sign"], s["swell"], s["first"], s["second"], s["base"]
+    )
+    s["found"], s["basis"] = np.zeros((6, 3)), np.zeros((3, 3))
+    names = ("kinks", "count", "edge", "swell", "first", "second", "base", "found")
+    s["m"] = kinks.directions(*(s[name] for name in names))
+    s["rank"] = search.span(s["found"], s["m"], s["basis"])
+    s.update(place=place, sizes=sizes, points=points, kink=np.zeros(3, np.int64), scratch=np.zeros(3))
+    s.update(t=1.5 * rng.normal(size=2), left=np.zeros(2, bool), at=np.zeros((2, 3)), slope=np.zeros(3))
+    s.update(side=1.0, within=float(rng.choice([0.5, -1e-12])), disks=bool(rng.integers(2)), nearest=np.zeros(3))
+    s.update(who=0, apart=0.1, pull=s["between"].copy(), tangents=np.zeros((2, 3)), first_base=int(s["base"][0]))
+    s.update(vertex=s["first"][s["base"][0]].copy(), kind=int(rng.integers(3)), zero=0)
+    return s
+
+
+def of_state(*names):
+    def make(rng):
+        s = state(rng)
+        return tuple(s[name] for name in names)
+
+    return make
+
+
+def added(rng):
+    """A state and a kink that n is not kept on yet."""
+    while True:
+        s = state(rng)
+        shared = (s[k] for k in ("kinks", "count", "edge", "sign", "swell", "first", "second", "base"))
+        if s["count"] < 3 and kinks.next_kink(s["n"], 2.0, False, s["kink"], *shared):
+            return tuple(
+                s[k] for k in ("n", "scratch", "kink", "kinks", "count", "between", "ball", "edge", "sign", "swell",
+                               "first", "second", "base")
+            )  # fmt: skip
+
+
+def flat(rng):
+    s = state(rng)
+    return s["n"], 0, s["edge"], s["swell"], s["first"], int(s["base"][0]), np.zeros((3, 3))
+
+
+def near_pair(rng):
+    axes, places = axes_of(rng)
+    return places, *axes.supports, np.array([0, 1]), unit(rng)
+
+
+def describe(rng):
+    place, sizes, points, *_ = supports(rng)
+    return place, sizes, points, 1.0, np.zeros((3, 3)), np.zeros((1, 3, 3)), np.zeros((len(points), 3))
+
+
+def place_pair(rng):
+    axes, places = axes_of(rng)
+    return places, axes.frame, axes._fixed, np.array([0, 1]), np.zeros((2, 4, 3))
+
+
+def refine(rng):
+    given = supports(rng)
+    apart = given[3][3] - given[0][3]
+    return *given, apart / np.linalg.norm(apart), np.zeros(3)
+
+
+def refine_pair(rng):
+    axes, places = axes_of(rng)
+    world = np.empty((2, 4, 3))
+    refined_distance._place_pair(places, axes.frame, axes._fixed, np.array([0, 1]), world)
+    apart = world[1, 3] - world[0, 3]
+    return places, *axes.supports, np.array([0, 1]), apart / np.linalg.norm(apart), np.zeros(3)
+
+
+def climb(rng):
+    axes = [np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.1, 0.3, (3, 1)) for _ in range(2)]
+    rank = int(rng.integers(2))
+    n, along = unit(rng), unit(rng)
+    if rank:
+        n -= (n @ along) * along
+        n /= np.linalg.norm(n)
+    return n, n + 0.1 * rng.normal(size=3), np.array(axes), np.array([along, *np.zeros((2, 3))]), rank
+
+
+def vectors(rng):
+    found = rng.normal(size=(4, 3))
+    found[2] = found[0] - 2.0 * found[1]
+    return found, int(rng.integers(5)), np.zeros((3, 3))
+
+
+def tangents(rng):
+    n, _, _, basis, rank = climb(rng)
+    return n, basis, rank, np.zeros((2, 3))
+
+
+def make_normal(rng):
+    basis, rank = np.linalg.qr(rng.normal(size=(3, 3)))[0], int(rng.integers(3))
+    return unit(rng), np.ascontiguousarray(basis), rank
+
+
+DISTANCE_ARGUMENTS = {
+    "dot": lambda rng: tuple(rng.normal(size=(2, 3))),
+    "cross": lambda rng: (*rng.normal(size=(2, 3)), np.zeros(3)),
+    "normalise": lambda rng: (rng.normal(size=3),),
+    "swell_along": lambda rng: (rng.normal(size=(3, 3)), unit(rng)),
+    "farthest": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
+    "separation_along": of_state("n", "between", "ball", "edge", "swell", "first", "second"),
+    "span": vectors,
+    "make_normal": make_normal,
+    "gradient": of_state("n", "swell", "pull", "at", "slope"),
+    "_tangents": tangents,
+    "climb": climb,
+    "has": of_state("kinks", "count", "kind", "who", "zero"),
+    "is_disk": lambda rng: (state(rng)["swell"][0].copy(),),
+    "_rise": lambda rng: (rng.normal(size=(4, 3)), int(rng.integers(4)), int(rng.integers(4)), unit(rng)),
+    "directions": of_state("kinks", "count", "edge", "swell", "first", "second", "base", "found"),
+    "next_kink": of_state(
+        "n", "within", "disks", "kink", "kinks", "count", "edge", "sign", "swell", "first", "second", "base"
+    ),
+    "_flat_directions": flat,
+    "is_flat": of_state("n", "edge", "swell", "first", "second", "base"),
+    "add": added,
+    "multipliers": of_state("pull", "found", "m", "t"),
+    "release": of_state("n", "t", "found", "kinks", "count", "sign", "base", "left"),
+    "_midpoint": of_state(
+        "place", "sizes", "n", "apart", "kinks", "count", "t", "found", "edge", "sign", "at", "vertex", "nearest"
+    ),
+    "_describe": describe,
+    "_outermost": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
+    "_first_set": of_state("n", "kinks", "edge", "sign", "swell", "first", "second", "base"),
+    "_refine": refine,
+    "_place_pair": place_pair,
+    "_refine_pair": refine_pair,
+    "_separate_pair": near_pair,
+}

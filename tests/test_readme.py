@@ -1,0 +1,35 @@
+"""Every block of Python in the README and in docs/ runs as it stands, and prints what follows it."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
+BLOCKS = [
+    pytest.param(found, id=f"{path.name}-{k}")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+    for k, found in enumerate(BLOCK.finditer(path.read_text()))
+]
+
+
+@pytest.mark.parametrize("found", BLOCKS)
+def test_a_block_runs_and_prints_what_follows(found, tmp_path, monkeypatch):
+    (tmp_path / "robots").symlink_to(ROOT / "robots")
+    monkeypatch.chdir(tmp_path)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(found["code"], "block", "exec"), {"__name__": "__main__"})
+    assert printed.getvalue() == (found["printed"] or "")
+    if "replay_html" in found["code"]:
+        assert next(tmp_path.glob("*.html")).stat().st_size > 500_000
+
+
+def test_blocks_are_found():
+    text = (ROOT / "README.md").read_text()
+    assert text.count("```python") == sum(p.id.startswith("README") for p in BLOCKS) >= 4
+    # whatever prints says what
+    assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])
