@@ -17,8 +17,8 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.compiled import load
-from mbvi.default_scheme import time_step
+from mbvi.compiled.kernel import load
+from mbvi.run.default_scheme import time_step
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 COUNTS = (1, 2, 5, 10, 12, 15)

@@ -13,8 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 import mbvi
-from mbvi import compiled
-from mbvi.constraints.signed_distance import SignedDistances, _PatchFinder
+from mbvi.compiled import kernel as compiled
+from mbvi.constraints.signed_distance import SignedDistances
+from mbvi.geometry.patches import PatchFinder
 
 LAYERS = ("Pinocchio", "Coal", "kernels", "Python")
 
@@ -98,7 +99,7 @@ def _timed(watch: Stopwatch) -> Iterator[None]:
     compiled.load()
     owners = [(pin, "Pinocchio", name) for name in _PINOCCHIO]
     # with the few lines of Python that hand shapes and results over
-    owners += [(SignedDistances, "Coal", "_measure"), (_PatchFinder, "Coal", "find")]
+    owners += [(SignedDistances, "Coal", "_measure"), (PatchFinder, "Coal", "find")]
     with ExitStack() as stack:
         for owner, layer, name in owners:
             stack.enter_context(mock.patch.object(owner, name, watch.wrap(layer, getattr(owner, name))))

@@ -13,9 +13,9 @@ from time import process_time
 import numpy as np
 
 import mbvi
-from mbvi.compiled import load
+from mbvi.compiled.kernel import load
 from mbvi.constraints import HalfSpaceContacts
-from mbvi.constraints.shapes import HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies
 
 ROBOTS = Path(__file__).parents[1] / "robots"

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 import mbvi
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 Array = np.ndarray
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.compiled import load
+from mbvi.compiled.kernel import load
 
 HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
 REPEATS = 3

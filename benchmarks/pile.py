@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.shipped import cube_of_spheres
+from mbvi.studies.shipped import cube_of_spheres
 
 RADIUS, STEP = 0.02, 2e-3
 

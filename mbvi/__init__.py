@@ -1,8 +1,9 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
-from . import motion, packing, reference, surfaces
+import sys
+
+from . import packing, reference
 from .constraints import GapFunction
-from .diagnosis import Diagnosis
 from .errors import (
     DivergedError,
     InadmissibleStartError,
@@ -15,14 +16,19 @@ from .errors import (
     UnsuitableError,
     UrdfError,
 )
+from .geometry import motion, surfaces
+from .impacts import Forks, forks
 from .problem import Problem
-from .projection import Forks, Projection, forks, impact, project
+from .projection import Projection, impact, project
+from .results import Diagnosis, Impact, Trajectory, load
+from .run.simulate import simulate, steps
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
-from .simulate import simulate, steps
 from .system import LagrangianSystem
-from .trajectory import Impact, Trajectory
-from .trajectory_file import load
+
+# both are public modules: `import mbvi.motion` works as well
+sys.modules[f"{__name__}.motion"] = motion
+sys.modules[f"{__name__}.surfaces"] = surfaces
 
 __version__ = "0.1.0"
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled import load
+from mbvi.compiled.kernel import load
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 REAL_ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from mbvi.constraints import kinks, refined_distance
-from mbvi.constraints import normal_search as search
-from mbvi.constraints.separating_axis import SeparatingAxes
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry import kinks, refined_distance
+from mbvi.geometry import normal_search as search
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
 SHAPES = [

@@ -22,7 +22,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 import mbvi
-import mbvi.view
+import mbvi.results.replay.replay
 from mbvi.scene.inputs import BodyArguments
 
 ROBOTS = pathlib.Path(__file__).parents[1] / "robots"

@@ -299,7 +299,7 @@ def main(folder: str, first: str) -> None:
     warnings.simplefilter("error")
     warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")
     import mbvi
-    from mbvi.compiled import load
+    from mbvi.compiled.kernel import load
 
     warnings.simplefilter("ignore", mbvi.MbviWarning)
     # which may take longer than any robot

@@ -9,12 +9,15 @@ from distance_kernel_arguments import DISTANCE_ARGUMENTS
 from scipy.sparse import csr_array
 from test_same_as_before import is_free, path_of
 
-from mbvi.constraints import HalfSpaceContacts, sphere_walls, standing, triangles
-from mbvi.constraints.balls import Balls
-from mbvi.constraints.separating_axis import SeparatingAxes
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.projection import gram, mending
+from mbvi.constraints import HalfSpaceContacts, sphere_walls
+from mbvi.geometry import support_points as standing
+from mbvi.geometry import triangles
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.sphere_capsule import Balls
+from mbvi.projection import gram
 from mbvi.projection import incomplete_cholesky as factor_of_rows
+from mbvi.projection import refinement as mending
 from mbvi.system import ArticulatedSystem
 
 SEEDS = range(20)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi import arguments
+from mbvi.arguments import checks as arguments
 
 CALLABLES = faults.public_callables()
 

@@ -12,17 +12,19 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.cli import main
-from mbvi.peers import PEERS
-from mbvi.peers.bodies import NoModelError, rotated
-from mbvi.peers.free_body import alone, placed, points, posed
-from mbvi.peers.measure import ModelError, check_free_motion, sweep_peer
-from mbvi.peers.rig import RIGS, rig
-from mbvi.work_precision import Case, errors, fitted_order, read_csv, sampled_errors, sweep, write_csv
-from mbvi.work_precision.cases import CASES, MANY, TELLING
-from mbvi.work_precision.costs import ROUNDING, cost, slope, table
-from mbvi.work_precision.picture import draw
-from mbvi.work_precision.workers import worker
+from mbvi.cli.main import main
+from mbvi.studies.chart.cases import CASES, MANY, TELLING
+from mbvi.studies.chart.costs import ROUNDING, cost, slope, table
+from mbvi.studies.chart.errors import errors, fitted_order, sampled_errors
+from mbvi.studies.chart.picture import draw
+from mbvi.studies.chart.records import read_csv, write_csv
+from mbvi.studies.chart.sweep import Case, sweep
+from mbvi.studies.chart.workers import worker
+from mbvi.studies.engines import PEERS
+from mbvi.studies.engines.bodies import NoModelError, rotated
+from mbvi.studies.engines.free_body import alone, placed, points, posed
+from mbvi.studies.engines.measure import ModelError, check_free_motion, sweep_peer
+from mbvi.studies.engines.rig import RIGS, rig
 
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 0.93, 8)
 
@@ -204,7 +206,7 @@ def test_a_rig_has_the_coordinates_of_its_case(name, rng):
 def test_mujoco_moves_as_we_do_in_free_flight():
     for name in RIGS:
         case, model = told(name)
-        coarse, fine = check_free_motion(case, model, import_module("mbvi.peers.in_mujoco"))
+        coarse, fine = check_free_motion(case, model, import_module("mbvi.studies.engines.in_mujoco"))
         # Euler's method, and no more
         assert fine == pytest.approx(0.1 * coarse, rel=0.05)
 
@@ -215,7 +217,7 @@ def test_another_model_is_refused():
     case, model = told("tumbling body")
     other = dataclasses.replace(model, urdf=re.sub('iyy="(.*?)"', lambda m: f'iyy="{1.02 * float(m[1])}"', model.urdf))
     with pytest.raises(ModelError, match="not charted on tumbling body"):
-        check_free_motion(case, other, import_module("mbvi.peers.in_mujoco"))
+        check_free_motion(case, other, import_module("mbvi.studies.engines.in_mujoco"))
 
 
 @pytest.mark.slow
@@ -269,7 +271,7 @@ def test_an_engine_is_looked_for_in_the_python_that_it_is_for():
 
 @needs_siconos
 def test_siconos_moves_as_we_do_in_free_flight():
-    engine = import_module("mbvi.peers.in_siconos")
+    engine = import_module("mbvi.studies.engines.in_siconos")
     coarse, fine = check_free_motion(*told("bouncing ball"), engine)
     assert max(coarse, fine) < 1e-12
     coarse, fine = check_free_motion(*told("tumbling body"), engine)
@@ -291,7 +293,7 @@ def test_siconos_is_as_near_as_our_scheme_of_the_same_name(name):
 
 @needs_siconos
 def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(run, monkeypatch):
-    monkeypatch.setattr("mbvi.peers.PEERS", (SICONOS,))
+    monkeypatch.setattr("mbvi.studies.engines.PEERS", (SICONOS,))
     code, out, _ = run("double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
     assert code == 0 and "Siconos is not run on double pendulum: a mechanism with joints" in out
     assert {r.scheme for r in read_csv("chart.csv")} == {"EventDriven"}

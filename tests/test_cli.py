@@ -13,9 +13,9 @@ import pytest
 from conftest import ROBOTS
 
 import mbvi
-from mbvi.cli import main
-from mbvi.scheme_names import SchemeName
-from mbvi.shipped import robot_path
+from mbvi.cli.main import main
+from mbvi.cli.scheme_names import SchemeName
+from mbvi.studies.shipped import robot_path
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
 ARM = ROBOTS / "arm/arm.urdf"
@@ -210,7 +210,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mbvi.recorder.Recorder._impact", interrupt)
+    monkeypatch.setattr("mbvi.run.recorder.Recorder._impact", interrupt)
     code, out, err = run("simulate", HOPPER, "--height", 0.01, "--out", "run.h5")
     assert (code, err) == (130, "mbvi: interrupted\n") and "run.h5 (interrupted at t = " in out
     code, out, _ = run("replay", "run.h5", "--html", "run.html")

@@ -9,7 +9,7 @@ from kernel_arguments import ARGUMENTS, IF_ACCEPTED, SEEDS, accepted, arguments,
 from test_same_as_before import path_of, problem_of
 
 import mbvi
-from mbvi.compiled import KERNELS, load
+from mbvi.compiled.kernel import KERNELS, load
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 

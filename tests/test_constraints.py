@@ -11,8 +11,8 @@ from conftest import ROBOTS
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
-from mbvi.constraints.overlap import overlap
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.polyhedron_overlap import overlap
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 
 TETRAHEDRON = Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]], dtype=float))

@@ -13,7 +13,7 @@ import pytest
 
 import mbvi
 from mbvi import packing, surfaces
-from mbvi.shipped import robot_path
+from mbvi.studies.shipped import robot_path
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 # steps of each example that a copy takes

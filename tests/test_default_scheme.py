@@ -6,7 +6,7 @@ from conftest import ROBOTS, real_robot
 
 import mbvi
 from mbvi import reference
-from mbvi.default_scheme import default_scheme, time_step
+from mbvi.run.default_scheme import default_scheme, time_step
 
 G = 9.81
 

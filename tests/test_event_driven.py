@@ -9,9 +9,9 @@ from conftest import ROBOTS, kill_writing, real_robot
 
 import mbvi
 from mbvi import reference
-from mbvi.constraints import SmoothRows
-from mbvi.schemes.flow import Flow
-from mbvi.work_precision import fitted_order
+from mbvi.schemes.event_driven.contact_rows import SmoothRows
+from mbvi.schemes.event_driven.runge_kutta import Flow
+from mbvi.studies.chart.errors import fitted_order
 
 G = 9.81
 CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
@@ -384,7 +384,7 @@ def test_between_what_was_kept_a_cubic_leads():
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_streaming_writes_what_the_run_holds(every, tmp_path, monkeypatch):
-    monkeypatch.setattr("mbvi.trajectory_file._INTERVAL", 0.0)
+    monkeypatch.setattr("mbvi.results.hdf5._INTERVAL", 0.0)
     run = mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45, every=every, out=tmp_path / "run.h5")
     run.save(tmp_path / "saved.h5")
     for again in (mbvi.load(tmp_path / "run.h5"), mbvi.load(tmp_path / "saved.h5")):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbvi.schemes.falls import first_fall
+from mbvi.schemes.event_driven.root_finding import first_root
 
 waves = st.lists(
     st.tuples(st.floats(-1, 1), st.floats(0, 25), st.floats(0, 6.3)), min_size=1, max_size=4
@@ -13,7 +13,7 @@ waves = st.lists(
 
 
 def found(*functions):
-    return first_fall(lambda x, index: np.array([functions[k](x) for k in index]), np.full(len(functions), np.inf))
+    return first_root(lambda x, index: np.array([functions[k](x) for k in index]), np.full(len(functions), np.inf))
 
 
 def wave(terms):
@@ -64,7 +64,7 @@ def test_a_dip_too_narrow_for_any_sample_is_found_by_a_bound_of_the_slope():
     def gap(x, index):
         return np.array([abs(x - 0.5371) - 1e-4])
 
-    assert first_fall(gap, np.array([1.2])) == (pytest.approx(0.537, abs=1e-8), 0)
-    assert first_fall(lambda x, index: gap(x, index) + 2e-4, np.array([1.2])) == (1.0, -1)
+    assert first_root(gap, np.array([1.2])) == (pytest.approx(0.537, abs=1e-8), 0)
+    assert first_root(lambda x, index: gap(x, index) + 2e-4, np.array([1.2])) == (1.0, -1)
     # one that starts in contact and leaves has none
-    assert first_fall(lambda x, index: np.array([1e-15 + x]), np.array([1.2])) == (1.0, -1)
+    assert first_root(lambda x, index: np.array([1e-15 + x]), np.array([1.2])) == (1.0, -1)

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.projection import against_condition_12, as_metric, cosines_between, independent, unit_gradients
+from mbvi.impacts import condition_12_violation, cosines_between, independent, unit_gradients
+from mbvi.projection import as_metric
 from mbvi.reference.polyhedron import _fly
 
 seeds = st.integers(0, 2**32 - 1)
@@ -257,7 +258,7 @@ def test_the_angle_is_the_kinetic_one():
 )
 def test_condition_12(cosine, e, holds):
     cosines = np.array([[1.0, cosine], [cosine, 1.0]])
-    assert (not against_condition_12(cosines, np.array(e, dtype=float), 1e-3).any()) == holds
+    assert (not condition_12_violation(cosines, np.array(e, dtype=float), 1e-3).any()) == holds
 
 
 def test_assumption_h4():

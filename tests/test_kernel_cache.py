@@ -17,7 +17,7 @@ import pytest
 from conftest import ROBOTS
 
 import mbvi
-from mbvi import compiled
+from mbvi.compiled import kernel as compiled
 
 LANDING = """
 import sys
@@ -137,7 +137,7 @@ def small_kernel(folder):
 
 @pytest.fixture
 def small_cache(tmp_path, monkeypatch):
-    import mbvi.kernel_cache
+    import mbvi.compiled.cache
 
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(mbvi.kernel_cache, "_said", set())

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array, vstack
 
 import mbvi
-from mbvi.compiled import load
-from mbvi.projection import BodiesMetric, DiagonalMetric, Projector, mending
+from mbvi.compiled.kernel import load
+from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
+from mbvi.projection import refinement as mending
 from mbvi.system.sparse_rows import rows_of_two
 
 SEEDS = st.integers(0, 10_000)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import Crowd, SignedDistances, SphereContacts, SphereWalls
-from mbvi.constraints.neighbours import Neighbours, near_balls
-from mbvi.constraints.shapes import Box, Capsule, HalfSpace, PlacedShape
+from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereContacts, SphereWalls
+from mbvi.geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
+from mbvi.geometry.verlet_list import VerletList, near_balls
 from mbvi.system import BlockSystem, FreeBodies, Spheres
 
 SEEDS = st.integers(0, 10_000)
@@ -112,7 +112,7 @@ def test_neighbours_are_all_pairs_within_reach(seed, ratio):
 @given(SEEDS)
 def test_a_list_of_neighbours_misses_none_while_it_lasts(seed):
     rng = np.random.default_rng(seed)
-    n, neighbours = 60, Neighbours(np.full(60, 0.1))
+    n, neighbours = 60, VerletList(np.full(60, 0.1))
     centres, velocity = rng.random((n, 3)), 0.05 * rng.normal(size=(n, 3)) + rng.normal(size=3)
     i, j = np.triu_indices(n, 1)
     for _ in range(40):
@@ -138,7 +138,7 @@ def scene_of_many(rng, boxes, balls):
 def test_a_crowd_gives_the_rows_of_listed_pairs(rng):
     """Boxes near each other: as many rows, of the same names, gaps and gradients as where every pair is listed."""
     problem = scene_of_many(rng, 70, 0)
-    crowd = next(c for c in problem.constraints.constraints if isinstance(c, Crowd))
+    crowd = next(c for c in problem.constraints.constraints if isinstance(c, BroadPhasePairs))
     shapes = problem.scene.shapes
     i, j = np.triu_indices(len(shapes), 1)
     near = np.linalg.norm(problem.q0.reshape(-1, 7)[i, :3] - problem.q0.reshape(-1, 7)[j, :3], axis=1) < 0.5

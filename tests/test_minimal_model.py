@@ -8,7 +8,7 @@ from conftest import ROBOTS, real_robot
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, SignedDistances
-from mbvi.constraints.shapes import PlacedShape, Sphere
+from mbvi.geometry.shapes import PlacedShape, Sphere
 from mbvi.scene.description import describe, restore
 from mbvi.system import FreeBodies
 

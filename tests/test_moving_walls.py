@@ -8,7 +8,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.motion import Oscillation, Rotation, Translation
+from mbvi.geometry.motion import Oscillation, Rotation, Translation
 
 G = 9.81
 SCHEMES = {

@@ -5,8 +5,8 @@ import pytest
 
 import mbvi
 from mbvi.constraints.signed_distance import SignedDistances
-from mbvi.constraints.swept import may_pass
-from mbvi.shipped import robot_path
+from mbvi.geometry.sweep import may_pass
+from mbvi.studies.shipped import robot_path
 
 SCHEMES = [
     mbvi.Paoli(),

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.projection import few_rows
+from mbvi.projection import robot_step as few_rows
 
 sizes = st.integers(1, 7)
 seeds = st.integers(0, 2**32 - 1)

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from mbvi.constraints import refined_distance, separating_axis
-from mbvi.constraints.refined_distance import FAILED, FLAT, UNIQUE, refined, separated
-from mbvi.constraints.separating_axis import SeparatingAxes
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
+from mbvi.geometry import refined_distance, separating_axis
+from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined, separated
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
 BODIES = np.array([0, 1])

@@ -6,8 +6,8 @@ from conftest import ROBOTS
 
 import mbvi
 from mbvi import reference
-from mbvi.constraints.active import owners
-from mbvi.work_precision import fitted_order
+from mbvi.constraints.rows import owners
+from mbvi.studies.chart.errors import fitted_order
 
 G = 9.81
 LIFTING = [scheme(project_positions=True) for scheme in (mbvi.Paoli, mbvi.MoreauJean, mbvi.Centered)]
@@ -207,7 +207,7 @@ def test_percussions_balance_the_jump(scheme, problem, h=2e-3):
         if step.percussion.any() and k:
             half_on = 0.5 * (v + system.free_velocity(t, place, v, h))
             at = half_on if isinstance(scheme, mbvi.Centered) else v
-            free = v + system.push(t, place, at, h).free - at
+            free = v + system.free_motion(t, place, at, h).free - at
             jump = system.metric(place).apply(step.v - free)
             np.testing.assert_allclose(step.active.jacobian.T @ step.percussion, jump, atol=1e-7)
             np.testing.assert_allclose(step.after, step.active.jacobian @ step.v, atol=1e-9)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.constraints import SignedDistances
-from mbvi.constraints.separating_axis import SeparatingAxes
-from mbvi.constraints.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.projection import Projector
 
 KINDS = {

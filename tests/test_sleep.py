@@ -5,7 +5,7 @@ import pytest
 from conftest import ROBOTS
 
 import mbvi
-from mbvi.sleep import Sleepers
+from mbvi.run.sleeping import Sleepers
 
 SCHEMES = (
     mbvi.Paoli(),

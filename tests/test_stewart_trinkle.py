@@ -8,9 +8,9 @@ from scipy.sparse.linalg import norm
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import Crowd
+from mbvi.constraints import BroadPhasePairs
 from mbvi.projection import Projector
-from mbvi.shipped import cube_of_spheres
+from mbvi.studies.shipped import cube_of_spheres
 
 H = 2e-3
 
@@ -252,7 +252,7 @@ def test_in_a_crowd_of_shapes_restitution_is_refused_where_two_come_near():
     falling = scene.add_box((0.1, 0.1, 0.1), position=(0, 0, 0.3))
     scene.set_restitution(boxes[0], falling, 0.5)
     problem = scene.build()
-    assert any(isinstance(c, Crowd) for c in problem.constraints.constraints)
+    assert any(isinstance(c, BroadPhasePairs) for c in problem.constraints.constraints)
     walk = mbvi.steps(problem, mbvi.StewartTrinkle(), step=1e-2)
     next(walk)
     with pytest.raises(mbvi.UnsuitableError, match=r"e = 0\.5"):

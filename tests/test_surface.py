@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi import surfaces
-from mbvi.constraints import Surface
-from mbvi.constraints.triangles import nearest_on_triangles, sorted_into_cells
+from mbvi.geometry.triangles import Surface, nearest_on_triangles, sorted_into_cells
 
 coordinates = st.floats(-1, 1).map(lambda x: round(x, 3))
 triples = st.tuples(coordinates, coordinates, coordinates).map(np.array)

@@ -78,7 +78,7 @@ def test_free_velocity_is_that_of_the_forces(make, rng):
     q, v = state(system, rng)
     expected = v + h * np.linalg.solve(system.metric(q).dense(), system.force(0.0, q, v))
     np.testing.assert_allclose(system.free_velocity(0.0, q, v, h), expected, rtol=1e-10, atol=1e-11)
-    push = system.push(0.0, q, v, h)
+    push = system.free_motion(0.0, q, v, h)
     np.testing.assert_allclose(push.free, expected, rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(push.metric.dense(), system.metric(q).dense(), rtol=1e-12, atol=1e-13)
 
@@ -202,7 +202,7 @@ def test_a_copy_of_a_mechanism_stands_on_its_own(rng):
     expected = system.placements(q, np.arange(5)).copy()
     for twin in (copy.copy(system), copy.deepcopy(system), pickle.loads(pickle.dumps(system))):
         np.testing.assert_array_equal(twin.placements(q, np.arange(5)), expected)
-        np.testing.assert_array_equal(twin.push(0.0, q, v, 1e-3).free, system.push(0.0, q, v, 1e-3).free)
+        np.testing.assert_array_equal(twin.free_motion(0.0, q, v, 1e-3).free, system.free_motion(0.0, q, v, 1e-3).free)
         # asked about another q, the twin leaves the first as it was
         twin.placements(state(system, rng)[0], np.arange(5))
         np.testing.assert_array_equal(system.placements(q, np.arange(5)), expected)

@@ -6,10 +6,11 @@ from faults_scenes import add_robot
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi import default_scheme
-from mbvi.constraints import JointLimits, admissible_set, half_space, pairs, smooth
+from mbvi.constraints import JointLimits, admissible_set, half_space, pairs
 from mbvi.projection import active_set, projector, proxqp
+from mbvi.run import default_scheme
 from mbvi.scene import assembly
+from mbvi.schemes.event_driven import contact_rows as smooth
 from mbvi.system import blocks as block_systems
 from mbvi.system import bodies, planar, sparse_rows
 

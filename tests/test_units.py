@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.default_scheme import default_scheme
+from mbvi.run.default_scheme import default_scheme
 from mbvi.system.lengths import are_lengths, velocity_units
 
 PAIRS = [(a, b) for k, a in enumerate(SHAPES) for b in SHAPES[k:]]

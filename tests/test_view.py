@@ -22,10 +22,10 @@ from meshcat.visualizer import ViewerWindow
 from tornado.websocket import websocket_connect
 
 import mbvi
-from mbvi.view import stage
-from mbvi.view_meshes import plate_mesh
-from mbvi.view_motion import arrows, bounds, motion
-from mbvi.view_page import Page
+from mbvi.results.replay.keyframes import arrows, bounds, motion
+from mbvi.results.replay.meshes import plate_mesh
+from mbvi.results.replay.page import Page
+from mbvi.results.replay.replay import stage
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (

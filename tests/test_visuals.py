@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 from test_view import chromium, distinct_colors, look, needs_browser, with_script
 
 import mbvi
+from mbvi.results.replay.page import Page
+from mbvi.results.replay.replay import stage
 from mbvi.scene.collada import collada_mesh
 from mbvi.scene.inputs import mesh_of
 from mbvi.scene.meshes import Mesh, visual_mesh
 from mbvi.scene.visuals import visual_shapes
-from mbvi.view import stage
-from mbvi.view_page import Page
 
 G1 = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
 GO2 = "go2_description/urdf/go2.urdf"
@@ -38,7 +38,7 @@ def short(scene):
 
 def drawn(run, shapes="visual"):
     """The objects that a page draws, by the path of their node."""
-    from mbvi.view_motion import shapes_of
+    from mbvi.results.replay.keyframes import shapes_of
 
     page = Page()
     stage(meshcat.Visualizer(window=page), run, shown=shapes_of(run, shapes))
@@ -313,7 +313,7 @@ def test_page_commands_come_back_as_they_were(tmp_path):
 
 
 def test_the_command_line_has_both_kinds_of_shapes(tmp_path, monkeypatch, capsys):
-    from mbvi.cli import main
+    from mbvi.cli.main import main
 
     monkeypatch.chdir(tmp_path)
     path = robot_file(tmp_path, [TOUCH + VISUAL.format(mesh="no.stl", material=""), TOUCH])

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 import mbvi
 from mbvi import reference
-from mbvi.work_precision import errors, fitted_order, graph_distance, worst_errors
+from mbvi.studies.chart.errors import errors, fitted_order, graph_distance, worst_errors
 
 # nowhere dyadic multiples of one another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)

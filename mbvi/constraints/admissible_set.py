@@ -11,10 +11,10 @@ import numpy as np
 
 from ..compiled import kernel, plain_array
 from ..system import System
-from .active import STILL, Array, Constraint, Rows, stacked
 from .given import Given
 from .joint_limit import JointLimits
 from .rebuilt import Rebuilt
+from .rows import STILL, Array, Constraint, Rows, stacked
 
 # one bit each; more of them are asked at every step
 _MOST_REMEMBERING = 60

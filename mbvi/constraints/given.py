@@ -12,8 +12,8 @@ from ..arguments import all_finite, returned
 from ..errors import InputError, MbviError, MbviWarning
 from ..system import System
 from ..system.given import not_finite, short
-from .active import NOWHERE, Array, Constraint, Rows
-from .differences import Slopes, slopes
+from .finite_differences import Slopes, slopes
+from .rows import NO_POINT, Array, Constraint, Rows
 
 # relative difference of a gradient and of differences that a user is warned of, and the part of a gradient that counts
 _DIFFERENT, _SMALL = 1e-3, 1e-5
@@ -101,7 +101,7 @@ class Given:
             return None
         gradient = self.gradients(t, q)
         self.touch(t, q, index, gap, gradient)
-        nowhere = np.broadcast_to(NOWHERE, (index.size, 3))
+        nowhere = np.broadcast_to(NO_POINT, (index.size, 3))
         constraint: Any = self._constraint
         rate = None
         if hasattr(constraint, "rate"):

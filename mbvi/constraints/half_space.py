@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel
+from ..geometry import support_points as standing
+from ..geometry.collinear import unique_along
+from ..geometry.shapes import HalfSpace, PlacedShape
 from ..system import System, articulated
-from . import standing
-from .active import Rows
-from .in_line import one_of_each_line
 from .pairs import Array, Contacts, Pairs
-from .shapes import HalfSpace, PlacedShape
+from .rows import Rows
 
 _MOST_SELECTIONS = 1000
 
@@ -173,13 +173,13 @@ class HalfSpaceContacts(Pairs):
         self._one_mechanism = hasattr(system, "kinematics")
         numbers, owner = [np.zeros((0, 17))], []
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
-            centres, half_axes, radius = placed.shape.standing_points()
+            centres, half_axes, radius = placed.shape.support_points()
             points = centres @ placed.rotation.T + placed.position
             # columns of rotation diag(half axes), one after the other
             swell = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
             if lines is not None:
                 # a rim's centre in line with points of it: others of these are the lowest then
-                kept = one_of_each_line(points, lines[pair])
+                kept = unique_along(points, lines[pair])
                 self.in_line += len(points) - len(kept)
                 points, swell = points[kept], swell[kept]
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..compiled import kernel
-from .active import NOWHERE, Array, Rows
 from .rebuilt import Rebuilt
+from .rows import NO_POINT, Array, Rows
 
 
 def _reached_plain(
@@ -169,5 +169,5 @@ class JointLimits(Rebuilt):
 
     def _rows_of(self, index: Array) -> tuple[Array, Array, Array, Array]:
         """Return what is the same for some limits whenever they are reached: numbers, gradients, e, and no point."""
-        nowhere = np.tile(NOWHERE, (len(index), 1))
+        nowhere = np.tile(NO_POINT, (len(index), 1))
         return index + self.first_number, self.rows(index), self.restitution[index], nowhere

@@ -8,12 +8,12 @@ import numpy as np
 
 from ..arguments import all_finite
 from ..errors import DivergedError
-from ..motion import Motion
+from ..geometry.motion import Motion
 from ..system import System
-from .active import Array, Rows
+from .rows import Array, Rows
 
 
-class SeenFrom:
+class MovingFrame:
     """A system as it looks from a frame with a prescribed motion, when it was last looked at.
 
     Parameters
@@ -72,13 +72,13 @@ class MovingWalls:
 
     Parameters
     ----------
-    seen : SeenFrom
+    seen : MovingFrame
         The system that the constraint was made for.
     constraint : Constraint
         Its walls standing still.
     """
 
-    def __init__(self, seen: SeenFrom, constraint: Any) -> None:
+    def __init__(self, seen: MovingFrame, constraint: Any) -> None:
         self.seen, self.constraint = seen, constraint
         self.size = constraint.size if hasattr(constraint, "size") else len(constraint.names)
 

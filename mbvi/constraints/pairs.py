@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled import kernel
+from ..geometry.shapes import PlacedShape
 from ..system import System
-from .active import Array, Rows
 from .rebuilt import Rebuilt
-from .shapes import PlacedShape
+from .rows import Array, Rows
 
 _DENSE_REACH = 200_000
 

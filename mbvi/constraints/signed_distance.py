@@ -10,16 +10,16 @@ import coal
 import numpy as np
 
 from ..errors import MbviError
+from ..geometry.collinear import unique_along
+from ..geometry.faces import most_facing
+from ..geometry.patches import PatchFinder
+from ..geometry.polyhedron_overlap import overlap
+from ..geometry.refined_distance import FAILED, FLAT, refined, separated
+from ..geometry.separating_axis import SeparatingAxes
+from ..geometry.shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
+from ..geometry.sphere_capsule import Balls, out_of_cylinder
 from ..system import System
-from .balls import Balls, out_of_cylinder
-from .faces import most_facing
-from .in_line import one_of_each_line
-from .overlap import overlap
 from .pairs import Array, Contacts, Pairs
-from .patches import PatchFinder
-from .refined_distance import FAILED, FLAT, refined, separated
-from .separating_axis import SeparatingAxes
-from .shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
 
 # Coal's tolerances, which are absolute: it is given geometry in units of the pair's size. At its own, normals of curved
 # shapes are wrong in the third digit; at a fine one its penetration depth fails once in some hundred times, by an order
@@ -226,7 +226,7 @@ class SignedDistances(Pairs):
         if not self._smooth[k]:
             patch = self._patch(k, middle, n, distance)
             if patch is not None and self._line is not None:
-                one = one_of_each_line(patch[0], self._line)
+                one = unique_along(patch[0], self._line)
                 patch = patch[0][one], patch[1][one]
         # no line along the normal crosses more than the depth
         gap = [] if patch is None else np.maximum(patch[1], distance).tolist()

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..compiled import plain_array
+from ..geometry import triangles
+from ..geometry.shapes import PlacedShape
 from ..system import System
-from . import triangles
-from .active import Array, Rows
 from .pairs import Contacts
-from .shapes import PlacedShape
+from .rows import Array, Rows
 
 # cells are made for tolerances of so many largest radii at least, and of so many times what was asked
 _MARGIN, _ROOM = 0.1, 1.5

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..compiled import kernel, plain_array
+from ..geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
 from ..system import System
 from ..system.sparse_rows import dense
-from .active import Array, Rows
-from .shapes import Box, Capsule, HalfSpace, PlacedShape
+from .rows import Array, Rows
 
 _PLANE, _BOX, _CAPSULE = range(3)
 

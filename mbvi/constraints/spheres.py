@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel, plain_array
+from ..geometry.sweep import may_pass
+from ..geometry.verlet_list import VerletList
 from ..system import System
 from ..system.sparse_rows import dense
-from .active import Array, Rows
-from .neighbours import Neighbours
-from .swept import may_pass
+from .rows import Array, Rows
 
 
 def _touching_plain(
@@ -112,7 +112,7 @@ class SphereContacts:
         self.system, self._where, self._first_body = system, where, first_body
         self._radii, self._sphere_names = plain_array(radii), names
         self._group, self._e = group, group_restitution
-        self._neighbours = Neighbours(radii)
+        self._neighbours = VerletList(radii)
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""

@@ -45,9 +45,9 @@ def poured(
     or ten times the time of the highest sphere's fall is over: without friction the last of it may slosh for long.
     """
     # only here, for packings are imported with the package
+    from ..run.simulate import steps
     from ..scene import Scene
     from ..schemes import StewartTrinkle
-    from ..simulate import steps
 
     loose = layers(lower, upper, radius, count, seed=seed)
     scene = Scene()

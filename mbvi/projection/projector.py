@@ -16,13 +16,14 @@ from scipy.sparse import csr_array
 
 from ..compiled import load, plain_array
 from ..errors import InfeasibleError, ProjectionError
-from . import few_rows, nonnegative
+from . import nonnegative
+from . import robot_step as few_rows
 from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
-from .large import Large, contradictory
 from .metric import Array, Metric
 from .nonnegative import ROUNDING
 from .proxqp import ProxQP
-from .tree import TreePush
+from .sparse_projector import Large, contradictory
+from .tree import TreeFreeMotion
 
 # up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
 # residual that is asked
@@ -50,15 +51,15 @@ class Projection(NamedTuple):
     residual: float
 
 
-class Push(NamedTuple):
+class FreeMotion(NamedTuple):
     """What forces do within a step: v + h M^-1 g, shape (nv,), and M."""
 
     free: Array
     metric: Metric
 
-    def of(self, v: Array, at: Array) -> Push:
+    def of(self, v: Array, at: Array) -> FreeMotion:
         """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
-        return Push(self.free + (v - at), self.metric)
+        return FreeMotion(self.free + (v - at), self.metric)
 
 
 class Projector:
@@ -98,7 +99,7 @@ class Projector:
         return self._many(x, metric, J, lower)
 
     def law(
-        self, v: Array, push: Push | TreePush, J: Array | csr_array, e: Array, contacts: Array | None = None
+        self, v: Array, push: FreeMotion | TreeFreeMotion, J: Array | csr_array, e: Array, contacts: Array | None = None
     ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
@@ -106,7 +107,7 @@ class Projector:
         ----------
         v : ndarray, shape (nv,)
             Velocity before.
-        push : Push
+        push : FreeMotion
             The velocity x as the forces alone would leave it, and M.
         J : ndarray, shape (m, nv)
             Gradients of the active constraints.
@@ -128,7 +129,7 @@ class Projector:
         rates = np.empty((4, m))
         if m <= _FEW and isinstance(J, np.ndarray):
             velocity = np.empty(len(v))
-            if type(push) is TreePush:
+            if type(push) is TreeFreeMotion:
                 residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
             else:
                 A = plain_array(push.metric.solve_rows(J))

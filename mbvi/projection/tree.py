@@ -168,7 +168,7 @@ def _indefinite(bad: int, size: int) -> InputError:
     )
 
 
-class TreePush:
+class TreeFreeMotion:
     """What forces do to one mechanism within a step, worked out when it is asked for.
 
     Parameters
@@ -190,10 +190,10 @@ class TreePush:
         """V + (M + h D)^-1 h (torque - effects - D v), shape (nv,)."""
         return advance(*self.told)
 
-    def of(self, v: Array, at: Array) -> TreePush:
+    def of(self, v: Array, at: Array) -> TreeFreeMotion:
         """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
         mass, damping, parent, _, h, torque, effects = self.told
-        return TreePush(mass, damping, parent, plain_array(v), h, torque, effects)
+        return TreeFreeMotion(mass, damping, parent, plain_array(v), h, torque, effects)
 
     @property
     def metric(self) -> TreeMetric:

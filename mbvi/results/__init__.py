@@ -1,1 +1,7 @@
-"""The parts of a trajectory file: pages with checksums, columns, reading, and the checks of what is read."""
+"""Results of runs: trajectories, contacts, diagnosis, files and replays."""
+
+from .diagnosis import Diagnosis
+from .hdf5 import load
+from .trajectory import Impact, Trajectory
+
+__all__ = ["Diagnosis", "Impact", "Trajectory", "load"]

@@ -11,8 +11,8 @@ from ..errors import TrajectoryFileError
 from ..scene.description import CONSTRAINTS_BY_HAND, describe
 from ..schemes import EventDriven
 from ..system import ArticulatedSystem, BlockSystem, FreeBodies
-from ..trajectory import Array, energies
 from .metadata import Metadata, ProblemData
+from .trajectory import Array, energies
 
 if TYPE_CHECKING:
     from ..problem import Problem

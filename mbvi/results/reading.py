@@ -14,16 +14,16 @@ import numpy as np
 
 from ..arguments import file_path
 from ..constraints import AdmissibleSet
-from ..contacts import ContactTable
 from ..errors import MbviError, MbviWarning, TrajectoryFileError
 from ..scene.description import CONSTRAINTS_BY_HAND, restore
 from ..scene.given_again import Controls, GivenAgain, given_again
 from ..scene.items import Force
 from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
-from ..trajectory import Array, Impact, Trajectory
 from .checks import check_contacts, check_impacts, check_problem, check_states
 from .columns import CONTACTS, DENSE, IMPACTS, STATES, Sums, read_column
+from .contacts import ContactTable
 from .metadata import Metadata, ProblemData, check_digest, read_metadata
+from .trajectory import Array, Impact, Trajectory
 from .verification import opened
 
 if TYPE_CHECKING:

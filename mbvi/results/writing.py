@@ -38,8 +38,8 @@ from .metadata import Metadata
 from .verification import opened
 
 if TYPE_CHECKING:
-    from ..contacts import ContactTable
-    from ..trajectory import Impact
+    from .contacts import ContactTable
+    from .trajectory import Impact
 
 # bytes that are committed at once, and of longer files which part of what is written already
 _PIECE, _PART = 1 << 17, 8

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ..constraints.shapes import Array, PlacedShape, Sphere
+from ..geometry.shapes import Array, PlacedShape, Sphere
 from ..system import ActuatedSystem, ArticulatedSystem, System, located_parts
 from ..system.actuated import Part
 from .items import BodyItem, ForceItem, RobotItem

@@ -10,19 +10,19 @@ import numpy as np
 
 from ..compiled import load
 from ..constraints import (
+    BroadPhasePairs,
     Constraint,
-    Crowd,
     HalfSpaceContacts,
     JointLimits,
+    MovingFrame,
     MovingWalls,
-    SeenFrom,
     SignedDistances,
     SphereContacts,
     SphereSurface,
     SphereWalls,
 )
-from ..constraints.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..errors import InputError
+from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
 from ..system.lengths import are_lengths
@@ -41,7 +41,7 @@ _MANY_PAIRS = 300
 _FEW_SHAPES = 60
 
 
-class _Meetings:
+class _ConstraintBuilder:
     """What in a scene meets what."""
 
     def __init__(self, blocks: Blocks, lines: dict[int, Array]) -> None:
@@ -114,7 +114,7 @@ class _Meetings:
         given = [wall.motion for wall in self.walls.values()]
         given += [item.motion for item in self.items.surfaces] + [shape.motion for shape in fixed]
         for motion in {id(motion): motion for motion in given if motion is not None}.values():
-            seen: Any = SeenFrom(system, motion, self._where_spheres(system))
+            seen: Any = MovingFrame(system, motion, self._where_spheres(system))
             walls = {name: wall for name, wall in self.walls.items() if wall.motion is motion}
             shapes = [s for s in fixed if s.motion is motion]
             solid = [s for s in shapes if bulk and isinstance(s.shape, Box | Capsule)]
@@ -147,7 +147,7 @@ class _Meetings:
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
-    def _crowd(self, system: System) -> Iterator[Crowd]:
+    def _crowd(self, system: System) -> Iterator[BroadPhasePairs]:
         """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
         bulk, free = bool(self._bulk()), {self.shapes[k].name for k in self.spheres}
         # where spheres meet all others in bulk, these are among themselves
@@ -163,7 +163,7 @@ class _Meetings:
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
         left_out = _LeftOut(sphere, closed, driven, known)
-        yield Crowd(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
+        yield BroadPhasePairs(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _crowd_around(
         self,
@@ -172,13 +172,13 @@ class _Meetings:
         solid: list[PlacedShape],
         single: list[PlacedShape],
         moving: list[PlacedShape],
-    ) -> Crowd:
+    ) -> BroadPhasePairs:
         """Return the pairs of some shapes of the world with all that are moving; solid ones meet single ones only."""
         everything, alone = shapes + moving, {id(s) for s in single}
         closed = np.array([any(s is one for one in solid) for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
         left_out = _LeftOutAround(len(shapes), sphere, closed)
-        return Crowd(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
+        return BroadPhasePairs(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
@@ -259,7 +259,7 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
     system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
     q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
     blocks.leave_out_pairs(system, q0)
-    constraints = list(_Meetings(blocks, blocks.lines(system, q0)).constraints(system))
+    constraints = list(_ConstraintBuilder(blocks, blocks.lines(system, q0)).constraints(system))
     omitted = (*blocks.omitted, *blocks.simplified.omitted(), *in_line(constraints))
     acted = actuated(blocks, system, blocks.length)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..constraints.shapes import Array, HalfSpace, PlacedShape, Sphere
+from ..geometry.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
 from .actuation import with_centres
-from .always_apart import always_apart
+from .certified_disjoint import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission

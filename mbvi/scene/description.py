@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from ..constraints.triangles import Surface
 from ..errors import TrajectoryFileError
-from ..motion import Motion, Oscillation, Rotation, Translation
+from ..geometry.motion import Motion, Oscillation, Rotation, Translation
+from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from ..geometry.triangles import Surface
 from ..system.articulated import Control
 from .assembly import assemble
 from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import function, shown
-from ..constraints.shapes import Array
+from ..arguments import Array, function, shown
 from ..errors import InputError
 from .items import Force, SceneControl
 from .state import State

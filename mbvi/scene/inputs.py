@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arguments import all_positive, array, positive
 from ..errors import InputError
-from ..motion import Motion
-from ..orientation import RotationLike
+from ..geometry.motion import Motion
+from ..geometry.orientation import RotationLike
 
 Array = np.ndarray
 

@@ -9,10 +9,10 @@ from typing import Any
 import pinocchio as pin
 
 from ..arguments import label, made_label
-from ..constraints.shapes import Array, Convex, HalfSpace
-from ..constraints.triangles import Surface
 from ..errors import InputError
-from ..motion import Motion
+from ..geometry.motion import Motion
+from ..geometry.shapes import Array, Convex, HalfSpace
+from ..geometry.triangles import Surface
 from ..system.articulated import Control
 from .state import State
 from .urdf import Robot

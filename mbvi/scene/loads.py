@@ -16,7 +16,7 @@ from .items import Force, SceneControl
 from .state import Place, Places, State, Values
 
 if TYPE_CHECKING:
-    from ..contacts import Contact
+    from ..constraints.contact import Contact
 
 Array = np.ndarray
 

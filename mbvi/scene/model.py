@@ -16,14 +16,14 @@ from ..constraints import (
     SphereSurface,
     SphereWalls,
 )
-from ..constraints.shapes import Array, HalfSpace, PlacedShape
+from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import ArticulatedSystem, FreeBodies, Spheres, System, parts_of
 from ..system.given import called
 from .plane import check_same_plane
 from .reductions import Omission, savings
 
 if TYPE_CHECKING:
-    from ..motion import Motion
+    from ..geometry.motion import Motion
     from ..problem import Problem
     from .items import SceneItems, SurfaceItem
 

@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from ..arguments import shown
 from ..constraints import Constraint, HalfSpaceContacts, MovingWalls
-from ..constraints.shapes import Array, HalfSpace, PlacedShape
 from ..errors import InadmissibleStartError, InputError
+from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import System
 from ..system.planar import planar_base
 from .reductions import Omission
@@ -166,7 +166,7 @@ def beside(
         if abs(normal @ axes[2]) < 0.5:
             continue
         for placed, place in zip(moving, places, strict=True):
-            centres, half_axes, radius = placed.shape.standing_points()
+            centres, half_axes, radius = placed.shape.support_points()
             up = place[:3] @ normal
             points = centres @ placed.rotation.T + placed.position
             sag = np.linalg.norm(half_axes * (placed.rotation.T @ up), axis=1)

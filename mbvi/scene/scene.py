@@ -23,10 +23,10 @@ from ..arguments import (
     shown,
     vector,
 )
-from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..errors import InputError
-from ..motion import Motion, checked_motion
-from ..orientation import RotationLike, rotation_matrix
+from ..geometry.motion import Motion, checked_motion
+from ..geometry.orientation import RotationLike, rotation_matrix
+from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..system.articulated import Control
 from .actions import Actions
 from .assembly import assemble

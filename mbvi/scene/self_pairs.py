@@ -7,7 +7,7 @@ from pathlib import Path
 import coal
 import pinocchio as pin
 
-from ..constraints.shapes import Array, Convex, PlacedShape, length_unit
+from ..geometry.shapes import Array, Convex, PlacedShape, length_unit
 from .reductions import Omission
 from .urdf_checks import read_xml
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ..constraints.shapes import Hull, PlacedShape
-from ..constraints.simpler import Simpler, simpler
+from ..geometry.fit_primitive import Simpler, simpler
+from ..geometry.shapes import Hull, PlacedShape
 from .reductions import Omission
 
 
@@ -37,7 +37,7 @@ class Simplified:
             if found is None:
                 continue
             what = f"hull {names[0]}" + (f" and {len(names) - 1} alike" if len(names) > 1 else "")
-            before, after = len(hull.vertices), len(found.shape.standing_points()[0])
+            before, after = len(hull.vertices), len(found.shape.support_points()[0])
             kind = type(found.shape).__name__.lower()
             by = f"a hull of {after} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
             saved = max(before - after, 0) * len(names)

@@ -12,7 +12,7 @@ from ..arguments import shown
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..contacts import Contact
+    from ..constraints.contact import Contact
 
 Array = np.ndarray
 

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import shown
-from ..constraints.shapes import Array, PlacedShape
 from ..errors import InputError
+from ..geometry.shapes import Array, PlacedShape
 from .items import RobotItem, SceneItems
 from .reductions import Omission
 from .urdf import Robot

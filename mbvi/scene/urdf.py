@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import LARGEST, made_label, shown
-from ..constraints.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ..errors import InputError, UrdfError
+from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from .reductions import Omission
 from .self_pairs import disabled_pairs, pairs_left_out
 from .urdf_checks import (

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from ..constraints.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from ..errors import InputError
+from ..geometry.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from .meshes import Mesh, visual_mesh
 from .plane import axes_of, on_planar_base
 from .still_joints import counts_joints, without_still_joints

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arguments import SMALLEST, array, file_path, finite, integers, vector
-from ..constraints.shapes import Array, HalfSpace
-from ..constraints.triangles import Surface
 from ..errors import InputError
-from ..motion import Motion, checked_motion
-from ..orientation import RotationLike, rotation_matrix
+from ..geometry.motion import Motion, checked_motion
+from ..geometry.orientation import RotationLike, rotation_matrix
+from ..geometry.shapes import Array, HalfSpace
+from ..geometry.triangles import Surface
 from .inputs import scaled
 from .items import SceneItems, SurfaceItem
 from .meshes import triangles_of

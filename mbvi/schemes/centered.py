@@ -6,13 +6,13 @@ import numpy as np
 
 from ..arguments import boolean
 from ..constraints import Rows
-from ..constraints.active import chosen, owners, stacked
+from ..constraints.rows import chosen, owners, stacked
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .closed_contacts import Applied, settled
 from .options import Options
-from .step import Step, carried, law
+from .position_projection import Applied, settled
+from .step import Step, advance_gaps, law
 
 _NONE = np.zeros((4, 0))
 
@@ -56,9 +56,9 @@ class Centered(Options):
             return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
         applied = Applied(t, middle, v, h, at)
         active = _in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
-        w, rates, residual = law(projector, v, applied.push(system), active)
+        w, rates, residual = law(projector, v, applied.free_motion(system), active)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
-        return settled(problem, applied, step, projector) if self.project_positions else carried(step, half)
+        return settled(problem, applied, step, projector) if self.project_positions else advance_gaps(step, half)
 
 
 def _in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, approach: Array) -> Rows:

@@ -8,9 +8,9 @@ from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .closed_contacts import Applied, settled
 from .options import Options
-from .step import Step, carried, law
+from .position_projection import Applied, settled
+from .step import Step, advance_gaps, law
 
 _NONE = np.zeros((4, 0))
 
@@ -58,8 +58,8 @@ class MoreauJean(Options):
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, _NONE, 0.0)
-        w, rates, residual = law(projector, v, system.push(t, middle, v, h), active)
+        w, rates, residual = law(projector, v, system.free_motion(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
             return settled(problem, Applied(t, middle, v, h, v), step, projector)
-        return carried(step, self.theta * h)
+        return advance_gaps(step, self.theta * h)

@@ -8,8 +8,8 @@ from ..arguments import boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .closed_contacts import Applied, settled
 from .options import Options
+from .position_projection import Applied, settled
 from .step import Step, law
 
 _NONE = np.zeros((4, 0))
@@ -46,7 +46,7 @@ class Paoli(Options):
         active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
-        push = system.push(t, q, v, h)
+        push = system.free_motion(t, q, v, h)
         velocity, rates, residual = law(projector, v, push, active)
         step = Step(t, q, velocity, active, rates, residual)
         return settled(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step

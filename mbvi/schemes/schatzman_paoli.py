@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.active import chosen, owners, stacked
+from ..constraints.rows import chosen, owners, stacked
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
@@ -100,7 +100,7 @@ class SchatzmanPaoli(Options):
             Solves the projections.
         """
         system, q, v = problem.system, state.q, state.v
-        push = system.push(t, q, v, h)
+        push = system.free_motion(t, q, v, h)
         rows = problem.constraints.active(t, q, problem.tolerance)
         ahead = problem.constraints.active(t + h, system.integrate(q, h * push.free), problem.tolerance)
         new = owners(ahead, rows) < 0

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..constraints import Rows
 from ..problem import Problem
-from ..projection import Projector, Push, TreePush
+from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
 
@@ -61,7 +61,7 @@ class Step(NamedTuple):
         return self.rates[3]
 
 
-def law(projector: Projector, v: Array, push: Push | TreePush, rows: Rows) -> tuple[Array, Array, float]:
+def law(projector: Projector, v: Array, push: FreeMotion | TreeFreeMotion, rows: Rows) -> tuple[Array, Array, float]:
     """Return the velocity after the law (8), the rates of the rows, and the relative KKT residual.
 
     e acts on what the gap does: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
@@ -72,7 +72,7 @@ def law(projector: Projector, v: Array, push: Push | TreePush, rows: Rows) -> tu
         Solves the projection.
     v : ndarray, shape (nv,)
         Velocity before.
-    push : Push
+    push : FreeMotion
         The velocity x as the forces alone would leave it, and M.
     rows : Rows
         The active constraints.
@@ -100,7 +100,7 @@ def still_rates(problem: Problem, numbers: Array) -> Array | float:
     return STILL * problem.length / problem.constraints.levers(numbers)
 
 
-def carried(step: Step, time: float) -> Step:
+def advance_gaps(step: Step, time: float) -> Step:
     """Return the step with the gaps of its rows where its velocity carries them within a time, to first order."""
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
 
@@ -123,7 +123,7 @@ def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[lis
     start, end = found[k - 1] if k else state, found[k]
     way = system.difference(start.q, end.q)
     q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * way)
-    return found[:k], carried(end._replace(t=t, q=q), t - end.t)
+    return found[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)
 
 
 class Scheme(Protocol):

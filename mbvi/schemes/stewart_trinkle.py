@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.active import chosen, stacked
+from ..constraints.rows import chosen, stacked
 from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
-from ..projection import Projection, Projector, Push, TreePush
+from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
 from ..system.system import Array
 from .options import Options
 from .step import Step
@@ -49,7 +49,7 @@ class StewartTrinkle(Options):
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
-        push = system.push(t, q, v, h)
+        push = system.free_motion(t, q, v, h)
         # walls that move are asked where they are half-way
         rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * push.free)), 0.5 * h)
         for turn in range(_MOST + 1):
@@ -76,7 +76,9 @@ def _back(rows: Rows, time: float) -> Rows:
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
 
 
-def _kept_apart(rows: Rows, h: float, projector: Projector, push: Push | TreePush, most: float) -> Projection:
+def _kept_apart(
+    rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion, most: float
+) -> Projection:
     """Return the velocity that leaves every gap of the rows open after a step, or as deep as it is beyond `most`."""
     if not rows.gap.size:
         return Projection(push.free, np.zeros(0), 0.0)
@@ -88,7 +90,7 @@ def _kept_apart(rows: Rows, h: float, projector: Projector, push: Push | TreePus
 
 
 def _way(
-    problem: Problem, rows: Rows, h: float, projector: Projector, push: Push | TreePush
+    problem: Problem, rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion
 ) -> tuple[Projection, bool]:
     """Return the velocity that leads to the end of a step, and whether it pushes out what has sunk in."""
     if rows.gap.size and rows.gap.min() < -_unsolved(rows, h, projector, push) - problem.tolerance:
@@ -100,7 +102,7 @@ def _way(
     return _kept_apart(rows, h, projector, push, 0.0), False
 
 
-def _unsolved(rows: Rows, h: float, projector: Projector, push: Push | TreePush) -> float:
+def _unsolved(rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion) -> float:
     """Return how deep the residual of the projections lets things sink [m]: to push that out would solve all twice."""
     largest = float(np.abs(rows.speeds(push.free)).max()) + float(np.abs(rows.gap).max()) / h
     return 2.0 * h * projector.residual * largest

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..projection import Push, TreePush
+from ..projection import FreeMotion, TreeFreeMotion
 from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .system import Array, System
@@ -122,10 +122,10 @@ class ActuatedSystem:
         free = self.inner.free_velocity(t, q, v, h)
         return free + h * self._accelerated(total, q) if self._bodies else free
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push | TreePush:
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         total = self._act(t, q, v)
-        push = self.inner.push(t, q, v, h)
-        return Push(push.free + h * self._accelerated(total, q), push.metric) if self._bodies else push
+        push = self.inner.free_motion(t, q, v, h)
+        return FreeMotion(push.free + h * self._accelerated(total, q), push.metric) if self._bodies else push
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         total = self._act(t, q, v)

@@ -12,7 +12,7 @@ from scipy.linalg import lapack
 from ..arguments import all_finite, returned
 from ..compiled import kernel, plain_array
 from ..errors import InputError
-from ..projection import TreeMetric, TreePush
+from ..projection import TreeFreeMotion, TreeMetric
 from .given import not_finite
 from .memory import Memory
 from .system import Array
@@ -249,7 +249,7 @@ class ArticulatedSystem:
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         if self._damped:
-            return self.push(t, q, v, h).free
+            return self.free_motion(t, q, v, h).free
         torque = self.applied if self.control is None else self._torque(t, q, v)
         # even where M is there already: the last digits may not depend on which pairs were asked
         free = pin.aba(self.model, self._data, q, v, torque)
@@ -258,14 +258,14 @@ class ArticulatedSystem:
         _add_scaled(v if v.flags.carray else plain_array(v), h, free)
         return free
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> TreePush:
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
         if q is not self._seen:
             self._refresh(q)
         torque = self.applied if self.control is None else self._torque(t, q, v)
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
         if not v.flags.carray:
             v = plain_array(v)
-        return TreePush(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
+        return TreeFreeMotion(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.applied if self.control is None else self._torque(t, q, v)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..projection import BlockMetric, Push
+from ..projection import BlockMetric, FreeMotion
 from .sparse_rows import MOST_DENSE, side_by_side
 from .system import Array, System
 
@@ -70,9 +70,9 @@ class BlockSystem:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return np.concatenate([b.system.free_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
-        parts = [b.system.push(t, q[b.q], v[b.v], h) for b in self.blocks]
-        return Push(np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices))
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
+        parts = [b.system.free_motion(t, q[b.q], v[b.v], h) for b in self.blocks]
+        return FreeMotion(np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.acceleration(t, q[b.q], v[b.v]) for b in self.blocks])

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import plain_array
-from ..projection import BodiesMetric, DiagonalMetric, Metric, Push
+from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from . import rotations, turning
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
@@ -57,8 +57,8 @@ class Spheres:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self._gravity
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
-        return Push(self.free_velocity(t, q, v, h), self._metric)
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
+        return FreeMotion(self.free_velocity(t, q, v, h), self._metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self._gravity
@@ -171,8 +171,8 @@ class FreeBodies:
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return v + h * self.acceleration(t, q, v)
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
-        return Push(self.free_velocity(t, q, v, h), self._metric)
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
+        return FreeMotion(self.free_velocity(t, q, v, h), self._metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         out = np.empty(self.nv)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arguments import all_finite, function, integer, optional, returned
 from ..errors import InputError
-from ..projection import DenseMetric, Metric, Push
+from ..projection import DenseMetric, FreeMotion, Metric
 from .given import called, not_finite, short
 from .system import Array
 
@@ -111,12 +111,12 @@ class LagrangianSystem:
         return g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return self.push(t, q, v, h).free
+        return self.free_motion(t, q, v, h).free
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push:
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         self._t = t
         metric = self.metric(q)
-        return Push(v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric)
+        return FreeMotion(v + metric.unwhiten(metric.whiten(h * self.force(t, q, v))), metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         self._t = t

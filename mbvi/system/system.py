@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..projection import Metric, Push, TreePush
+from ..projection import FreeMotion, Metric, TreeFreeMotion
 
 Array = np.ndarray
 
@@ -56,7 +56,7 @@ class System(Protocol):
         """Return v + h M^-1 g, shape (nv,)."""
         ...
 
-    def push(self, t: float, q: Array, v: Array, h: float) -> Push | TreePush:
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         """Return v + h M^-1 g, shape (nv,), together with M(q); good until the system is asked about another q."""
         ...
 

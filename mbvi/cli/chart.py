@@ -1,0 +1,150 @@
+"""`mbvi chart`: what a digit costs, as a picture and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from ..studies.pictures import check_pictures
+from .scheme_names import SchemeName
+
+if TYPE_CHECKING:
+    from ..schemes import EventDriven, Scheme
+    from ..studies.chart.records import Record
+    from ..studies.chart.sweep import Case
+
+# the error whose cost is printed
+_TARGET = 1e-4
+
+_Problems = Annotated[
+    list[str] | None, typer.Argument(metavar="[PROBLEM]...", help="By name; --list names them.", show_default=False)
+]
+_Schemes = Annotated[str, typer.Option(metavar="NAME,...", help="Separated by commas.", show_default="all that suit")]
+_Out = Annotated[Path, typer.Option(metavar="STEM", help="Where to write: STEM.png, STEM.svg and STEM.csv.")]
+
+
+def chart(
+    problems: _Problems = None,
+    schemes: _Schemes = "",
+    e: Annotated[float, typer.Option(help="Restitution; the many spheres have their own.")] = 0.5,
+    peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
+    out: _Out = Path("out/chart"),
+    listed: Annotated[bool, typer.Option("--list", help="Name the problems, schemes and engines.")] = False,
+) -> None:
+    """Chart error against CPU time and against step."""
+    from ..studies.chart.cases import CASES, MANY, TELLING
+    from ..studies.chart.records import write_csv
+    from ..studies.engines import PEERS
+
+    words = {name.value: name for name in SchemeName}
+    if listed:
+        print("\n  ".join(["problems", *CASES]))
+        print("without a name: " + "; ".join(TELLING))
+        print("\n  ".join(["schemes", *words]))
+        print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
+        return
+    chosen = [_known(name.replace("-", " "), list(CASES), "problem") for name in problems or TELLING]
+    named = [_known(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
+    check_pictures(out.parent)
+    left_out = {(name, SchemeName.event_driven) for name in MANY}
+    tasks = [
+        (name, words[word].make())
+        for name in chosen
+        for word in named or _suiting(name, e)
+        if (name, word) not in left_out
+    ]
+    records = _measured(tasks, e)
+    if peers:
+        records += _peers(chosen, e)
+    if not records:
+        raise InputError("nothing to chart: error control is not for many spheres; choose another scheme")
+    write_csv(records, out.with_suffix(".csv"))
+    _write_picture(records, out)
+    _say(records, out)
+
+
+def _suiting(problem: str, e: float) -> list[str]:
+    """Return the words of the schemes that are made for a problem."""
+    plastic = problem == "pile" or (e == 0.0 and problem != "elastic 666")
+    return [word for word in SchemeName if plastic or word is not SchemeName.stewart_trinkle]
+
+
+def _known(word: str, known: list[str], what: str) -> str:
+    if word not in known:
+        raise InputError(f"no {what} {word!r}; known are {'; '.join(known)}")
+    return word
+
+
+def _measured(tasks: list[tuple[str, Scheme | EventDriven]], e: float) -> list[Record]:
+    from tqdm import tqdm
+
+    from ..studies.chart.cases import CASES
+    from ..studies.chart.workers import swept, worker
+
+    records: list[Record] = []
+    with worker() as call, tqdm(tasks, unit="sweep", disable=None) as bar:
+        for name, scheme in bar:
+            bar.set_description(f"{name}, {type(scheme).__name__}")
+            make: Callable[[float], Case] = CASES[name]
+            records += call(swept, make, e, scheme)
+    return records
+
+
+def _peers(chosen: list[str], e: float) -> list[Record]:
+    """Return what the engines that are installed do, each in a process of its own."""
+    from tqdm import tqdm
+
+    from ..studies.chart.cases import CASES
+    from ..studies.chart.workers import worker
+    from ..studies.engines import PEERS
+    from ..studies.engines.bodies import NoModelError
+    from ..studies.engines.measure import ModelError, sweep_peer
+    from ..studies.engines.rig import RIGS
+
+    records: list[Record] = []
+    mapped = [name for name in chosen if name in RIGS]
+    left = [name for name in chosen if name not in RIGS]
+    if left:
+        print(f"not given to other engines, for they are no problems of rigid bodies there: {'; '.join(left)}")
+    for peer in PEERS:
+        if not peer.installed:
+            print(f"{peer.name} is not installed: {peer.install}")
+            continue
+        with worker(silent=True) as call, tqdm(mapped, unit="sweep", disable=None, desc=peer.name) as bar:
+            for name in bar:
+                try:
+                    records += call(sweep_peer, peer.module, CASES[name], e)
+                except ModelError as error:
+                    bar.write(str(error))
+                except NoModelError as error:
+                    bar.write(f"{peer.name} is not run on {name}: {error}")
+                except (ImportError, RuntimeError, ValueError) as error:
+                    # another engine's trouble costs its own points only
+                    bar.write(f"{peer.name} failed on {name}: {error}")
+    return records
+
+
+def _write_picture(records: list[Record], out: Path) -> None:
+    from ..studies.chart.picture import draw
+    from ..studies.chart.workers import machine
+
+    figure = draw(records, f"One thread; {machine()}.")
+    for suffix in (".png", ".svg"):
+        figure.savefig(out.with_suffix(suffix), dpi=110)
+
+
+def _say(records: list[Record], out: Path) -> None:
+    """Print what the chart shows, how engines were set, and where it lies."""
+    from ..studies.chart.costs import table
+
+    print(table(records, _TARGET))
+    for problem, source in dict.fromkeys((r.problem, r.source) for r in records):
+        print(f"{problem}: errors against {source}")
+    for scheme, setting in dict.fromkeys((r.scheme, r.setting) for r in records if r.setting):
+        print(f"{scheme}: {setting}")
+    print(f"picture      {out.with_suffix('.png')}, {out.with_suffix('.svg')}")
+    print(f"table        {out.with_suffix('.csv')}")

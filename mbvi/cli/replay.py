@@ -1,0 +1,38 @@
+"""What the command line's replays need: which shapes there are, a page, and what is said about it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import MbviWarning
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+
+class Shapes(StrEnum):
+    """Which shapes of robots a replay shows."""
+
+    visual = "visual"
+    collision = "collision"
+
+
+def write_page(run: Trajectory, page: Path, shapes: Shapes) -> None:
+    """Write a page that plays a run, and say so."""
+    with warnings_as_notes():
+        run.replay_html(page, shapes.value)
+    print(f"replay       {page} (opens in any browser)")
+
+
+@contextmanager
+def warnings_as_notes() -> Iterator[None]:
+    """Print warnings of this library as the notes of a run are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", MbviWarning)
+        warnings.showwarning = lambda message, *_, **__: print(f"note         {message}", flush=True)
+        yield

@@ -1,0 +1,130 @@
+"""`mbvi stress`: run the scenes, print what failed, write a JSON file and the heat map."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from tqdm import tqdm
+
+from ..errors import InputError
+from ..studies.pictures import check_pictures
+
+if TYPE_CHECKING:
+    from ..studies.stress.scene import StressScene
+    from ..studies.stress.sweep import Cell
+
+_STEPS, _LONG_STEPS, _TOLERANCES = (1e-1, 1e-2, 1e-3), (0.5, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), (1e-4, 1e-8)
+# no multiple of a step is an instant at which something happens
+_OFF = 1.03
+
+
+def stress(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Parts of names; all by default.")
+    ] = None,
+    step: Annotated[list[float] | None, typer.Option(help="Time step [s]; repeatable.")] = None,
+    tolerance: Annotated[list[float] | None, typer.Option(help="Tolerance of EventDriven; repeatable.")] = None,
+    budget: Annotated[float, typer.Option(help="CPU time that one run may take [s].")] = 10.0,
+    long: Annotated[
+        bool, typer.Option("--long", help="With the scenes that take minutes, at steps from 1e-6 to 0.5 s.")
+    ] = False,
+    peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the scenes and end.")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
+) -> None:
+    """Run the scenes where methods fail, over schemes and steps."""
+    # imported here for its weight: scenes compute their exact solutions
+    from ..studies.stress.sweep import SCHEMES, sweep
+
+    chosen = _chosen(scenes or [], long or listed)
+    if listed:
+        for scene in chosen:
+            print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
+        return
+    check_pictures(out)
+    steps = [_OFF * h for h in step or (_LONG_STEPS if long else _STEPS)]
+    tolerances = tolerance or _TOLERANCES
+    total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
+    cells = []
+    with tqdm(total=total, unit="run") as bar:
+        for cell in sweep(chosen, steps, tolerances, budget):
+            cells.append(cell)
+            bar.set_postfix_str(f"{cell.scene}, {cell.scheme}", refresh=False)
+            bar.update()
+    if peers:
+        cells += _peers(chosen, steps, budget)
+    (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
+    pictures = _pictures(cells, out)
+    _print(cells)
+    print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
+
+
+def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
+    from ..studies.stress.scenes import SCENES
+
+    found = [s for s in SCENES if any(part.lower() in s.name.lower() for part in parts)]
+    missing = [part for part in parts if not any(part.lower() in s.name.lower() for s in SCENES)]
+    if missing:
+        raise InputError(f"no scene's name holds {missing[0]!r}: see mbvi stress --list")
+    return found or [s for s in SCENES if long or not s.long]
+
+
+def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float) -> list[Cell]:
+    from ..studies.engines import PEERS
+    from ..studies.stress.peers import sweep_peer
+
+    cells: list[Cell] = []
+    for peer in PEERS:
+        if not peer.installed:
+            print(f"{peer.name} is not installed: {peer.install}")
+            continue
+        with tqdm(total=len(scenes) * len(steps), unit="run", desc=peer.name) as bar:
+            try:
+                for cell in sweep_peer(peer, scenes, steps, budget):
+                    cells.append(cell)
+                    bar.set_postfix_str(cell.scene, refresh=False)
+                    bar.update()
+            except ImportError as error:
+                bar.write(f"{peer.name} cannot be loaded: {error}")
+    return cells
+
+
+def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
+    """Draw our own schemes, and other engines beside what runs where no scheme is named; return the files."""
+    from ..studies.stress.picture import draw
+    from ..studies.stress.sweep import SCHEMES
+
+    own = [cell for cell in cells if cell.scheme in (*SCHEMES, "EventDriven")]
+    others = [cell for cell in cells if cell not in own]
+    drawn = {"stress": own}
+    if others:
+        drawn["stress_engines"] = [cell for cell in own if cell.scheme in ("default", "EventDriven")] + others
+    found = []
+    for name, some in drawn.items():
+        files = [out / f"{name}.png", out / f"{name}.svg"]
+        draw(some, files)
+        found += files
+    return found
+
+
+def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
+    """Return what the file holds; infinite numbers are null, for JSON has none."""
+    about = [
+        {"name": s.name, "number": s.number, "held": s.held, "failed": s.failed, "duration": s.duration} for s in scenes
+    ]
+    told = [asdict(cell) | {"value": cell.value if cell.value < float("inf") else None} for cell in cells]
+    return {"machine": f"{platform.machine()}, Python {platform.python_version()}", "budget": budget,
+            "scenes": about, "cells": told}  # fmt: skip
+
+
+def _print(cells: Sequence[Cell]) -> None:
+    for scheme in dict.fromkeys(cell.scheme for cell in cells):
+        count = Counter(cell.verdict for cell in cells if cell.scheme == scheme)
+        print(f"{scheme}: {', '.join(f'{n} {verdict}' for verdict, n in count.most_common())}")

@@ -1,0 +1,73 @@
+"""Tables of a robot's joints and shapes, as `mbvi inspect` prints them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..system import ArticulatedSystem
+
+if TYPE_CHECKING:
+    from ..geometry.shapes import PlacedShape
+    from ..problem import Problem
+
+
+def joint_table(problem: Problem) -> str:
+    """Return name, type, degrees of freedom and limits of each joint of a robot alone in its scene."""
+    assert isinstance(problem.system, ArticulatedSystem)
+    model = problem.system.model
+    rows = []
+    for joint in range(1, model.njoints):
+        kind = _joint_kind(model.joints[joint])
+        limits = "none"
+        if model.nqs[joint] == 1:
+            unit = "m" if kind == "prismatic" else "rad"
+            lower, upper = (float(x[model.idx_qs[joint]]) for x in (model.lowerPositionLimit, model.upperPositionLimit))
+            # Pinocchio writes "no limit" as the largest float
+            if max(abs(lower), abs(upper)) < 1e100:
+                limits = f"{lower:.4g} to {upper:.4g} {unit}"
+        rows.append((model.names[joint], kind, str(model.nvs[joint]), limits))
+    return _table("Joints", ("name", "type", "dof", "limits"), rows)
+
+
+def shape_table(problem: Problem) -> str:
+    """Return link, kind, size and bearer of each shape of a robot alone in its scene."""
+    assert problem.scene is not None and isinstance(problem.system, ArticulatedSystem)
+    model = problem.system.model
+    rows = []
+    for placed in problem.scene.shapes:
+        mover = model.names[placed.body] if placed.body else "fixed"
+        rows.append((placed.name.partition("/")[2], type(placed.shape).__name__.lower(), _size(placed), mover))
+    if not rows:
+        return "Shapes\n  none: it touches nothing"
+    kinds = Counter(row[1] for row in rows)
+    title = f"Shapes ({', '.join(f'{n} {kind}' for kind, n in sorted(kinds.items()))})"
+    return _table(title, ("link", "kind", "size [m]", "moves with"), rows)
+
+
+def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in (head, *rows)]
+    return "\n".join([title, *(f"  {line.rstrip()}" for line in lines)])
+
+
+def _joint_kind(joint: Any) -> str:
+    name = joint.shortname().removeprefix("JointModel")
+    if name.startswith("R"):
+        # one without limits stores cosine and sine
+        return "revolute" if joint.nq == 1 else "continuous"
+    if name.startswith("P") and joint.nv == 1:
+        return "prismatic"
+    return {"FreeFlyer": "free"}.get(name, name.lower())
+
+
+def _size(placed: PlacedShape) -> str:
+    shape: Any = placed.shape
+    if hasattr(shape, "size"):
+        return " x ".join(f"{x:.4g}" for x in shape.size)
+    if hasattr(shape, "triangles"):
+        return f"{len(shape.vertices)} vertices within {shape.bound:.4g}"
+    if hasattr(shape, "radii"):
+        return "semi-axes " + ", ".join(f"{x:.4g}" for x in shape.radii)
+    return f"radius {shape.radius:.4g}" + (f", length {shape.length:.4g}" if hasattr(shape, "length") else "")

@@ -1,0 +1,226 @@
+"""Many shapes against each other: those near enough are listed, and Coal is asked for these only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array, vstack
+
+from ..geometry.shapes import Box, PlacedShape, length_unit
+from ..geometry.sweep import may_pass
+from ..geometry.verlet_list import VerletList
+from ..system import System
+from ..system.sparse_rows import dense
+from .pairs import Contacts
+from .rebuilt import Rebuilt
+from .rows import Array, Rows
+from .signed_distance import SignedDistances
+
+
+class BroadPhasePairs(Rebuilt):
+    """Every pair of a scene's shapes, but those of one body, of two spheres, and those left out.
+
+    Parameters
+    ----------
+    system : System
+        What moves the bodies.
+    shapes : sequence of PlacedShape
+        The shapes, in the order that numbers and names go by.
+    left_out : callable
+        left_out(i, j) -> ndarray of bool: which pairs of shapes, i < j, are not looked at.
+    restitution_of : callable
+        restitution_of(a, b) -> e of two shapes by name.
+    line, at_rest
+        As `SignedDistances`.
+
+    Notes
+    -----
+    Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box
+    of the world has the other's ball near; a list lasts until shapes moved against each other by a skin.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        shapes: Sequence[PlacedShape],
+        left_out: Callable[[Array, Array], Array],
+        restitution_of: Callable[[str, str], float],
+        line: Array | None = None,
+        at_rest: bool = True,
+    ) -> None:
+        self.system, self._line, self._at_rest = system, line, at_rest
+        self._shapes, self._left_out, self._restitution_of = tuple(shapes), left_out, restitution_of
+        self._body = np.array([s.body for s in shapes], dtype=np.int64)
+        self._moving = np.unique(self._body[self._body > 0])
+        self._frame = np.searchsorted(self._moving, self._body)
+        self._bound = np.array([s.shape.bound for s in shapes])
+        self._turn = np.array([s.rotation for s in shapes])
+        self._position = np.array([s.position for s in shapes])
+        # of boxes that stay as they are turned: a list does not outlast the turns of others
+        self._half = np.array(
+            [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
+        )
+        self._neighbours = VerletList(self._bound)
+        self._geometry: dict[tuple[int, float], Any] = {}
+        self._unit = length_unit(self._bound.tolist())
+        self._inner = np.array([s.shape.inner for s in shapes])
+        # made when first asked for
+        self._reach: csr_array | None = None
+        self._listed: _Listed | None = None
+        self._asked: tuple[bytes, _Listed] | None = None
+        self._lists = -1
+        self._still: Array | None = None
+
+    def name(self, constraint: int) -> str:
+        """Return the name of one pair."""
+        i, j = divmod(constraint, len(self._shapes))
+        return f"{self._shapes[i].name} | {self._shapes[j].name}"
+
+    @property
+    def size(self) -> int:
+        """How many numbers the pairs take up."""
+        return len(self._shapes) ** 2
+
+    def _places(self, q: Array) -> tuple[Array, Array]:
+        """Return where the shapes are: rotations, shape (n, 3, 3), and centres, shape (n, 3)."""
+        turns, centres = self._turn.copy(), self._position.copy()
+        on = self._body > 0
+        places = self.system.placements(q, self._moving)[self._frame[on]]
+        turn = places[:, :3].transpose(0, 2, 1)
+        turns[on] = turn @ turns[on]
+        centres[on] = (turn @ centres[on][:, :, None])[:, :, 0] + places[:, 3]
+        return turns, centres
+
+    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+        """Return the rows within the tolerance, or None."""
+        turns, centres = self._places(q)
+        pairs = self._neighbours.within(centres, max(tolerance, 0.0))
+        if self._listed is None or self._lists != self._neighbours.lists:
+            self._lists = self._neighbours.lists
+            self._listed = self._list(*np.divmod(pairs, len(self._shapes)), turns, centres)
+            self._listed.leave_out(self._still)
+        if not len(self._listed.names):
+            return None
+        return self._listed.active(t, q, tolerance, None)
+
+    def leave_out(self, still: Array | None) -> None:
+        """As `Pairs`."""
+        self._still = still
+        if self._listed is not None:
+            self._listed.leave_out(still)
+
+    def _list(self, i: Array, j: Array, turns: Array, centres: Array) -> _Listed:
+        """Return those pairs that may be near until shapes moved by the skin."""
+        kept, far = (self._body[i] != self._body[j]) & ~self._left_out(i, j), self._neighbours.reach
+        for a, b in ((i, j), (j, i)):
+            # the other's ball in a box's own axes
+            outside = np.abs(np.vecmat(centres[b] - centres[a], turns[a])) - self._half[a]
+            kept &= np.linalg.norm(np.maximum(outside, 0.0), axis=1) <= self._bound[b] + far
+        return self._listing(i[kept], j[kept])
+
+    def _listing(self, i: Array, j: Array) -> _Listed:
+        first, second = [self._shapes[k] for k in i.tolist()], [self._shapes[k] for k in j.tolist()]
+        e = np.array([self._restitution_of(a.name, b.name) for a, b in zip(first, second, strict=True)])
+        return _Listed(
+            self.system,
+            first,
+            second,
+            i * len(self._shapes) + j,
+            e,
+            self._geometry,
+            self._line,
+            self._at_rest,
+            self._unit,
+        )
+
+    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
+
+        Parameters
+        ----------
+        q, way : ndarray, shapes (nq,) and (nv,)
+            Configuration, and the tangent vector that leads on from it.
+        """
+        centres = self._places(q)[1]
+        moved = self._places(self.system.integrate(q, way))[1] - centres
+        travel = self._reaches() @ np.abs(way)
+        i, j = may_pass(centres, moved, travel, self._bound, self._inner)
+        kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
+        i, j = i[kept], j[kept]
+        return i * len(self._shapes) + j, travel[i] + travel[j], self._inner[i] + self._inner[j]
+
+    @property
+    def least_way(self) -> float:
+        """What tangent vectors, entry by entry, must exceed to carry a shape as far as it is thick."""
+        carried = self._reaches().sum(axis=1)
+        return float((self._inner[carried > 0.0] / carried[carried > 0.0]).min(initial=np.inf))
+
+    def _reaches(self) -> csr_array:
+        """Return how far each velocity can carry a point of each shape, shape (n, nv)."""
+        if self._reach is None:
+            nothing = csr_array((1, self.system.nv))
+            self._reach = vstack([
+                csr_array(self.system.reach(s.body, s.position, s.shape.bound)[None]) if s.body else nothing
+                for s in self._shapes
+            ], format="csr")  # fmt: skip
+        return self._reach
+
+    def gaps(self, q: Array, pairs: Array) -> Array:
+        """Return the signed distances of some pairs, shape (k,) [m]."""
+        if self._asked is None or self._asked[0] != pairs.tobytes():
+            self._asked = pairs.tobytes(), self._listing(*np.divmod(pairs, len(self._shapes)))
+        return self._asked[1].nearest(q, np.arange(len(pairs))).gap
+
+    def nearest(self, q: Array, pairs: Array) -> Contacts:
+        """Return the nearest contact of each pair that is looked at, in the order of `gap`, whatever is asked."""
+        return self._every(q)[0]
+
+    def gap(self, t: float, q: Array) -> Array:
+        """Return the signed distance of every pair that is looked at, shape (m,) [m]."""
+        return self._every(q)[0].gap
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return the gradient of every pair's distance, shape (m, nv)."""
+        (pair, _, point, normal), listed = self._every(q)
+        return dense(self.system.separation_rows(q, *listed.sides(pair), point, normal))
+
+    def _every(self, q: Array) -> tuple[Contacts, _Listed]:
+        i, j = np.triu_indices(len(self._shapes), 1)
+        kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
+        listed = self._listing(i[kept], j[kept])
+        return listed.nearest(q, np.arange(len(listed.names))), listed
+
+
+class _Listed(SignedDistances):
+    """Pairs that are all asked every time: they are near, and no budget would outlast their list."""
+
+    def __init__(
+        self,
+        system: System,
+        first: Sequence[PlacedShape],
+        second: Sequence[PlacedShape],
+        numbers: Array,
+        restitution: Array,
+        geometry: dict[tuple[int, float], Any],
+        line: Array | None,
+        at_rest: bool,
+        unit: float,
+    ) -> None:
+        self._numbers, self._known = numbers, geometry
+        names = [f"{a.name} | {b.name}" for a, b in zip(first, second, strict=True)]
+        super().__init__(system, first, second, names, restitution, line, at_rest, unit)
+
+    def _reckon(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
+        pass
+
+    def _coal(self, placed: PlacedShape, unit: float) -> Any:
+        # hulls are dear to make
+        key = id(placed.shape), unit
+        if key not in self._known:
+            self._known[key] = placed.shape.coal(unit)
+        return self._known[key]
+
+    def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
+        return self._numbers[pair], self._first_body[pair], self._second_body[pair], self.restitution[pair]

@@ -1,0 +1,130 @@
+"""The active constraints at one (t, q), and what a constraint must give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..system.sparse_rows import stack_rows
+
+Array = np.ndarray
+
+NO_POINT = np.full(3, np.nan)
+# the travel of which nothing need be reckoned
+STILL = np.zeros(0)
+
+
+class Rows(NamedTuple):
+    """Active rows, J(q) with its gradients.
+
+    Attributes
+    ----------
+    constraint : ndarray of int, shape (k,)
+        Which constraint each row belongs to; a flat face gives several rows of one.
+    gap : ndarray, shape (k,)
+        f, negative where penetrated [m or rad].
+    jacobian : ndarray or csr_array, shape (k, nv)
+        grad f in the tangent space; sparse where there are many bodies.
+    restitution : ndarray, shape (k,)
+        e of each row; NaN where the problem's own applies.
+    point, normal : ndarray, shape (k, 3)
+        Contact point and unit normal in the world, from the first body named to the second [m]; NaN where the
+        constraint is no contact.
+    rate : ndarray, shape (k,), or None
+        df/dt at a fixed q, by which walls move on their own [m/s, rad/s]: a gap changes by J v + rate. None where no
+        constraint of the problem does.
+    """
+
+    constraint: Array
+    gap: Array
+    jacobian: Array | csr_array
+    restitution: Array
+    point: Array
+    normal: Array
+    rate: Array | None = None
+
+    def speeds(self, v: Array) -> Array:
+        """Return how fast the gaps change with a velocity, shape (k,) [m/s, rad/s]."""
+        speeds: Array = self.jacobian @ v
+        return speeds if self.rate is None else speeds + self.rate
+
+
+def chosen(rows: Rows, index: Array) -> Rows:
+    """Return some of the rows, by a mask or by their places."""
+    number, gap, jacobian, e, point, normal, rate = rows
+    return Rows(
+        number[index],
+        gap[index],
+        jacobian[index],
+        e[index],
+        point[index],
+        normal[index],
+        None if rate is None else rate[index],
+    )
+
+
+def stacked(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of all parts, one part after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    number, gap, jacobian, restitution, point, normal, rate = zip(*parts, strict=True)
+    rates = None
+    if any(one is not None for one in rate):
+        rates = np.concatenate([np.zeros(len(part.gap)) if part.rate is None else part.rate for part in parts])
+    return Rows(
+        np.concatenate(number),
+        np.concatenate(gap),
+        stack_rows(list(jacobian)),
+        np.concatenate(restitution),
+        np.concatenate(point),
+        np.concatenate(normal),
+        rates,
+    )
+
+
+def owners(rows: Rows, others: Rows) -> Array:
+    """Return which of the others is the same contact as each row, shape (k,), -1 where none is.
+
+    Two rows are the same contact if they are of one constraint and each is the nearest to the other.
+    """
+    if not others.gap.size:
+        return np.full(len(rows.gap), -1)
+    order = np.argsort(others.constraint, kind="stable")
+    first, end = (np.searchsorted(others.constraint[order], rows.constraint, side) for side in ("left", "right"))
+    count = end - first
+    row = np.repeat(np.arange(len(count)), count)
+    other = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
+    shift = rows.point[row] - others.point[other]
+    # limits have no points
+    apart = np.nan_to_num(np.vecdot(shift, shift))
+    # what is written last is the nearest
+    falling = np.argsort(-apart, kind="stable")
+    row, other = row[falling], other[falling]
+    owner, back = np.full(len(count), -1), np.full(len(others.gap), -1)
+    owner[row], back[other] = other, row
+    return np.where((owner >= 0) & (back[owner] == np.arange(len(count))), owner, -1)
+
+
+class Constraint(Protocol):
+    """What a new constraint must give; `active`, `names`, `restitution` and `rate` are optional beside it.
+
+    `rate(t, q)` is df/dt at a fixed q, shape (m,), of one that depends on time.
+
+    One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself;
+    `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast
+    each velocity can bring it nearer; `spare`, how far it was from any other row when last asked; `busy`, whether it
+    has rows to give or refuse at every step. One that is not busy need not be asked before `envelope . travel` has
+    used up `spare`, and until then a busy one is asked with `STILL` for its travel. Travel that it has taken account
+    of it sets to zero.
+    """
+
+    def gap(self, t: float, q: Array) -> Array | float:
+        """Return f at (t, q): a number, or shape (m,)."""
+        ...
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return grad f in the tangent space: shape (nv,), or (m, nv)."""
+        ...

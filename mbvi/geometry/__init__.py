@@ -1,0 +1,1 @@
+"""Shapes, meshes, prescribed motions, and signed distances between shapes: no configuration q is known here."""

@@ -1,0 +1,59 @@
+"""Points that stand in line across the plane that all moves in: their rows are the same."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel, plain_array
+
+Array = np.ndarray
+
+# how far points of one line lie apart beside it, in units of what they lie apart in all
+_BESIDE = 1e-9
+
+
+def unique_along(points: Array, line: Array) -> Array:
+    """Return the first of the points on each line along a direction, ascending.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+        The points.
+    line : ndarray, shape (3,)
+        The unit direction.
+    """
+    kept = np.empty(len(points), np.int64)
+    return kept[: _first_of_lines(plain_array(points), plain_array(line), kept)]
+
+
+def _first_of_lines_plain(points: Array, line: Array, kept: Array) -> int:
+    """Write which points `unique_along` keeps into the first places of `kept`; return how many."""
+    flat = points - (points @ line)[:, None] * line
+    beside = np.abs(flat[:, None] - flat).max(axis=2)
+    size = np.ptp(points, axis=0).max(initial=0.0)
+    first = np.flatnonzero(~np.tril(beside <= _BESIDE * size, -1).any(axis=1))
+    kept[: len(first)] = first
+    return len(first)
+
+
+@kernel("i8(f8[:,::1], f8[::1], i8[::1])", plain=_first_of_lines_plain)
+def _first_of_lines(points: Array, line: Array, kept: Array) -> int:
+    size, count = 0.0, 0
+    for c in range(3):
+        least, most = np.inf, -np.inf
+        for k in range(len(points)):
+            least, most = min(least, points[k, c]), max(most, points[k, c])
+        size = max(size, most - least)
+    for i in range(len(points)):
+        alone = True
+        for j in range(i):
+            x, y, z = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            far = x * line[0] + y * line[1] + z * line[2]
+            beside = max(abs(x - far * line[0]), abs(y - far * line[1]), abs(z - far * line[2]))
+            if beside <= _BESIDE * size:
+                alone = False
+                break
+        if alone:
+            kept[count] = i
+            count += 1
+    return count

@@ -1,0 +1,67 @@
+"""Rays and directions against the faces of a convex polyhedron, normal . x <= offset."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+
+# faces met at a flatter angle than this do not bound a patch
+FACING = 0.1
+
+
+def _leave_plain(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
+    """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m].
+
+    Parameters
+    ----------
+    normals, offsets : ndarray, shapes (f, 3) and (f,)
+        The faces.
+    way : ndarray, shape (k,)
+        Receives the result.
+    """
+    slope = normals @ direction
+    met = slope > FACING
+    way[:] = ((offsets[met] - points @ normals[met].T) / slope[met]).min(axis=1, initial=np.inf)
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])", plain=_leave_plain)
+def _leave(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
+    for i in range(len(points)):
+        way[i] = np.inf
+    for f in range(len(offsets)):
+        x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
+        slope = x * direction[0] + y * direction[1] + z * direction[2]
+        if slope > FACING:
+            for i in range(len(points)):
+                room = offsets[f] - (x * points[i, 0] + y * points[i, 1] + z * points[i, 2])
+                way[i] = min(way[i], room / slope)
+
+
+def _most_facing_plain(normals: Array, direction: Array) -> int:
+    """Return the face whose normal, of those of shape (f, 3), is nearest to a direction."""
+    return int(np.argmax(normals @ direction))
+
+
+@kernel("i8(f8[:,::1], f8[::1])", plain=_most_facing_plain)
+def _most_facing(normals: Array, direction: Array) -> int:
+    best, largest = 0, -np.inf
+    for f in range(len(normals)):
+        along = normals[f, 0] * direction[0] + normals[f, 1] * direction[1] + normals[f, 2] * direction[2]
+        if along > largest:
+            best, largest = f, along
+    return best
+
+
+def leave(points: Array, direction: Array, faces: tuple[Array, Array]) -> Array:
+    """Return how far from each point, shape (k, 3), a line along `direction` leaves the polyhedron, shape (k,) [m]."""
+    way = np.empty(len(points))
+    _leave(np.ascontiguousarray(points), direction, *faces, way)
+    return way
+
+
+def most_facing(normals: Array, direction: Array) -> tuple[float, Array]:
+    """Return the normal, of those of shape (f, 3), nearest to a unit vector, with its cosine before it."""
+    normal = normals[_most_facing(normals, direction)]
+    return float(normal.dot(direction)), normal

@@ -1,0 +1,236 @@
+"""Where the separation of two convex shapes along a unit vector has kinks, and which of them a maximum lies on.
+
+A kink is where n is normal to a segment or to an edge of a hull, or along the axis of a disk. Arguments that kernels
+here and in `refined_distance` share, beside those of `normal_search`:
+
+kinks, count : ndarray of int, shape (3, 3), and int
+    The kinks that n is kept on, in the first `count` rows: kind, number of the segment or shape, and of an edge the
+    vertex at its other end.
+sign : ndarray of int, shape (6,)
+    The sides of the segments, +1 or -1, that are nearest.
+base : ndarray of int, shape (2,)
+    The vertex of each hull that is nearest, where its edges begin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+from . import normal_search as search
+
+# kinks that the first active set consists of, and how far n is turned off one that it leaves [rad]
+NEAR_KINK = 1e-3
+# rounding of angles, and of multipliers relative to their bounds
+ROUNDING = 1e-12
+# kinds of kinks
+SEGMENT, DISK, EDGE = 0, 1, 2
+
+
+@kernel("b1(i8[:,::1], i8, i8, i8, i8)")
+def has(kinks: Array, count: int, kind: int, who: int, vertex: int) -> bool:
+    """Return whether n is kept on a kink."""
+    for i in range(count):
+        if kinks[i, 0] == kind and kinks[i, 1] == who and kinks[i, 2] == vertex:
+            return True
+    return False
+
+
+@kernel("b1(f8[:,::1])")
+def is_disk(axes: Array) -> bool:
+    """Return whether half axes, shape (3, 3), are those of a disk."""
+    return search.dot(axes[2], axes[2]) == 0.0 and search.dot(axes[0], axes[0]) > 0.0
+
+
+@kernel("f8(f8[:,::1], i8, i8, f8[::1])")
+def _rise(points: Array, start: int, end: int, n: Array) -> float:
+    """Return the cosine of the angle between n and the way from one point to another, -1 where these coincide."""
+    rise = square = 0.0
+    for c in range(3):
+        way = points[end, c] - points[start, c]
+        rise, square = rise + way * n[c], square + way * way
+    return rise / np.sqrt(square) if square > 0.0 else -1.0
+
+
+@kernel("i8(i8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
+def directions(
+    kinks: Array, count: int, edge: Array, swell: Array, first: Array, second: Array, base: Array, found: Array
+) -> int:
+    """Write the vectors that n is normal to on kinks, shape (6, 3); return how many."""
+    n = 0
+    for k in range(count):
+        kind, who, vertex = kinks[k]
+        for c in range(3):
+            if kind == SEGMENT:
+                found[n, c] = edge[who, c]
+            elif kind == DISK:
+                found[n, c], found[n + 1, c] = swell[who, 0, c], swell[who, 1, c]
+            elif who == 0:
+                found[n, c] = first[vertex, c] - first[base[0], c]
+            else:
+                found[n, c] = second[vertex, c] - second[base[1], c]
+        n += 2 if kind == DISK else 1
+    return n
+
+
+@kernel("b1(f8[::1], f8, b1, i8[::1], i8[:,::1], i8, f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
+def next_kink(
+    n: Array, within: float, disks: bool, kink: Array, kinks: Array, count: int, edge: Array, sign: Array,
+    swell: Array, first: Array, second: Array, base: Array,
+) -> bool:  # fmt: skip
+    """Write the kink that n is farthest beyond or, if `within` is positive, nearest to; return whether there is one.
+
+    Disks are looked at where `disks` says so; of those that n is kept on none is found.
+    """
+    best, found = within, False
+    for k in range(6):
+        length = np.sqrt(search.dot(edge[k], edge[k]))
+        if length > 0.0 and not has(kinks, count, SEGMENT, k, 0):
+            angle = sign[k] * search.dot(edge[k], n) / length
+            if angle < best:
+                best, found = angle, True
+                kink[0], kink[1], kink[2] = SEGMENT, k, 0
+    for who in range(2):
+        points = first if who == 0 else second
+        for v in range(len(points)):
+            if v != base[who] and not has(kinks, count, EDGE, who, v):
+                angle = -_rise(points, base[who], v, n)
+                if angle < best:
+                    best, found = angle, True
+                    kink[0], kink[1], kink[2] = EDGE, who, v
+        if disks and is_disk(swell[who]):
+            angle = search.swell_along(swell[who], n) / np.sqrt(search.dot(swell[who, 0], swell[who, 0]))
+            if angle < best:
+                best, found = angle, True
+                kink[0], kink[1], kink[2] = DISK, who, 0
+    return found
+
+
+@kernel("i8(f8[::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], i8, f8[:,::1])")
+def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Array, base: int, basis: Array) -> int:
+    """Write an orthonormal basis of what of one shape n is normal to, within rounding; return its size."""
+    found, m = np.empty((8, 3)), 0
+    for k in range(3 * who, 3 * who + 3):
+        length = np.sqrt(search.dot(edge[k], edge[k]))
+        if length > 0.0 and abs(search.dot(edge[k], n)) <= search.PARALLEL * length:
+            found[m] = edge[k]
+            m += 1
+    if is_disk(swell[who]):
+        radius = np.sqrt(search.dot(swell[who, 0], swell[who, 0]))
+        if search.swell_along(swell[who], n) <= search.PARALLEL * radius:
+            found[m], found[m + 1] = swell[who, 0], swell[who, 1]
+            m += 2
+    for v in range(len(points)):
+        # a few edges tell the plane of a face
+        if m < 8 and v != base and abs(_rise(points, base, v, n)) <= search.PARALLEL:
+            for c in range(3):
+                found[m, c] = points[v, c] - points[base, c]
+            m += 1
+    return search.span(found, m, basis)
+
+
+@kernel("b1(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
+def is_flat(n: Array, edge: Array, swell: Array, first: Array, second: Array, base: Array) -> bool:
+    """Return whether both shapes are straight along a common direction at n, so that nearest points are not unique."""
+    one, other, both, basis = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 3)), np.empty((3, 3))
+    a = _flat_directions(n, 0, edge, swell, first, base[0], one)
+    b = _flat_directions(n, 1, edge, swell, second, base[1], other) if a else 0
+    if a == 0 or b == 0:
+        return False
+    both[:a], both[a : a + b] = one[:a], other[:b]
+    # what n is normal to has two dimensions
+    return a + b > min(search.span(both, a + b, basis), 2)
+
+
+@kernel(
+    "i8(f8[::1], f8[::1], i8[::1], i8[:,::1], i8, f8[::1], f8, f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1],"
+    " i8[::1])"
+)
+def add(
+    n: Array, scratch: Array, kink: Array, kinks: Array, count: int, between: Array, ball: float, edge: Array,
+    sign: Array, swell: Array, first: Array, second: Array, base: Array,
+) -> int:  # fmt: skip
+    """Keep n on one more kink, in the place of another where these are too many; return how many there are then.
+
+    Of those that could make way, the one without which d is largest; -1 where there is none.
+    """
+    found, basis, trial = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3), np.int64)
+    kinks[count] = kink
+    m = directions(kinks, count + 1, edge, swell, first, second, base, found)
+    scratch[:] = n
+    if m <= 2 and search.span(found, m, basis) == m and search.make_normal(scratch, basis, m):
+        return count + 1
+    best, chosen = -np.inf, -1
+    for out in range(count):
+        size = 0
+        for i in range(count + 1):
+            if i != out:
+                trial[size] = kinks[i]
+                size += 1
+        m = directions(trial, size, edge, swell, first, second, base, found)
+        rank = search.span(found, m, basis)
+        scratch[:] = n
+        if rank < m or rank > 2 or not search.make_normal(scratch, basis, rank):
+            continue
+        apart = search.separation_along(scratch, between, ball, edge, swell, first, second)
+        if apart > best:
+            best, chosen = apart, out
+    if chosen < 0:
+        return -1
+    if kinks[chosen, 0] == SEGMENT:
+        k = kinks[chosen, 1]
+        sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
+    for i in range(chosen, count):
+        kinks[i] = kinks[i + 1]
+    return count
+
+
+@kernel("void(f8[::1], f8[:,::1], i8, f8[::1])")
+def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
+    """Write the shares of at most two vectors that a slope in their span consists of."""
+    if m == 1:
+        t[0] = search.dot(slope, found[0]) / search.dot(found[0], found[0])
+    elif m == 2:
+        aa, ab, bb = search.dot(found[0], found[0]), search.dot(found[0], found[1]), search.dot(found[1], found[1])
+        a, b = search.dot(slope, found[0]), search.dot(slope, found[1])
+        det = aa * bb - ab * ab
+        t[0], t[1] = (bb * a - ab * b) / det, (aa * b - ab * a) / det
+
+
+@kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, i8[::1], i8[::1], b1[::1])")
+def release(
+    n: Array, t: Array, found: Array, kinks: Array, count: int, sign: Array, base: Array, left: Array
+) -> int:  # fmt: skip
+    """Leave the kink whose multiplier is farthest out of its bounds; return how many remain, `count` if none is.
+
+    `left`, shape (2,) of bool, takes note of the disks left: n is turned towards their rim.
+    """
+    worst, out, sums = ROUNDING, -1, np.zeros(2)
+    for i in range(count):
+        over = abs(t[i]) - 1.0
+        if kinks[i, 0] == DISK:
+            over = np.sqrt(t[0] ** 2 + t[1] ** 2) - 1.0
+        elif kinks[i, 0] == EDGE:
+            over = -t[i]
+            sums[kinks[i, 1]] += t[i]
+        if over > worst:
+            worst, out = over, i
+    for i in range(count):
+        # the nearest point is beyond where the edges begin: they begin at the end of one of them
+        if kinks[i, 0] == EDGE and sums[kinks[i, 1]] - 1.0 > worst:
+            worst, out = sums[kinks[i, 1]] - 1.0, i
+            base[kinks[i, 1]] = kinks[i, 2]
+    if out < 0:
+        return count
+    if kinks[out, 0] == SEGMENT:
+        sign[kinks[out, 1]] = 1 if t[out] > 0.0 else -1
+    elif kinks[out, 0] == DISK:
+        left[kinks[out, 1]] = True
+        towards = np.sqrt((t[0] ** 2 + t[1] ** 2) * search.dot(found[0], found[0]))
+        for c in range(3):
+            n[c] += NEAR_KINK * (t[0] * found[0, c] + t[1] * found[1, c]) / towards
+        search.normalise(n)
+    for i in range(out, count - 1):
+        kinks[i] = kinks[i + 1]
+    return count - 1

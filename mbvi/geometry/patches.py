@@ -1,0 +1,43 @@
+"""The polygon that two flat faces share, from Coal."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+
+from ..arguments import Array
+
+
+class PatchFinder:
+    """The polygon two flat faces share.
+
+    Coal gives one depth for the whole patch; the gap of a corner is measured between the two surfaces along the normal.
+    Its own search for the contact, whose normal is noise where faces just touch, is left out: both are given.
+    """
+
+    def __init__(self, geometry: list) -> None:
+        self._geometry = geometry
+        self._functors: dict[tuple[int, ...], tuple] = {}
+        self._contacts, self._patch = coal.CollisionResult(), coal.ContactPatchResult()
+
+    def find(
+        self, sides: tuple[int, ...], poses: tuple, tolerance: float, point: Array, normal: Array, distance: float
+    ) -> Array | None:
+        """Return two or more points, shape (k, 3), in the units of the geometry, or None."""
+        a, b = sides
+        geometry = self._geometry[a], self._geometry[b]
+        if sides not in self._functors:
+            request = coal.ContactPatchRequest()
+            request.setPatchTolerance(tolerance)
+            self._functors[sides] = coal.ComputeContactPatch(*geometry), request
+        patch_of, request = self._functors[sides]
+        self._contacts.clear()
+        self._patch.clear()
+        self._contacts.addContact(coal.Contact(*geometry, -1, -1, point, normal, distance))
+        patch_of(*poses, self._contacts, request, self._patch)
+        if not self._patch.numContactPatches():
+            return None
+        patch = self._patch.getContactPatch(0)
+        if patch.size() < 2:
+            return None
+        return np.array([patch.getPoint(i) for i in range(patch.size())])

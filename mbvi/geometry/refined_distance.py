@@ -1,0 +1,271 @@
+"""The signed distance of two convex shapes to rounding, from an approximate normal.
+
+The signed distance is the largest separation d(n) over unit vectors n (`normal_search`), which is smooth but for kinks
+(`kinks`). An active-set method keeps n on kinks of at most two directions and maximises d along these by Newton's
+method. The multiplier of a kink says where on the segment, edge or disk the nearest point lies: where all multipliers
+lie within, n is a local maximum. Lengths are compared with each other only: the unit of length is arbitrary.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+from . import kinks as kinked
+from . import normal_search as search
+from .separating_axis import SeparatingAxes
+
+# active sets that are tried, and kinks for the first of them
+_MOST_SETS, _MOST_TRIED = 40, 8
+# cosine of the angle by which the first set may turn the normal
+_ABOUT = 1.0 - 1e-4
+# results: no maximum was found, the nearest points are unique, they are not (parallel faces or edges)
+FAILED, UNIQUE, FLAT = 0, 1, 2
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8, f8[:,::1], f8[:,:,::1], f8[:,::1])")
+def _describe(place: Array, sizes: Array, points: Array, side: float, edge: Array, swell: Array, turned: Array) -> None:
+    """Write the segments, half axes and points, times `side`, of one shape; other arguments as of `_refine`."""
+    for c in range(3):
+        for k in range(3):
+            edge[k, c] = sizes[k] * place[k, c]
+            swell[0, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
+        for k in range(len(points)):
+            along = points[k, 0] * place[0, c] + points[k, 1] * place[1, c] + points[k, 2] * place[2, c]
+            turned[k, c] = side * along
+
+
+@kernel("i8(f8[:,::1], f8[::1])")
+def _outermost(points: Array, n: Array) -> int:
+    """Return which of points, shape (k, 3), is farthest along n."""
+    best = 0
+    for k in range(1, len(points)):
+        if search.dot(points[k], n) > search.dot(points[best], n):
+            best = k
+    return best
+
+
+@kernel(
+    "void(f8[:,::1], f8[::1], f8[::1], f8, i8[:,::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[::1],"
+    " f8[::1])"
+)
+def _midpoint(
+    place: Array, sizes: Array, n: Array, apart: float, kinks: Array, count: int, t: Array, found: Array, edge: Array,
+    sign: Array, at: Array, vertex: Array, nearest: Array,
+) -> None:  # fmt: skip
+    """Write the point midway between the surfaces: from the first shape's nearest point by half the distance."""
+    for c in range(3):
+        nearest[c] = place[3, c] + vertex[c] + at[0, c] + (sizes[3] + 0.5 * apart) * n[c]
+        for k in range(3):
+            if not kinked.has(kinks, count, kinked.SEGMENT, k, 0):
+                nearest[c] += sign[k] * edge[k, c]
+    m = 0
+    for i in range(count):
+        kind, who, _ = kinks[i]
+        for _ in range(2 if kind == kinked.DISK else 1):
+            if who < 3 if kind == kinked.SEGMENT else who == 0:
+                for c in range(3):
+                    nearest[c] += t[m] * found[m, c]
+            m += 1
+
+
+@kernel("i8(f8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
+def _first_set(
+    n: Array, kinks: Array, edge: Array, sign: Array, swell: Array, first: Array, second: Array, base: Array
+) -> int:
+    """Write the kinks near n that fit together and leave it about where it is; return how many."""
+    tried, kink, near, count = np.zeros((_MOST_TRIED, 3), np.int64), np.zeros(3, np.int64), np.empty(3), 0
+    found, basis = np.empty((6, 3)), np.empty((3, 3))
+    for turn in range(_MOST_TRIED):
+        if not kinked.next_kink(
+            n, kinked.NEAR_KINK, count == 0, kink, tried, turn, edge, sign, swell, first, second, base
+        ):
+            break
+        tried[turn] = kink
+        kinks[count] = kink
+        m = kinked.directions(kinks, count + 1, edge, swell, first, second, base, found)
+        near[:] = n
+        if search.span(found, m, basis) < m or m > 2 or not search.make_normal(near, basis, m):
+            continue
+        if search.dot(near, n) > _ABOUT:
+            count += 1
+            if m == 2:
+                break
+    return count
+
+
+@kernel("Tuple((i8, f8))(f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
+def _refine(
+    place: Array, sizes: Array, points: Array, other_place: Array, other_sizes: Array, other_points: Array,
+    n: Array, nearest: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Find a local maximum of d(n).
+
+    Parameters
+    ----------
+    place, other_place : ndarray, shape (4, 3)
+        Where the shapes are: columns of the rotation, then the origin [m].
+    sizes, other_sizes : ndarray, shape (8,)
+        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid [m].
+    points, other_points : ndarray, shapes (k, 3)
+        Points of a hull [m].
+    n : ndarray, shape (3,)
+        The approximate unit normal from the first shape to the second; receives that of the maximum.
+    nearest : ndarray, shape (3,)
+        Receives the point midway between the surfaces where it is unique [m].
+
+    Returns
+    -------
+    result : int
+        `UNIQUE`, `FLAT` or `FAILED`; failed is also a maximum below d of the normal given.
+    distance : float
+        d(n) [m].
+    """
+    edge, swell, used, between = np.empty((6, 3)), np.empty((2, 3, 3)), np.empty((2, 3, 3)), np.empty(3)
+    first, second = np.empty((len(points), 3)), np.empty((len(other_points), 3))
+    _describe(place, sizes, points, 1.0, edge[:3], swell[:1], first)
+    _describe(other_place, other_sizes, other_points, -1.0, edge[3:], swell[1:], second)
+    ball, base, sign = sizes[3] + other_sizes[3], np.empty(2, np.int64), np.empty(6, np.int64)
+    base[0], base[1] = _outermost(first, n), _outermost(second, n)
+    size = 0.0
+    for c in range(3):
+        between[c] = other_place[3, c] - place[3, c]
+        size += abs(between[c])
+    for k in range(6):
+        sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
+    given = search.separation_along(n, between, ball, edge, swell, first, second)
+    kinks, kink, count = np.zeros((3, 3), np.int64), np.zeros(3, np.int64), 0
+    found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.zeros(2, np.bool_)
+    count = _first_set(n, kinks, edge, sign, swell, first, second, base)
+    start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.zeros(2)
+    for _ in range(_MOST_SETS):
+        m = kinked.directions(kinks, count, edge, swell, first, second, base, found)
+        rank = search.span(found, m, basis)
+        if rank < m or rank > 2 or not search.make_normal(n, basis, rank):
+            return FAILED, 0.0
+        used[:] = swell
+        if count > 0 and kinks[0, 0] == kinked.DISK:
+            used[kinks[0, 1]] = 0.0
+        for c in range(3):
+            pull[c] = between[c] - first[base[0], c] - second[base[1], c]
+        for k in range(6):
+            if not kinked.has(kinks, count, kinked.SEGMENT, k, 0):
+                for c in range(3):
+                    pull[c] -= sign[k] * edge[k, c]
+        start[:] = n
+        if rank < 2 and not search.climb(n, pull, used, basis, rank):
+            # along the axis of a disk there is no gradient
+            who = 0 if kinked.is_disk(swell[0]) and not left[0] else 1
+            if left[who] or not kinked.is_disk(swell[who]):
+                return FAILED, 0.0
+            left[who], count = True, 1
+            kinks[0, 0], kinks[0, 1], kinks[0, 2] = kinked.DISK, who, 0
+            for k in range(6):
+                sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
+            continue
+        if kinked.next_kink(n, -kinked.ROUNDING, False, kink, kinks, count, edge, sign, swell, first, second, base):
+            # beyond the kink there is another slope: back to it unless that is higher
+            apart = search.separation_along(n, between, ball, edge, swell, first, second)
+            if apart < search.separation_along(start, between, ball, edge, swell, first, second):
+                n[:] = start
+            count = kinked.add(n, slope, kink, kinks, count, between, ball, edge, sign, swell, first, second, base)
+            if count < 0:
+                return FAILED, 0.0
+            continue
+        apart = search.separation_along(n, between, ball, edge, swell, first, second)
+        if m > 0 and kinked.is_flat(n, edge, swell, first, second, base):
+            return (FLAT if apart >= given - kinked.ROUNDING * size else FAILED), apart
+        search.gradient(n, used, pull, at, slope)
+        along = search.dot(slope, n)
+        for c in range(3):
+            slope[c] -= along * n[c]
+        kinked.multipliers(slope, found, m, t)
+        remain = kinked.release(n, t, found, kinks, count, sign, base, left)
+        if remain < count:
+            count = remain
+            continue
+        _midpoint(place, sizes, n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
+        # written so that a NaN is refused too
+        return (UNIQUE if apart >= given - kinked.ROUNDING * size else FAILED), apart
+    return FAILED, 0.0
+
+
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
+def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
+    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear_plain`."""
+    for side in range(2):
+        s = sides[side]
+        for k in range(4):
+            for c in range(3):
+                world[side, k, c] = fixed[s, k, c]
+                if frame[s] >= 0:
+                    P = places[frame[s]]
+                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
+                    world[side, k, c] += P[3, c] if k == 3 else 0.0
+
+
+@kernel("Tuple((i8, f8))(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
+def _refine_pair(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
+    normal: Array, nearest: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Call `_refine` for two shapes, `sides`, shape (2,); the first arguments are those of `_clear_plain`."""
+    world = np.empty((2, 4, 3))
+    _place_pair(places, frame, fixed, sides, world)
+    a, b = sides[0], sides[1]
+    one, other = points[first_point[a] : first_point[a + 1]], points[first_point[b] : first_point[b + 1]]
+    return _refine(world[0], sizes[a], one, world[1], sizes[b], other, normal, nearest)
+
+
+@kernel("f8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1])")
+def _separate_pair(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
+    normal: Array,
+) -> float:  # fmt: skip
+    """Return d of two shapes along a normal; arguments as of `_refine_pair`."""
+    world, local, u, apart = np.empty((2, 4, 3)), np.empty(3), normal.copy(), 0.0
+    _place_pair(places, frame, fixed, sides, world)
+    for side in range(2):
+        s = sides[side]
+        size = sizes[s]
+        for k in range(3):
+            local[k] = search.dot(world[side, k], u)
+        apart -= search.dot(world[side, 3], u) + search.farthest(points[first_point[s] : first_point[s + 1]], local)
+        apart -= size[3] + size[4] * np.sqrt(local[0] ** 2 + local[1] ** 2)
+        apart -= np.sqrt((size[5] * local[0]) ** 2 + (size[6] * local[1]) ** 2 + (size[7] * local[2]) ** 2)
+        for k in range(3):
+            apart -= size[k] * abs(local[k])
+            u[k] = -u[k]
+    return apart
+
+
+def refined(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) -> tuple[int, float, Array]:
+    """Return a result, the signed distance of two shapes [m] and the point midway between the surfaces, shape (3,).
+
+    Parameters
+    ----------
+    axes : SeparatingAxes
+        The shapes.
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are.
+    sides : ndarray of int, shape (2,)
+        The two shapes.
+    normal : ndarray, shape (3,)
+        The approximate unit normal from the first to the second; receives the refined one.
+
+    Returns
+    -------
+    result : int
+        `UNIQUE`; `FLAT`, where the point is meaningless; `FAILED`, where the numbers and the normal are.
+    distance, point
+        Those.
+    """
+    nearest = np.empty(3)
+    result, distance = _refine_pair(places, *axes.supports, sides, normal, nearest)
+    return result, distance, nearest
+
+
+def separated(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) -> float:
+    """Return the separation of two shapes along a unit normal [m]; arguments as of `refined`."""
+    return float(_separate_pair(places, *axes.supports, sides, normal))

@@ -1,0 +1,251 @@
+"""A bound on the distance of convex shapes from an axis that kept them apart before: most pairs need no other answer.
+
+Whatever the unit vector n, two shapes are at least as far apart as their shadows on it. The normal of the last measured
+distance, carried along by the first body, keeps them apart for many steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
+
+
+class _Support(NamedTuple):
+    """A shape as a sum of sets about its frame's origin: a direction reaches as far as in each of them together.
+
+    Half edges of a box, radii of a ball and of a disk across z, half axes of an ellipsoid, and points, shape (k, 3), of
+    which the farthest counts.
+    """
+
+    box: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ball: float = 0.0
+    disk: float = 0.0
+    ellipsoid: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: Array = np.zeros((1, 3))
+
+
+def _support(shape: Convex) -> _Support:
+    match shape:
+        case Sphere():
+            return _Support(ball=shape.radius)
+        case Ellipsoid():
+            return _Support(ellipsoid=shape.radii)
+        case Box():
+            a, b, c = shape.size
+            return _Support(box=(0.5 * a, 0.5 * b, 0.5 * c))
+        case Capsule():
+            return _Support(box=(0.0, 0.0, 0.5 * shape.length), ball=shape.radius)
+        case Cylinder():
+            return _Support(box=(0.0, 0.0, 0.5 * shape.length), disk=shape.radius)
+    return _Support(points=shape.vertices)
+
+
+def _reach_plain(place: Array, u: Array, sizes: Array, points: Array) -> float:
+    """Return how far a shape reaches from the world's origin along a unit vector [m].
+
+    Parameters
+    ----------
+    place : ndarray, shape (4, 3)
+        Where the shape is: columns of its rotation, then its origin.
+    u : ndarray, shape (3,)
+        The unit vector.
+    sizes : ndarray, shape (8,)
+        Box, ball, disk, ellipsoid of its `_Support`.
+    points : ndarray, shape (k, 3)
+        The points of that.
+    """
+    x = place[:3] @ u
+    along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
+    return float(place[3] @ u + along + (points @ x).max())
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1])", plain=_reach_plain)
+def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
+    x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
+    y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
+    z = place[2, 0] * u[0] + place[2, 1] * u[1] + place[2, 2] * u[2]
+    far = points[0, 0] * x + points[0, 1] * y + points[0, 2] * z
+    for k in range(1, len(points)):
+        far = max(far, points[k, 0] * x + points[k, 1] * y + points[k, 2] * z)
+    far += place[3, 0] * u[0] + place[3, 1] * u[1] + place[3, 2] * u[2]
+    far += abs(x) * sizes[0] + abs(y) * sizes[1] + abs(z) * sizes[2] + sizes[3]
+    if sizes[4] > 0.0:
+        far += sizes[4] * np.sqrt(x * x + y * y)
+    if sizes[5] > 0.0:
+        far += np.sqrt((sizes[5] * x) ** 2 + (sizes[6] * y) ** 2 + (sizes[7] * z) ** 2)
+    return far
+
+
+def _clear_plain(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
+    sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
+) -> int:  # fmt: skip
+    """Clear the pairs that their axes keep apart: the bound becomes their budget.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are: columns of the rotation, then the origin.
+    frame : ndarray of int, shape (s,)
+        Which of them each shape belongs to; -1 for the world.
+    fixed : ndarray, shape (s, 4, 3)
+        Where the shapes are in their bodies.
+    sizes, points, first_point : ndarray, shapes (s, 8), (k, 3), (s + 1,)
+        The shapes' supports; the points of all of them, and where each one's begin.
+    sides : ndarray of int, shape (n, 2)
+        The shapes of each pair.
+    axis : ndarray, shape (n, 3)
+        Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
+    due : ndarray of int, shape (d,)
+        Pairs to look at.
+    tolerance : float
+        Gap at and below which a pair is active [m].
+    budget : ndarray, shape (n,)
+        Written for the pairs that are cleared [m].
+    asked : ndarray of int, shape (d,)
+        Receives the other pairs, in its first places.
+
+    Returns
+    -------
+    int
+        How many these are.
+    """
+    count = 0
+    for pair in due:
+        a, b = sides[pair]
+        where = [fixed[s] if frame[s] < 0 else _compose(places[frame[s]], fixed[s]) for s in (a, b)]
+        n = axis[pair] if frame[a] < 0 else axis[pair] @ places[frame[a], :3]
+        shapes = [points[first_point[s] : first_point[s + 1]] for s in (a, b)]
+        gap = -_reach_plain(where[1], -n, sizes[b], shapes[1]) - _reach_plain(where[0], n, sizes[a], shapes[0])
+        if gap > tolerance:
+            budget[pair] = gap
+        else:
+            asked[count] = pair
+            count += 1
+    return count
+
+
+def _compose(outer: Array, inner: Array) -> Array:
+    """Return where a shape is whose place is `inner` in a body at `outer`, both of shape (4, 3)."""
+    place = inner @ outer[:3]
+    place[3] += outer[3]
+    return place
+
+
+@kernel(
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8, f8[::1],"
+    " i8[::1])",
+    plain=_clear_plain,
+)
+def _clear(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
+    sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
+) -> int:  # fmt: skip
+    count = 0
+    n, back, world = np.empty(3), np.empty(3), np.empty((2, 4, 3))
+    for i in range(len(due)):
+        pair = due[i]
+        for side in range(2):
+            s = sides[pair, side]
+            if frame[s] < 0:
+                for c in range(3):
+                    for k in range(4):
+                        world[side, k, c] = fixed[s, k, c]
+                    if side == 0:
+                        n[c] = axis[pair, c]
+                continue
+            P = places[frame[s]]
+            for c in range(3):
+                for k in range(4):
+                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
+                world[side, 3, c] += P[3, c]
+                if side == 0:
+                    n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
+        a, b = sides[pair, 0], sides[pair, 1]
+        back[0], back[1], back[2] = -n[0], -n[1], -n[2]
+        gap = -_reach(world[1], back, sizes[b], points[first_point[b] : first_point[b + 1]])
+        gap -= _reach(world[0], n, sizes[a], points[first_point[a] : first_point[a + 1]])
+        if gap > tolerance:
+            budget[pair] = gap
+        else:
+            # a NaN is asked too
+            asked[count] = pair
+            count += 1
+    return count
+
+
+def _keep_plain(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `_clear_plain`."""
+    for pair, normal in zip(pairs, normals, strict=True):
+        body = frame[sides[pair, 0]]
+        axis[pair] = normal if body < 0 else places[body, :3] @ normal
+
+
+@kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])", plain=_keep_plain)
+def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+    for i in range(len(pairs)):
+        body = frame[sides[pairs[i], 0]]
+        for c in range(3):
+            x = normals[i, c]
+            if body >= 0:
+                x = 0.0
+                for k in range(3):
+                    x += places[body, c, k] * normals[i, k]
+            axis[pairs[i], c] = x
+
+
+class SeparatingAxes:
+    """One axis a pair, from when it was last measured.
+
+    Parameters
+    ----------
+    shapes : sequence of PlacedShape
+        The shapes.
+    sides : ndarray of int, shape (n, 2)
+        The two of each pair.
+
+    Attributes
+    ----------
+    bodies : ndarray of int
+        Whose placements are asked for, in that order.
+    frame : ndarray of int
+        For each shape where its body stands among these; -1 for the world.
+    supports : tuple of ndarray
+        `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear_plain`.
+    """
+
+    def __init__(self, shapes: Sequence[PlacedShape], sides: Array) -> None:
+        moving = sorted({s.body for s in shapes if s.body})
+        self.bodies = np.array(moving, dtype=np.int64)
+        self.frame = np.array([moving.index(s.body) if s.body else -1 for s in shapes], dtype=np.int64)
+        self._sides = sides
+        self._fixed = np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3)
+        supports = [_support(s.shape) for s in shapes]
+        self._sizes = np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8)
+        self._points = np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)])
+        self._first_point = np.cumsum([0, *(len(s.points) for s in supports)])
+        # as kernels take them
+        self.supports = self.frame, self._fixed, self._sizes, self._points, self._first_point
+        self._axis = np.full((len(sides), 3), np.nan)
+
+    def clear(self, places: Array, due: Array, tolerance: float, budget: Array) -> Array:
+        """Return those of the due pairs that may be active; the budgets of the others are written.
+
+        `places`, shape (b, 4, 3), are the placements of `bodies`.
+        """
+        asked = np.empty(len(due), np.int64)
+        count = _clear(
+            places, self.frame, self._fixed, self._sizes, self._points, self._first_point,
+            self._sides, self._axis, due, tolerance, budget, asked,
+        )  # fmt: skip
+        return asked[:count]
+
+    def keep(self, places: Array, pairs: Array, normals: Array) -> None:
+        """Keep measured normals, shape (k, 3), as the axes of some pairs."""
+        _keep(places, self.frame, self._sides, self._axis, pairs, normals)

@@ -1,0 +1,238 @@
+"""Convex shapes: their Coal geometry, the points they stand on, and their inertia as homogeneous solids.
+
+Every shape is centred on its own frame; lengths in metres; capsules and cylinders lie along z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from math import frexp
+from typing import Any
+
+import coal
+import numpy as np
+
+from .faces import FACING
+from .motion import Motion
+from .polyhedra import Box, Hull
+
+Array = np.ndarray
+
+_RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6)])
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball of a radius [m]."""
+
+    radius: float
+    smooth = True
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return self.radius
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return self.radius
+
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Sphere(self.radius / unit)
+
+    def support_points(self) -> tuple[Array, Array, float]:
+        """Return centres and half axes, shapes (k, 3), and a radius: the shape's reach below a plane is theirs.
+
+        Of an ellipsoid of these half axes about the centre, the lowest point counts; where they vanish, the centre.
+        To it comes a ball of the radius.
+        """
+        return np.zeros((1, 3)), np.zeros((1, 3)), self.radius
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        return 0.4 * mass * self.radius**2 * np.eye(3)
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid of three semi-axes [m]."""
+
+    radii: tuple[float, float, float]
+    smooth = True
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return max(self.radii)
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return min(self.radii)
+
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Ellipsoid(*(r / unit for r in self.radii))
+
+    def support_points(self) -> tuple[Array, Array, float]:
+        """Return itself: its lowest point moves over the surface."""
+        return np.zeros((1, 3)), np.array([self.radii]), 0.0
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        a, b, c = np.square(self.radii)
+        return 0.2 * mass * np.diag([b + c, a + c, a + b])
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder of a length between two half balls of a radius [m]."""
+
+    radius: float
+    length: float
+    smooth = False
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return self.radius + 0.5 * self.length
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return self.radius
+
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Capsule(self.radius / unit, self.length / unit)
+
+    def support_points(self) -> tuple[Array, Array, float]:
+        """Return the centres of the two ends and the radius."""
+        return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, np.zeros((2, 3)), self.radius
+
+    def exit(self, points: Array, direction: Array) -> Array:
+        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        z = np.clip(points[:, 2], -0.5 * self.length, 0.5 * self.length)
+        from_axis = points - z[:, None] * np.array([0.0, 0.0, 1.0])
+        return _leave_ball(from_axis, direction, self.radius)
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        r, length = self.radius, self.length
+        ball, tube = 4 / 3 * r, length
+        m_ball, m_tube = mass * ball / (ball + tube), mass * tube / (ball + tube)
+        axial = m_tube * r**2 / 2 + m_ball * 0.4 * r**2
+        side = m_tube * (length**2 / 12 + r**2 / 4) + m_ball * (0.4 * r**2 + length**2 / 4 + 0.375 * length * r)
+        return np.diag([side, side, axial])
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A solid cylinder of a radius and a length [m]."""
+
+    radius: float
+    length: float
+    smooth = False
+
+    @property
+    def bound(self) -> float:
+        """Radius of a ball about the frame's origin that holds the shape [m]."""
+        return float(np.hypot(self.radius, 0.5 * self.length))
+
+    @property
+    def inner(self) -> float:
+        """Radius of a ball that fits into the shape [m]."""
+        return min(self.radius, 0.5 * self.length)
+
+    def coal(self, unit: float = 1.0) -> Any:
+        """Return the Coal geometry, in units of `unit` [m]."""
+        return coal.Cylinder(self.radius / unit, self.length / unit)
+
+    def support_points(self) -> tuple[Array, Array, float]:
+        """Return twelve points of each rim, and the rims themselves, whose lowest points move."""
+        end = np.array([0.0, 0.0, 0.5 * self.length])
+        fixed = np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end])
+        rim = np.array([[self.radius, self.radius, 0.0]])
+        half_axes = np.concatenate([np.zeros(fixed.shape), rim, rim])
+        return np.concatenate([fixed, [-end, end]]), half_axes, 0.0
+
+    @cached_property
+    def faces(self) -> tuple[Array, Array]:
+        """Outward normals of the two ends, shape (2, 3), and their offsets, shape (2,)."""
+        return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
+
+    def exit(self, points: Array, direction: Array) -> Array:
+        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        way = np.full(len(points), np.inf)
+        if abs(direction[2]) > FACING:
+            way = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
+        across = np.hypot(direction[0], direction[1])
+        if across > FACING:
+            flat = points * np.array([1.0, 1.0, 0.0])
+            unit = np.array([direction[0], direction[1], 0.0]) / across
+            way = np.minimum(way, _leave_ball(flat, unit, self.radius) / across)
+        return way
+
+    def inertia(self, mass: float) -> Array:
+        """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
+        side = mass * (self.length**2 / 12 + self.radius**2 / 4)
+        return np.diag([side, side, 0.5 * mass * self.radius**2])
+
+
+def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
+    """Return how far from points, shape (k, 3), a line along a unit direction leaves a ball about the origin."""
+    along = points @ direction
+    inside = along**2 - (points**2).sum(axis=1) + radius**2
+    return np.sqrt(np.maximum(inside, 0.0)) - along
+
+
+def length_unit(sizes: Iterable[float]) -> float:
+    """Return the power of two above the median of sizes [m]; 1 of none."""
+    known = list(sizes)
+    return 2.0 ** frexp(float(np.median(known)))[1] if known else 1.0
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """What a wall or floor leaves free: normal . x >= offset in the world [m], displaced by its motion if any."""
+
+    normal: tuple[float, float, float]
+    offset: float
+    motion: Motion | None = None
+
+
+Convex = Sphere | Ellipsoid | Box | Hull | Capsule | Cylinder
+
+
+@dataclass(frozen=True)
+class PlacedShape:
+    """A shape fixed to a body.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the scene: "hopper/foot", "floor".
+    shape : Convex
+        The shape.
+    body : int
+        The body it is fixed to; 0 is the world.
+    rotation : ndarray, shape (3, 3)
+    position : ndarray, shape (3,)
+        Where the shape's frame stands in the body's [m].
+    color : tuple of float
+        Red, green, blue, opacity in [0, 1].
+    motion : Motion, optional
+        How a shape of the world moves, if it does.
+    """
+
+    name: str
+    shape: Convex
+    body: int
+    rotation: Array
+    position: Array
+    color: tuple[float, float, float, float] = (0.6, 0.65, 0.72, 1.0)
+    motion: Motion | None = None

@@ -1,0 +1,167 @@
+"""Spheres against spheres and capsules in closed form: what Coal would answer, without asking it pair by pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+from .shapes import Capsule, PlacedShape, Sphere
+
+
+def _ball_contacts_plain(
+    places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
+    normal: Array,
+) -> bool:  # fmt: skip
+    """Write the contacts of pairs of which one side at least is a sphere; False if some have no normal, but NaN.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are: columns of the rotation, then the origin.
+    frame : ndarray of int, shape (s,)
+        Which of them each shape belongs to; -1 for the world.
+    ends : ndarray, shape (s, 2, 3)
+        The two ends of a capsule's axis in its body; of a sphere, twice its centre.
+    radius : ndarray, shape (s,)
+        Radii [m].
+    sides : ndarray of int, shape (n, 2)
+        The shapes of each pair.
+    pairs : ndarray of int, shape (k,)
+        Which pairs.
+    gap, point, normal : ndarray, shapes (k,), (k, 3), (k, 3)
+        Receive signed distances, points midway between the surfaces, and unit normals from the first to the second.
+    """
+    for i, pair in enumerate(pairs):
+        a, b = sides[pair]
+        first, second = (
+            ends[s] if frame[s] < 0 else ends[s] @ places[frame[s], :3] + places[frame[s], 3] for s in (a, b)
+        )
+        nearest = _nearest(first, second[0]), _nearest(second, first[0])
+        apart = nearest[1] - nearest[0]
+        length = np.linalg.norm(apart)
+        normal[i] = apart / length if length > 0.0 else np.nan
+        gap[i] = length - radius[a] - radius[b]
+        point[i] = nearest[0] + (radius[a] + 0.5 * gap[i]) * normal[i]
+    return not np.isnan(normal).any()
+
+
+def _nearest(segment: Array, target: Array) -> Array:
+    """Return the point of a segment, shape (2, 3), nearest to a point."""
+    along = segment[1] - segment[0]
+    square = along @ along
+    return segment[0] + (np.clip((target - segment[0]) @ along / square, 0.0, 1.0) * along if square > 0.0 else 0.0)
+
+
+@kernel(
+    "b1(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], i8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
+    plain=_ball_contacts_plain,
+)
+def _ball_contacts(
+    places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
+    normal: Array,
+) -> bool:  # fmt: skip
+    fine = True
+    world = np.empty((2, 2, 3))
+    for i in range(len(pairs)):
+        for side in range(2):
+            s = sides[pairs[i], side]
+            f = frame[s]
+            for end in range(2):
+                for c in range(3):
+                    x = ends[s, end, c]
+                    if f >= 0:
+                        x = places[f, 3, c]
+                        for k in range(3):
+                            x += ends[s, end, k] * places[f, k, c]
+                    world[side, end, c] = x
+        # where one is a sphere, the other's nearest point is that to its centre
+        for side in range(2):
+            square = along = 0.0
+            for c in range(3):
+                d = world[side, 1, c] - world[side, 0, c]
+                square += d * d
+                along += d * (world[1 - side, 0, c] - world[side, 0, c])
+            if square > 0.0:
+                share = min(max(along / square, 0.0), 1.0)
+                for c in range(3):
+                    world[side, 0, c] += share * (world[side, 1, c] - world[side, 0, c])
+        length = 0.0
+        for c in range(3):
+            length += (world[1, 0, c] - world[0, 0, c]) ** 2
+        length = np.sqrt(length)
+        a, b = radius[sides[pairs[i], 0]], radius[sides[pairs[i], 1]]
+        gap[i] = length - a - b
+        for c in range(3):
+            n = (world[1, 0, c] - world[0, 0, c]) / length if length > 0.0 else np.nan
+            normal[i, c] = n
+            point[i, c] = world[0, 0, c] + (a + 0.5 * gap[i]) * n
+        fine = fine and length > 0.0
+    return fine
+
+
+def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float, Array]:
+    """Return the signed distance of a point from a solid cylinder's surface, and the unit vector straight out of it.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (3,)
+        The point, in the cylinder's frame.
+    radius, length : float
+        Of the cylinder [m].
+
+    Notes
+    -----
+    What Coal says of a ball whose centre is in a cylinder is wrong by up to the cylinder's radius.
+    """
+    across = float(np.hypot(centre[0], centre[1]))
+    outward = np.array([centre[0], centre[1], 0.0]) / across if across > 0.0 else np.array([1.0, 0.0, 0.0])
+    upward = np.array([0.0, 0.0, 1.0 if centre[2] >= 0.0 else -1.0])
+    side, end = across - radius, abs(float(centre[2])) - 0.5 * length
+    if side > 0.0 and end > 0.0:
+        away = side * outward + end * upward
+        distance = float(np.hypot(side, end))
+        return distance, away / distance
+    return (side, outward) if side > end else (end, upward)
+
+
+class Balls:
+    """The pairs of a list that have a closed form.
+
+    Parameters
+    ----------
+    shapes : sequence of PlacedShape
+        The shapes.
+    frame : ndarray of int, shape (s,)
+        Where each one's body stands among the places that are given; -1 for the world.
+    sides : ndarray of int, shape (n, 2)
+        The two of each pair.
+
+    Attributes
+    ----------
+    are : ndarray of bool, shape (n,)
+        Which pairs have it: sphere and sphere, sphere and capsule.
+    """
+
+    def __init__(self, shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> None:
+        self._frame, self._sides = frame, sides
+        self._ends, self._radius = np.zeros((len(shapes), 2, 3)), np.zeros(len(shapes))
+        ball, round_ = np.zeros(len(shapes), bool), np.zeros(len(shapes), bool)
+        for k, placed in enumerate(shapes):
+            shape = placed.shape
+            if isinstance(shape, Sphere | Capsule):
+                half = 0.5 * shape.length if isinstance(shape, Capsule) else 0.0
+                self._ends[k] = placed.position + np.array([[-half], [half]]) * placed.rotation[:, 2]
+                self._radius[k] = shape.radius
+                ball[k], round_[k] = isinstance(shape, Sphere), True
+        first, second = sides.T
+        self.are = round_[first] & round_[second] & (ball[first] | ball[second])
+
+    def contacts(self, places: Array, pairs: Array) -> tuple[Array, Array, Array] | None:
+        """Return gaps, shape (k,), points and normals, shapes (k, 3), of such pairs; None where centres coincide."""
+        k = len(pairs)
+        gap, point, normal = np.empty(k), np.empty((k, 3)), np.empty((k, 3))
+        fine = _ball_contacts(places, self._frame, self._ends, self._radius, self._sides, pairs, gap, point, normal)
+        return (gap, point, normal) if fine else None

@@ -1,0 +1,93 @@
+"""Where the points are on which shapes stand on half-spaces, and how high: those that are fixed, and those that move.
+
+On a rim or an ellipsoid the point moves along with what is lowest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+
+# a rim tilted by less than this is level: any point of it will do
+_LEVEL = 1e-9
+
+
+def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
+    """Write contact point and gap, shape (4,), of one point of a body above a half-space.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are: columns of the rotation, then the origin.
+    body : int
+        Which of them it is.
+    numbers, i
+        As of `_Selection`, and which of its rows.
+    """
+    P, number = places[body], numbers[i]
+    swell, up = number[3:12].reshape(3, 3), number[12:15]
+    toward = swell @ (P[:3] @ up)
+    length = np.linalg.norm(toward)
+    lowest = -toward / length if length > _LEVEL * np.abs(swell).max() else np.array([1.0, 0.0, 0.0])
+    world = (number[:3] + lowest @ swell) @ P[:3] + P[3]
+    out[:3], out[3] = world - number[15] * up, world @ up - number[16]
+
+
+@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])", plain=lowest_plain)
+def lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
+    """Loops of `lowest_plain`."""
+    P, n = places, numbers
+    x, y, z = n[i, 0], n[i, 1], n[i, 2]
+    if n[i, 3] != 0.0 or n[i, 4] != 0.0 or n[i, 5] != 0.0:
+        u = P[body, 0, 0] * n[i, 12] + P[body, 0, 1] * n[i, 13] + P[body, 0, 2] * n[i, 14]
+        v = P[body, 1, 0] * n[i, 12] + P[body, 1, 1] * n[i, 13] + P[body, 1, 2] * n[i, 14]
+        w = P[body, 2, 0] * n[i, 12] + P[body, 2, 1] * n[i, 13] + P[body, 2, 2] * n[i, 14]
+        a = n[i, 3] * u + n[i, 4] * v + n[i, 5] * w
+        b = n[i, 6] * u + n[i, 7] * v + n[i, 8] * w
+        c = n[i, 9] * u + n[i, 10] * v + n[i, 11] * w
+        length, largest = np.sqrt(a * a + b * b + c * c), 0.0
+        for k in range(3, 12):
+            largest = max(largest, abs(n[i, k]))
+        if length > _LEVEL * largest:
+            a, b, c = -a / length, -b / length, -c / length
+        else:
+            a, b, c = 1.0, 0.0, 0.0
+        x += n[i, 3] * a + n[i, 6] * b + n[i, 9] * c
+        y += n[i, 4] * a + n[i, 7] * b + n[i, 10] * c
+        z += n[i, 5] * a + n[i, 8] * b + n[i, 11] * c
+    out[3] = -n[i, 16]
+    for k in range(3):
+        where = x * P[body, 0, k] + y * P[body, 1, k] + z * P[body, 2, k] + P[body, 3, k]
+        out[3] += where * n[i, 12 + k]
+        out[k] = where - n[i, 15] * n[i, 12 + k]
+
+
+def stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
+    """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Where the bodies are: columns of the rotation, then the origin.
+    owners, numbers
+        As of `_Selection`.
+    """
+    local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
+    R, origin = places[owners[:, 0], :3], places[owners[:, 0], 3]
+    toward = np.matvec(swell, np.matvec(R, up))
+    length = np.sqrt(np.vecdot(toward, toward))[:, None]
+    tilted = length > _LEVEL * np.abs(swell).max(axis=(1, 2), initial=0.0)[:, None]
+    lowest = np.where(tilted, -toward / np.where(tilted, length, 1.0), np.array([1.0, 0.0, 0.0]))
+    world = np.vecmat(local + np.vecmat(lowest, swell), R) + origin
+    gap[:], point[:] = np.vecdot(world, up) - numbers[:, 16], world - numbers[:, 15:16] * up
+
+
+@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])", plain=stand_plain)
+def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
+    """Loops of `stand_plain`."""
+    out = np.empty(4)
+    for i in range(len(owners)):
+        lowest(places, owners[i, 0], numbers, i, out)
+        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]

@@ -1,0 +1,176 @@
+"""Which of many balls are near each other: cells of several sizes, hashed, and lists that last for several steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+
+# factors of two in radius that have cells of their own
+_LEVELS = 24
+# lists are remade about every so many steps
+_FEWEST, _MOST = 6, 20
+
+
+def _near_balls_plain(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
+    """Write the pairs of balls whose gap is at most `reach`; return how many there are, more than fit or not.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (n, 3)
+        Centres [m].
+    radii : ndarray, shape (n,)
+        Radii [m].
+    level : ndarray of int, shape (n,)
+        The cells that each ball belongs to, larger balls to coarser ones.
+    cell : ndarray, shape (l,)
+        Edge of the cells of each level: twice the largest radius there, plus `reach`.
+    reach : float
+        Greatest gap [m].
+    pairs : ndarray of int, shape (k,)
+        Receives i n + j with i < j, in no order.
+    """
+    n = len(radii)
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2) - radii[:, None] - radii
+    i, j = np.nonzero(np.triu(apart <= reach, 1))
+    count = min(len(i), len(pairs))
+    pairs[:count] = (i * n + j)[:count]
+    return len(i)
+
+
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, i8[::1])", plain=_near_balls_plain)
+def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
+    n, levels = len(radii), len(cell)
+    size = 16
+    while size < 2 * n:
+        size *= 2
+    where, bucket = np.empty((n, 3), np.int64), np.empty(n, np.int64)
+    # balls sorted by bucket, level after level
+    start, order = np.zeros((levels, size + 1), np.int64), np.empty(n, np.int64)
+    low, inhabited = np.empty(3), np.zeros(levels, np.int64)
+    for c in range(3):
+        low[c] = np.inf
+        for i in range(n):
+            low[c] = min(low[c], centres[i, c])
+    for i in range(n):
+        inhabited[level[i]] += 1
+        for c in range(3):
+            where[i, c] = np.int64(np.floor((centres[i, c] - low[c]) / cell[level[i]]))
+        key = where[i, 0] * 73856093 ^ where[i, 1] * 19349663 ^ where[i, 2] * 83492791
+        bucket[i] = key & (size - 1)
+        start[level[i], bucket[i] + 1] += 1
+    place = 0
+    for k in range(levels):
+        start[k, 0] = place
+        for b in range(size):
+            start[k, b + 1] += start[k, b]
+        place = start[k, size]
+    fill = start.copy()
+    for i in range(n):
+        order[fill[level[i], bucket[i]]] = i
+        fill[level[i], bucket[i]] += 1
+    count = 0
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for i in range(n):
+        # a pair is found from its finer ball, of the same level from its first
+        for k in range(level[i], levels):
+            if inhabited[k] == 0:
+                continue
+            far = radii[i] + 0.5 * (cell[k] - reach) + reach
+            for c in range(3):
+                x = centres[i, c] - low[c]
+                first[c], last[c] = np.int64(np.floor((x - far) / cell[k])), np.int64(np.floor((x + far) / cell[k]))
+            for x in range(first[0], last[0] + 1):
+                for y in range(first[1], last[1] + 1):
+                    for z in range(first[2], last[2] + 1):
+                        b = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)
+                        for s in range(start[k, b], start[k, b + 1]):
+                            j = order[s]
+                            if (k == level[i] and j <= i) or where[j, 0] != x or where[j, 1] != y or where[j, 2] != z:
+                                continue
+                            square = 0.0
+                            for c in range(3):
+                                square += (centres[i, c] - centres[j, c]) ** 2
+                            together = radii[i] + radii[j] + reach
+                            if square <= together * together:
+                                if count < len(pairs):
+                                    pairs[count] = min(i, j) * n + max(i, j)
+                                count += 1
+    return count
+
+
+def near_balls(centres: Array, radii: Array, reach: float) -> Array:
+    """Return the pairs of balls with a gap of at most `reach`, as i n + j with i < j, ascending.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (n, 3)
+        Centres [m].
+    radii : ndarray, shape (n,)
+        Radii [m].
+    reach : float
+        Greatest gap [m].
+    """
+    # radii within a factor of two share cells; a coarser cell holds few balls of its own level only
+    level = np.minimum(np.log2(radii / radii.min()).astype(np.int64), _LEVELS - 1)
+    largest = np.zeros(int(level.max()) + 1)
+    np.maximum.at(largest, level, radii)
+    pairs = np.empty(12 * len(radii), np.int64)
+    while True:
+        count = _near_balls(centres, radii, level, 2.0 * largest + reach, reach, pairs)
+        if count <= len(pairs):
+            return np.sort(pairs[:count])
+        pairs = np.empty(count, np.int64)
+
+
+class VerletList:
+    """Pairs of balls that are or can soon be near, listed anew only once they moved against each other by a skin.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (n,)
+        Radii [m].
+
+    Attributes
+    ----------
+    lists : int
+        How many lists were made so far.
+    reach : float
+        Pairs with a gap of at most this were listed last [m].
+
+    Notes
+    -----
+    L. Verlet, Physical Review 159 (1967), 98-103. What all have in common of a motion brings none nearer to another and
+    is left out. The skin is widened where lists do not last, so that it only matters to speed.
+    """
+
+    def __init__(self, radii: Array) -> None:
+        self._radii = radii
+        self._largest_skin = 2.0 * float(np.median(radii))
+        self._skin = 0.3 * self._largest_skin
+        self.reach, self._lasted, self.lists = -np.inf, _FEWEST, 0
+        self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
+
+    def within(self, centres: Array, reach: float) -> Array:
+        """Return at least all pairs with a gap of at most `reach`, as i n + j with i < j, ascending."""
+        if not np.isfinite(reach):
+            self.lists += 1
+            self.reach, self._where = -np.inf, np.zeros((0, 3))
+            i, j = np.triu_indices(len(centres), 1)
+            return i * len(centres) + j
+        if len(self._where):
+            moved = centres - self._where
+            moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
+            # each of two may have come as far
+            if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
+                self._lasted += 1
+                return self._pairs
+        if self._lasted < _FEWEST:
+            self._skin = min(1.5 * self._skin, self._largest_skin)
+        elif self._lasted > _MOST:
+            self._skin *= 0.8
+        self._lasted, self.reach, self._where = 0, reach + self._skin, centres.copy()
+        self.lists += 1
+        self._pairs = near_balls(centres, self._radii, self.reach)
+        return self._pairs

@@ -1,0 +1,234 @@
+"""The small projection: which of a few rows press, guessed, exchanged where the guess fails, and always checked.
+
+An answer counts if its own KKT residual is at rounding; otherwise others are asked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+from . import nonnegative, tree
+from .metric import Array
+from .nonnegative import ROUNDING
+
+# the share of its terms that a sum J w cannot be told from zero at
+_LAST_DIGITS = 4e-15
+# slack, relative to the largest speed, under which a row that does not press touches all the same
+_TOUCHING = 1e-9
+_REFINEMENTS = 2
+
+
+def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+    """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
+
+    Parameters
+    ----------
+    J, A : ndarray, shape (m, nv)
+        Gradients, and M^-1 times each of them.
+    x, w : ndarray, shape (nv,)
+        The velocity to project and the result.
+    lower : ndarray, shape (m,)
+        Least rates.
+    last : ndarray, shape (m,) or (0,)
+        Percussions that settled the same rows before, if any.
+    table : ndarray, shape (3, m)
+        Receives percussions, J x and J w.
+
+    Returns
+    -------
+    float
+        The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
+    """
+    p, speed, reached = table
+    speed[:] = J @ x
+    w[:], p[:], reached[:] = x, 0.0, speed
+    missing, terms = lower - speed, np.abs(J) @ np.abs(x) + np.abs(lower)
+    if (missing <= ROUNDING * terms).all():
+        return 0.0
+    G = J @ A.T
+    lengths = np.sqrt(np.maximum(G.diagonal(), 0.0))
+    if not (lengths > 0.0).all():
+        return np.inf
+    largest = ((np.abs(speed) + np.abs(lower)) / lengths).max()
+    enough = max(ROUNDING, _LAST_DIGITS * (terms / lengths).max() / largest)
+    G, d = G / np.outer(lengths, lengths), missing / lengths
+    nothing, u = np.zeros(len(d)), np.empty(len(d))
+    for attempt in range(3):
+        chosen, base = d > 0.0, nothing
+        if attempt == 1:
+            if len(last) != len(d):
+                continue
+            chosen, base = last > 0.0, last * lengths
+        if attempt == 2 and not nonnegative.exchange_plain(G, d, chosen):
+            break
+        if not nonnegative.settle_plain(G, d, chosen, base, u):
+            continue
+        for _ in range(1 + _REFINEMENTS):
+            p[:] = u / lengths
+            w[:] = x + p @ A
+            reached[:] = J @ w
+            slack = (reached - lower) / lengths
+            residual = np.abs(np.minimum(u, slack)).max() / largest
+            if residual <= enough:
+                np.maximum(p, 0.0, out=p)
+                # rows that touch without pressing may share the percussion: that is settled elsewhere
+                alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
+                return float(residual) if alone else np.inf
+            correction = np.empty(len(d))
+            nonnegative.settle_plain(G, -slack, chosen, nothing, correction)
+            u += correction
+    return np.inf
+
+
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])", plain=_press_plain)
+def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+    """Loops of `_press_plain`."""
+    m, n = J.shape
+    missing = False
+    for a in range(m):
+        speed, terms = 0.0, abs(lower[a])
+        for k in range(n):
+            term = J[a, k] * x[k]
+            speed += term
+            terms += abs(term)
+        table[0, a], table[1, a], table[2, a] = 0.0, speed, speed
+        missing = missing or not lower[a] - speed <= ROUNDING * terms
+    for k in range(n):
+        w[k] = x[k]
+    if not missing:
+        return 0.0
+    G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
+    largest = most_terms = 0.0
+    correction, chosen = np.empty(m), np.empty(m, np.bool_)
+    for a in range(m):
+        for b in range(a + 1):
+            g = 0.0
+            for k in range(n):
+                g += J[a, k] * A[b, k]
+            G[a, b] = g
+        if not G[a, a] > 0.0:
+            return np.inf
+        lengths[a] = np.sqrt(G[a, a])
+        largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / lengths[a])
+        terms = abs(lower[a])
+        for k in range(n):
+            terms += abs(J[a, k] * x[k])
+        most_terms = max(most_terms, terms / lengths[a])
+        d[a] = (lower[a] - table[1, a]) / lengths[a]
+    for a in range(m):
+        for b in range(a + 1):
+            G[a, b] /= lengths[a] * lengths[b]
+            G[b, a] = G[a, b]
+    enough = max(ROUNDING, _LAST_DIGITS * most_terms / largest)
+    for attempt in range(3):
+        for a in range(m):
+            chosen[a], base[a] = d[a] > 0.0, 0.0
+        if attempt == 1:
+            if len(last) != m:
+                continue
+            for a in range(m):
+                chosen[a], base[a] = last[a] > 0.0, last[a] * lengths[a]
+        if attempt == 2 and not nonnegative.exchange(G, d, chosen):
+            break
+        if not nonnegative.settle(G, d, chosen, base, u):
+            continue
+        for _ in range(1 + _REFINEMENTS):
+            for k in range(n):
+                w[k] = x[k]
+            for a in range(m):
+                table[0, a] = u[a] / lengths[a]
+                if u[a] != 0.0:
+                    for k in range(n):
+                        w[k] += table[0, a] * A[a, k]
+            residual, alone = 0.0, True
+            for a in range(m):
+                speed = 0.0
+                for k in range(n):
+                    speed += J[a, k] * w[k]
+                table[2, a] = speed
+                slack[a] = (speed - lower[a]) / lengths[a]
+                off = abs(min(u[a], slack[a])) / largest
+                # written so that a NaN stays
+                if not off <= residual and residual == residual:
+                    residual = off
+                alone = alone and (chosen[a] or attempt < 2 or slack[a] > _TOUCHING * largest)
+                slack[a] = -slack[a]
+            if residual <= enough:
+                for a in range(m):
+                    table[0, a] = max(table[0, a], 0.0)
+                return residual if alone else np.inf
+            for a in range(m):
+                base[a] = 0.0
+            nonnegative.settle(G, slack, chosen, base, correction)
+            for a in range(m):
+                u[a] += correction[a]
+    return np.inf
+
+
+def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
+    """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
+
+    Parameters
+    ----------
+    v : ndarray, shape (nv,)
+        Velocity before.
+    e : ndarray, shape (m,)
+        Restitution of each row.
+    rates : ndarray, shape (4, m)
+        Receives percussions, J x, J w and J v.
+    """
+    rates[3] = J @ v
+    return _press_plain(J, A, x, -e * rates[3], last, w, rates[:3])
+
+
+@kernel(
+    "f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
+    plain=_law_plain,
+)
+def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
+    """Loops of `_law_plain`."""
+    m, n = J.shape
+    lower = np.empty(m)
+    for a in range(m):
+        speed = 0.0
+        for k in range(n):
+            speed += J[a, k] * v[k]
+        rates[3, a], lower[a] = speed, -e[a] * speed
+    return press(J, A, x, lower, last, w, rates)
+
+
+def _tree_law_plain(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
+    last: Array, w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
+    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    if tree.advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
+        return np.inf
+    if tree.factor_plain(mass, 0.0, damping, parent, L):
+        return np.inf
+    tree.solve_plain(L, parent, J, A)
+    return _law_plain(J, A, v, e, x, last, w, rates)
+
+
+@kernel(
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
+    plain=_tree_law_plain,
+)
+def tree_law(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
+    last: Array, w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Loops of `_tree_law_plain`."""
+    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    if tree.advance_by(mass, damping, parent, v, h, torque, effects, L, x):
+        return np.inf
+    damped = False
+    for d in damping:
+        damped = damped or d != 0.0
+    # L is that of M already where there is no damping
+    if damped and tree.factor(mass, 0.0, damping, parent, L):
+        return np.inf
+    tree.solve(L, parent, J, A)
+    return law(J, A, v, e, x, last, w, rates)

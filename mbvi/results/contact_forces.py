@@ -1,0 +1,138 @@
+"""Resultants of the contacts of a run: on robots, links, bodies, walls, and between pairs of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import shown
+from ..errors import InputError
+from .contacts import ContactTable
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+
+Array = np.ndarray
+_BETWEEN = " | "
+# names that an error lists
+_MOST_NAMED = 50
+
+
+class ContactNames:
+    """What stands on either side of contacts, by their names.
+
+    Parameters
+    ----------
+    problem : Problem or None
+        What was run; None where a file could not bring it back.
+    constraints : sequence of str
+        Names of constraints.
+
+    Attributes
+    ----------
+    sides : list of (str, str, float) or None
+        Of each constraint the first part, the second, and the sign of the force on the first along the normal; None of
+        what is no contact.
+    things : dict of str to set of str
+        The parts of every robot, link, body, wall and group of bodies.
+    """
+
+    def __init__(self, problem: Problem | None, constraints: Sequence[str]) -> None:
+        scene = None if problem is None else problem.scene
+        # a normal leads out of these, which are named second
+        self._sheets: set[str] = set() if scene is None else {*scene.walls, *(s.name for s in scene.surfaces)}
+        self._parts = set(self._sheets) if scene is None else {*self._sheets, *(s.name for s in scene.shapes)}
+        self.sides = [self._sides(name) for name in constraints]
+        parts = self._parts or {part for sides in self.sides if sides is not None for part in sides[:2]}
+        self.things: dict[str, set[str]] = {part: {part} for part in parts}
+        for part in parts:
+            self.things.setdefault(part.split("/", 1)[0].split("[", 1)[0], set()).add(part)
+        if scene is not None:
+            for robot in (item.robot for item in scene.items.robots):
+                self.things.setdefault(robot.name, set())
+                frames = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
+                links = {f"{robot.name}/{name}" for name in frames}
+                for link in links:
+                    # several shapes of a link are numbered
+                    shapes = {part for part in parts - links if part.rpartition("_")[0] == link}
+                    self.things.setdefault(link, shapes)
+
+    def parts(self, name: str) -> set[str]:
+        """Return the parts of a thing, or raise `InputError` if nothing goes by that name."""
+        if not isinstance(name, str) or name not in self.things:
+            known = sorted(self.things)
+            more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+            raise InputError(f"unknown name {shown(name)}; known are {', '.join(known[:_MOST_NAMED]) or 'none'}{more}")
+        return self.things[name]
+
+    def _sides(self, constraint: str) -> tuple[str, str, float] | None:
+        words = constraint.split(_BETWEEN)
+        if len(words) < 2:
+            return None
+        splits = [(_BETWEEN.join(words[:k]), _BETWEEN.join(words[k:])) for k in range(1, len(words))]
+        # a link's name in a file may hold what stands between two names
+        first, second = next((pair for pair in splits if self._parts.issuperset(pair)), splits[0])
+        return first, second, 1.0 if second in self._sheets else -1.0
+
+
+def force_on(table: ContactTable, names: ContactNames, name: str, durations: Array) -> Array:
+    """Return the force and the moment about the origin on something, shape (n + 1, 6) [N, N m].
+
+    Parameters
+    ----------
+    table : ContactTable
+        The contacts of a run.
+    names : ContactNames
+        Of its constraints.
+    name : str
+        A robot, a link "robot/link", a body, a wall, spheres, or one of them "spheres[3]".
+    durations : ndarray, shape (n + 1,)
+        Of the intervals [s].
+
+    Raises
+    ------
+    InputError
+        If nothing goes by that name.
+    """
+    parts = names.parts(name)
+    # between two parts of one thing the two forces cancel
+    signs = [0.0 if s is None else s[2] * ((s[0] in parts) - (s[1] in parts)) for s in names.sides]
+    sign = np.array([*signs, 0.0])[table.constraint]
+    index = np.flatnonzero(sign)
+    return _summed(table, index, sign[index], durations)
+
+
+def forces_between(table: ContactTable, names: ContactNames, durations: Array) -> dict[tuple[str, str], Array]:
+    """Return the force and moment on the first of each pair by the second, arrays as `force_on`."""
+    pairs = sorted({sides[:2] for sides in names.sides if sides is not None})
+    number = {pair: k for k, pair in enumerate(pairs)}
+    pair_of = np.array([*(-1 if s is None else number[s[:2]] for s in names.sides), -1])[table.constraint]
+    sign = np.array([*(0.0 if s is None else s[2] for s in names.sides), 0.0])[table.constraint]
+    order = np.argsort(pair_of, kind="stable")
+    ends = np.searchsorted(pair_of[order], np.arange(len(pairs) + 1))
+    found = {}
+    for pair, begin, end in zip(pairs, ends[:-1], ends[1:], strict=True):
+        index = order[begin:end]
+        found[pair] = _summed(table, index, sign[index], durations)
+    return found
+
+
+def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) -> Array:
+    """Return force and moment of some rows in ascending order, signed along their normals, shape (n + 1, 6)."""
+    total = np.zeros((len(durations), 6))
+    # limits and given functions have no place in space
+    contact = np.isfinite(table.normal[index, 0])
+    index, sign = index[contact], sign[contact]
+    force = (sign * table.percussion[index])[:, None] * table.normal[index]
+    wrench = np.concatenate([force, np.cross(table.point[index], force)], axis=1)
+    interval = np.searchsorted(table.starts, index, side="right") - 1
+    for k in range(6):
+        total[:, k] = np.bincount(interval, wrench[:, k], minlength=len(durations))
+    passes = durations > 0.0
+    total[passes] /= durations[passes, None]
+    # at an instant, as of impacts that are located, it is what it was just before
+    passes[0] = True
+    return np.asarray(total[np.maximum.accumulate(np.where(passes, np.arange(len(passes)), 0))])

@@ -1,0 +1,176 @@
+"""Contacts at one instant and over a run: where they are and how hard they push."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..constraints.contact import Contact
+from ..constraints.rows import Rows, owners
+
+Array = np.ndarray
+# rows that there is room for at first
+_ROOM = 64
+
+
+@dataclass(frozen=True)
+class ContactTable:
+    """The contacts of a run, interval after interval between recorded states.
+
+    Attributes
+    ----------
+    starts : ndarray of int, shape (n + 2,)
+        Rows starts[i] to starts[i + 1] are those of (t_{i-1}, t_i]; before t_0 there are none.
+    constraint : ndarray of int, shape (k,)
+        Index of each row's constraint in `names`.
+    names : tuple of str
+        Names of constraints.
+    point, normal : ndarray, shape (k, 3)
+        As `Contact`.
+    percussion : ndarray, shape (k,)
+        Over the whole interval [N s, N m s].
+    """
+
+    starts: Array
+    constraint: Array
+    names: tuple[str, ...]
+    point: Array
+    normal: Array
+    percussion: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.starts, self.constraint, self.point, self.normal, self.percussion):
+            array.setflags(write=False)
+
+    def part(self, first: int, end: int) -> ContactTable:
+        """Return the contacts of the intervals that end at some of the states."""
+        starts = self.starts[first : end + 1]
+        rows = slice(int(starts[0]), int(starts[-1]))
+        columns = (self.point[rows], self.normal[rows], self.percussion[rows])
+        return ContactTable(starts - starts[0], self.constraint[rows], self.names, *columns)
+
+    def interval(self, i: int, duration: float) -> tuple[Contact, ...]:
+        """Return the contacts of an interval of the given duration [s]."""
+        rows = range(int(self.starts[i]), int(self.starts[i + 1]))
+        names, p = self.names, self.percussion
+        return tuple(
+            Contact(names[self.constraint[a]], self.point[a], self.normal[a], float(p[a]), float(p[a]) / duration)
+            for a in rows
+        )
+
+
+class ContactLog:
+    """Collects the contacts of a run in arrays that grow.
+
+    A contact with percussions in several steps between two recorded states is one row: the sum of its percussions as
+    vectors, at the mean of its points weighted by them. The force of the row is then its mean over the interval.
+
+    Parameters
+    ----------
+    same : float
+        Points of one constraint farther apart than this are different contacts [m].
+
+    Attributes
+    ----------
+    number : ndarray of int, shape (room,)
+        Constraint of each row; the first `starts[-1]` are filled.
+    values : ndarray, shape (room, 7)
+        Point, normal and percussion of each row.
+    starts : list of int
+        As `ContactTable.starts`, of the intervals that have ended.
+    """
+
+    def __init__(self, same: float) -> None:
+        self._same = same
+        self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, 7))
+        self.starts = [0]
+        # where the rows of each step of the present interval begin, and the last of them ends
+        self._begins: list[int] = []
+        self._end = 0
+
+    def add(self, number: Array, point: Array, normal: Array, percussion: Array) -> None:
+        """Add the rows of a step that have a percussion."""
+        index = (percussion > 0.0).nonzero()[0]
+        if not index.size:
+            return
+        begin, end = self._end, self._end + index.size
+        if end > len(self.number):
+            room = max(2 * len(self.number), end)
+            number_of, values_of = np.empty(room, np.int64), np.empty((room, 7))
+            number_of[:begin], values_of[:begin] = self.number[:begin], self.values[:begin]
+            self.number, self.values = number_of, values_of
+        values = self.values[begin:end]
+        self.number[begin:end] = number[index]
+        values[:, :3], values[:, 3:6], values[:, 6] = point[index], normal[index], percussion[index]
+        self._begins.append(begin)
+        self._end = end
+
+    def close(self) -> None:
+        """End an interval: a state is recorded."""
+        if len(self._begins) > 1:
+            self._merge()
+        self._begins.clear()
+        self.starts.append(self._end)
+
+    def table(self, name: Callable[[int], str], states: int) -> ContactTable:
+        """Return the contacts of the intervals up to as many recorded states."""
+        return self.piece(name, 0, states)
+
+    def piece(self, name: Callable[[int], str], first: int, end: int) -> ContactTable:
+        """Return the contacts of the intervals that end at some of the recorded states."""
+        starts = np.array(self.starts[first : end + 1])
+        rows = slice(int(starts[0]), int(starts[-1]))
+        known, constraint = np.unique(self.number[rows], return_inverse=True)
+        point, normal, percussion = np.split(self.values[rows].copy(), [3, 6], axis=1)
+        names = tuple(map(name, known.tolist()))
+        return ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0])
+
+    def _merge(self) -> None:
+        """Make one row of each contact of the present interval."""
+        first = self._begins[0]
+        ends = [*self._begins[1:], self._end]
+        number = self.number[first : ends[0]].copy()
+        total = _moments(self.values[first : ends[0]])
+        for begin, end in zip(self._begins[1:], ends[1:], strict=True):
+            other, more = self.number[begin:end], _moments(self.values[begin:end])
+            owner = self._owner(other, more, number, total)
+            known = owner >= 0
+            # every contact is the owner of one row at most
+            total[owner[known]] += more[known]
+            number, total = np.concatenate([number, other[~known]]), np.concatenate([total, more[~known]])
+        length = np.sqrt(np.vecdot(total[:, 3:6], total[:, 3:6]))
+        left = length != 0.0
+        number, total, length = number[left], total[left], length[left]
+        # limits have no normal: their percussions add up as they are
+        length = np.where(np.isnan(length), total[:, 6], length)
+        self._end = first + len(number)
+        self.number[first : self._end] = number
+        values = self.values[first : self._end]
+        values[:, :3], values[:, 3:6], values[:, 6] = (
+            total[:, :3] / total[:, 6:],
+            total[:, 3:6] / length[:, None],
+            length,
+        )
+
+    def _owner(self, number: Array, moments: Array, others: Array, known: Array) -> Array:
+        """Return which of the other contacts each row continues, -1 where it begins one."""
+        point, place = moments[:, :3] / moments[:, 6:], known[:, :3] / known[:, 6:]
+        if len(number) == len(others) and (number == others).all():
+            apart = point - place
+            if not (np.vecdot(apart, apart) > self._same**2).any():
+                return np.arange(len(number))
+        return owners(_rows(number, point), _rows(others, place))
+
+
+def _moments(values: Array) -> Array:
+    """Return p x, p n and p of rows, shape (k, 7): these add up."""
+    moments = values.copy()
+    moments[:, :6] *= values[:, 6:]
+    return moments
+
+
+def _rows(number: Array, point: Array) -> Rows:
+    none = np.zeros(len(number))
+    return Rows(number, none, none, none, point, point)

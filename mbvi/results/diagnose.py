@@ -1,0 +1,214 @@
+"""What of a run may be trusted: goes through its states again and looks at where several constraints are active."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError
+from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
+from ..projection import Projector
+from ..schemes import EventDriven
+from ..schemes.observer import observer
+from ..system.sparse_rows import dense
+from .diagnosis import Array, Diagnosis, Instant
+
+if TYPE_CHECKING:
+    from ..constraints import Rows
+    from ..problem import Problem
+    from ..projection import Metric
+    from ..schemes import Step
+    from .trajectory import Trajectory
+
+# single impacts followed at one instant
+_MOST_IMPACTS = 2_000
+# sines of the angle between a gradient and the span of others below this: dependent
+_DEPENDENT = 1e-6
+# times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
+_INSTANT, _ROUNDING = 1e-6, 1e-10
+# numbers of all gradients and angles at one time
+_MOST_ENTRIES = 30_000_000
+# gradients shorter than this are none
+_VANISHING = 1e-12
+
+
+class _State(NamedTuple):
+    """A state of a run, the velocity before it, and the step that led there.
+
+    `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted.
+    """
+
+    t: float
+    q: Array
+    before: Array
+    v: Array
+    h: float
+    step: Step | None = None
+
+
+def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
+    """Return what of a run may be trusted; see `Trajectory.diagnosis`."""
+    if run.problem is None:
+        raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
+    if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
+    problem, system = run.problem, run.problem.system
+    struck = np.array([impact.time for impact in run.impacts])
+    found = _Instants(problem, tolerance)
+    variation = energy = excess = 0.0
+    vanishing: dict[str, None] = {}
+    for state in _states(run):
+        t, q, before, v, h, step = state
+        metric = system.metric(q)
+        variation += float(np.linalg.norm(v - before))
+        if step is not None:
+            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
+        else:
+            # the same by the balance of percussions: the work of the forces within the step is no impact's doing
+            gained = 0.5 * float((v - before) @ metric.apply(v + before))
+            if run.step > 0.0:
+                gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
+            elif h > 0.0:
+                # located impacts are jumps, and between them there are none
+                gained = 0.0
+            active = _dense(problem.constraints.active(t, q, problem.tolerance))
+            if active.rate is not None:
+                pushed = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
+        if run._missing:
+            gained = np.nan
+        energy += gained
+        excess = np.nan if run._missing else max(excess, energy)
+        lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
+        vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
+        if len(active.gap) > 1:
+            k = int(np.searchsorted(struck, t - _INSTANT * run.step))
+            impact = k < len(struck) and bool(struck[k] <= t + _INSTANT * run.step)
+            found.add(state, active, metric, gained, impact and (run.step > 0.0 or h == 0.0))
+        else:
+            found.end()
+    found.end()
+    unseen = run.step > 0.0 and not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
+    return Diagnosis(
+        tuple(found.instants),
+        np.nan if unseen and np.isinf(found.horizon) else found.horizon,
+        tolerance,
+        variation,
+        max((float(i.percussion.max()) for i in run.impacts), default=0.0),
+        excess,
+        tuple(vanishing),
+        unseen,
+    )
+
+
+def _dense(active: Rows) -> Rows:
+    """Return rows with full gradients."""
+    rows, columns = active.jacobian.shape
+    if rows * (rows + columns) > _MOST_ENTRIES:
+        raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
+    return active._replace(jacobian=dense(active.jacobian))
+
+
+def _can_step(run: Trajectory) -> bool:
+    return run.step > 0.0 and run._scheme is not None and not run._missing
+
+
+def _states(run: Trajectory) -> Iterator[_State]:
+    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded.
+
+    So is every state of a scheme whose law acts within its steps or on positions too. Where a file brings no scheme
+    back, the law is taken to act where the velocity jumps, on what is active there.
+    """
+    assert run.problem is not None
+    problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
+    scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
+    # the work of walls that move is no impact's doing: only the step tells it apart
+    apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
+    # a control may look at the contacts of the step before, which only that step tells
+    observe = observer(problem)
+    apart = apart or observe is not None
+    again = steps and scheme is not None and (jump < 1.0 or apart)
+    if hasattr(problem.system, "start"):
+        problem.system.start()
+    yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
+    for i in range(1, len(run.t)):
+        t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
+        while steps and scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
+            step = scheme.step(problem, t, q, v, run.step, projector)
+            acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None)
+            if observe is not None:
+                observe(step, run.step)
+            t, q, v = step.t, step.q, step.v
+        h = end - t
+        acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
+        last = scheme.step(problem, t, q, v, h, projector) if again and scheme is not None else None
+        yield _State(end, acted, v, run.v[i], h, last)
+        if observe is not None and last is not None:
+            observe(last, h)
+
+
+class _Instants:
+    """Collects instants; those in a row with the same rows and no impact become one."""
+
+    def __init__(self, problem: Problem, tolerance: float) -> None:
+        self._problem, self._tolerance = problem, tolerance
+        self.instants: list[Instant] = []
+        self.horizon = np.inf
+        # the stretch that goes on: the rows, the instant so far, how far from (12) it was at its worst
+        self._stretch: tuple[bytes, Instant, float] | None = None
+
+    def end(self) -> None:
+        """Let the stretch end."""
+        if self._stretch is not None:
+            self.instants.append(self._stretch[1])
+            self._stretch = None
+
+    def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
+        """Take an instant with several active rows."""
+        columns, _ = unit_gradients(metric, active.jacobian)
+        cosines, e = cosines_between(columns), active.restitution
+        worst = float(condition_12_violation(cosines, e, self._tolerance).max())
+        found = None
+        if impact and worst and not np.isfinite(self.horizon):
+            before = state.before
+            if active.rate is not None:
+                # as seen from the walls; where they move apart there is no such velocity, but nearly
+                before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
+            found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
+            jump = state.v - state.before
+            moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
+            # rounding is no fork
+            if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
+                self.horizon = state.t
+        names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
+        free = independent(columns, cosines, _DEPENDENT)
+        new = Instant(state.t, state.t, names, e, impact, not worst, free, gained, found, csr_array(cosines))
+        if impact:
+            self.end()
+            self.instants.append(new)
+            return
+        rows, so_far = active.constraint.tobytes(), self._stretch
+        if so_far is None or so_far[0] != rows:
+            self.end()
+            self._stretch = rows, new, worst
+        else:
+            self._stretch = rows, _joined(so_far[1], new, worst > so_far[2]), max(worst, so_far[2])
+
+
+def _joined(first: Instant, second: Instant, worse: bool) -> Instant:
+    return Instant(
+        first.time,
+        second.until,
+        first.constraints,
+        first.restitution,
+        False,
+        first.condition_12 and second.condition_12,
+        first.independent and second.independent,
+        first.energy_change + second.energy_change,
+        None,
+        (second if worse else first)._cosines,
+    )

@@ -1,0 +1,172 @@
+"""What of a run may be trusted: condition (12), (H4), energy, variation, and where another answer is as good."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..impacts import Forks
+
+Array = np.ndarray
+
+# names and rows that a report spells out
+_MOST_NAMES, _MOST_ROWS = 3, 12
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One instant with several active constraints, or a stretch of them with the same ones and no impact.
+
+    Attributes
+    ----------
+    time, until : float
+        The first and the last instant [s]; the same at an impact.
+    constraints : tuple of str, length k
+        Names, one a contact point or limit.
+    restitution : ndarray, shape (k,)
+        e of each.
+    impact : bool
+        Whether the velocity jumped.
+    condition_12 : bool
+        Whether the angles meet condition (12), throughout a stretch.
+    independent : bool
+        Whether the gradients are linearly independent, assumption (H4), throughout a stretch.
+    energy_change : float
+        Kinetic energy gained, measured from the states: v+' M v+ / 2 - v-' M v- / 2 less the work of the forces
+        within the step, summed over a stretch [J].
+    forks : Forks or None
+        The outcomes of an impact where (12) fails; None elsewhere and after the horizon.
+    """
+
+    time: float
+    until: float
+    constraints: tuple[str, ...]
+    restitution: Array
+    impact: bool
+    condition_12: bool
+    independent: bool
+    energy_change: float
+    forks: Forks | None
+    _cosines: csr_array = field(repr=False)
+
+    @property
+    def angles(self) -> Array:
+        """Kinetic angles between the gradients, shape (k, k) [rad]; in a stretch, where (12) is met worst."""
+        cosines = self._cosines.toarray()
+        np.fill_diagonal(cosines, 1.0)
+        return np.arccos(cosines)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What of a run may be trusted.
+
+    Attributes
+    ----------
+    instants : tuple of Instant
+        Every instant with several active constraints, in order.
+    horizon : float
+        First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none does, nan where
+        that cannot be told because states are unseen.
+    tolerance : float
+        Largest cosine that counts as a right angle, and largest spread of outcomes relative to the jump that counts
+        as none.
+    variation : float
+        Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s].
+    largest_percussion : float
+        Largest percussion of an impact (Lemma 3.3) [N s, N m s].
+    energy_excess : float
+        Largest excess of the kinetic energy over its value at the start, the work of the forces and of walls that move
+        on their own, and the part of a changing M: at most rounding where the energy estimate holds (before
+        Proposition 3.1) [J]; nan where a file lacks the control that did work.
+    vanishing : tuple of str
+        Constraints whose gradient vanished while they were active, against assumption (H3): nothing holds those.
+    unseen : bool
+        Whether states between the recorded ones could not be brought back: the run was thinned and comes from a file
+        that lacks its control, or of another version. The horizon is then the latest there can be.
+    """
+
+    instants: tuple[Instant, ...]
+    horizon: float
+    tolerance: float
+    variation: float
+    largest_percussion: float
+    energy_excess: float
+    vanishing: tuple[str, ...]
+    unseen: bool
+
+    def __str__(self) -> str:
+        return self.report()
+
+    def report(self) -> str:
+        """Return in words what may be trusted, then the instants as a table, impacts first."""
+        lines = [self._verdict()]
+        if self.unseen and np.isfinite(self.horizon):
+            lines.append("The file keeps only some of the steps: instants between them were not looked at.")
+        if self.vanishing:
+            names = ", ".join(self.vanishing[:_MOST_NAMES])
+            lines.append(
+                f"(H3) fails: the gradient of {names} vanishes where it is active, and nothing holds it there."
+            )
+        if not self.instants:
+            lines.append("Several constraints were never seen active at once.")
+        else:
+            several = _count(len(self.instants), "time", "times")
+            dependence = _failing("condition (12) on their angles fails", self.instants, "condition_12")
+            independence = _failing("(H4) fails: their gradients depend on each other", self.instants, "independent")
+            lines.append(f"Several constraints were active at {several}; {dependence}{independence}".rstrip(" ;") + ".")
+        lines.append(
+            f"Total variation of the velocity {self.variation:.6g}, largest percussion {self.largest_percussion:.6g}, "
+            f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."
+        )
+        return "\n".join(lines + self._table())
+
+    def _rounded(self, energy: float) -> float:
+        """Return an energy, zero where it is rounding."""
+        return energy if not abs(energy) <= 1e-12 * self.variation * self.largest_percussion else 0.0
+
+    def _verdict(self) -> str:
+        asked = [(i.time, i.forks) for i in self.instants if i.forks is not None]
+        if np.isfinite(self.horizon):
+            return (
+                f"Beyond t = {self.horizon:.6g} s this run is one of several answers: there changes of the data within "
+                f"one step's travel lead to velocities {asked[-1][1].spread:.3g} J^(1/2) apart in the kinetic norm."
+            )
+        cut = [(time, forks.reason) for time, forks in asked if not forks.complete]
+        if cut:
+            return (
+                f"No impact was found to have several outcomes, but at {_count(len(cut), 'impact', 'impacts')}, first "
+                f"at t = {cut[0][0]:.6g} s, {cut[0][1]}."
+            )
+        if self.unseen:
+            return "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."
+        return "No impact that this run took at once has several outcomes."
+
+    def _table(self) -> list[str]:
+        if not self.instants:
+            return []
+        chosen = sorted(self.instants, key=lambda i: (i.condition_12, not i.impact, i.time))[:_MOST_ROWS]
+        lines = [
+            f"{'time [s]':>19}  {'(12)':>5}  {'(H4)':>5}  {'angles [deg]':>14}  {'dE [J]':>10}  active constraints"
+        ]
+        for i in sorted(chosen, key=lambda i: i.time):
+            when = f"{i.time:.4f}" + (f" - {i.until:.4f}" if i.until > i.time else "")
+            pairs = np.degrees(i.angles[np.triu_indices(len(i.constraints), 1)])
+            angles = f"{pairs.min():.1f} - {pairs.max():.1f}" if np.ptp(pairs) > 0.05 else f"{pairs[0]:.1f}"
+            names = ", ".join(i.constraints[:_MOST_NAMES])
+            names += f" and {len(i.constraints) - _MOST_NAMES} more" if len(i.constraints) > _MOST_NAMES else ""
+            verdicts = "  ".join("holds" if holds else "fails" for holds in (i.condition_12, i.independent))
+            lines.append(f"{when:>19}  {verdicts}  {angles:>14}  {self._rounded(i.energy_change):10.3g}  {names}")
+        left = len(self.instants) - len(chosen)
+        return lines + ([f"and {left} more"] if left else [])
+
+
+def _failing(what: str, instants: tuple[Instant, ...], holds: str) -> str:
+    bad = [i for i in instants if not getattr(i, holds)]
+    return f"{what} at {len(bad)} of these, first at t = {bad[0].time:.6g} s; " if bad else ""
+
+
+def _count(n: int, one: str, many: str) -> str:
+    return f"{n} {one if n == 1 else many}"

@@ -1,0 +1,170 @@
+"""Trajectories in HDF5, readable with h5py alone, written in pieces while a run goes on."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from time import perf_counter
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from ..errors import TrajectoryFileError
+from ..scene.description import describe
+from ..schemes import EventDriven, Scheme
+from ..schemes.event_driven.runge_kutta import DEGREE
+from .contacts import ContactLog, ContactTable
+from .metadata import Metadata, ProblemData
+from .reading import SCHEMES, load
+from .trajectory import Array, Impact, Trajectory, energies
+from .writing import RunFile
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+
+__all__ = ["Record", "Writer", "load", "save"]
+
+# seconds between two pieces: what a killed run can lose
+_INTERVAL = 0.5
+
+
+class Record(Protocol):
+    """What a run leaves behind while it goes on.
+
+    `dense` are polynomials between the states, or None; `contacts` is None where they are not recorded.
+    """
+
+    jump: float
+    t: Any
+    q: Any
+    v: Any
+    penetration: Any
+    residual: Any
+    dense: Any
+    impacts: list[Impact]
+    notes: list[str]
+    contacts: ContactLog | None
+
+    @property
+    def count(self) -> int:
+        """How many states there are so far."""
+        ...
+
+
+class Writer:
+    """Streams a run to a file; with no path it does nothing.
+
+    Parameters
+    ----------
+    path : path or None
+        Where to.
+    problem, scheme, h
+        What is run, and how.
+    recorder : Record
+        Where the states and impacts come from.
+
+    Raises
+    ------
+    TrajectoryFileError
+        If the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None,
+        problem: Problem,
+        scheme: Scheme | EventDriven,
+        h: float,
+        recorder: Record,
+    ) -> None:
+        self._recorder, self._problem, self._h = recorder, problem, h
+        self._file: RunFile | None = None
+        self._energies: list[Array] = [np.zeros((0, 2))]
+        self._next = float("inf")
+        if path is not None:
+            # a killed run is to say why it was run so
+            metadata = _metadata(problem, scheme, type(scheme).__name__, h, recorder.jump, recorder.notes)
+            sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
+            self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None)
+            self._next = 0.0
+
+    def __enter__(self) -> Writer:
+        return self
+
+    def poll(self) -> float:
+        """Write what is new if the last piece is old enough; return when it will be again."""
+        if perf_counter() >= self._next:
+            self._flush()
+            self._next = perf_counter() + _INTERVAL
+        return self._next
+
+    def _flush(self) -> None:
+        file, r = self._file, self._recorder
+        assert file is not None
+        part, impacts = slice(file.states, r.count), r.impacts[file.impacts :]
+        names = ("t", "q", "v", "penetration", "residual")
+        states = {name: np.asarray(getattr(r, name)[part]) for name in names} if part.start < part.stop else {}
+        if states:
+            states["energy"] = energies(self._problem, states["t"], states["q"], states["v"], self._h, r.jump)
+            self._energies.append(states["energy"])
+        dense = None if r.dense is None else np.array(r.dense[max(part.start - 1, 0) : max(part.stop - 1, 0)])
+        file.append(states, impacts, dense, r.notes, self._contacts(part.start, part.stop))
+
+    def _contacts(self, first: int, end: int) -> ContactTable | None:
+        log = self._recorder.contacts
+        return None if log is None else log.piece(self._problem.constraints.name, first, end)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is None:
+            return
+        with self._file:
+            if error is None:
+                self._flush()
+                r = self._recorder
+                recorded = {name: np.asarray(getattr(r, name)) for name in ("t", "q", "v", "penetration", "residual")}
+                recorded["energy"] = np.concatenate(self._energies)
+                if r.dense is not None:
+                    recorded["dense"] = np.array(r.dense).reshape(-1, 2, self._problem.system.nv, DEGREE)
+                self._file.finish(recorded, r.impacts, self._contacts(0, r.count), complete=True)
+            elif not isinstance(error, TrajectoryFileError):
+                try:
+                    self._flush()
+                except TrajectoryFileError as second:
+                    error.add_note(str(second))
+
+
+def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write a trajectory to a file; see `Trajectory.save`."""
+    recorded = {"t": run.t, "q": run.q, "v": run.v, "penetration": run.penetration(), "residual": run.residual}
+    if run.problem is not None or run._energies is not None:
+        recorded["energy"] = np.stack(run.energies(), axis=1)
+    metadata = _metadata(run.problem, run._scheme, run.scheme, run.step, run._jump, run.notes)
+    try:
+        sizes, contacts = _sizes(run.q.shape[1], run.v.shape[1], run._dense), run._contacts
+        with RunFile(path, metadata, sizes, contacts=contacts is not None) as file:
+            file.append(recorded, run.impacts, run._dense, run.notes, contacts)
+            if run._dense is not None:
+                recorded["dense"] = run._dense
+            file.finish(recorded, run.impacts, contacts, complete=run.complete)
+    except TrajectoryFileError as error:
+        error.run = run
+        raise
+
+
+def _metadata(problem: Problem | None, scheme: Any, name: str, h: float, jump: float, notes: Any) -> Metadata:
+    kept = None
+    if problem is not None:
+        kept = ProblemData(
+            describe(problem), problem.q0, problem.v0, problem.restitution, problem.t0, float(problem.length)
+        )
+    known = SCHEMES.get(type(scheme).__name__)
+    # of other schemes nothing is brought back
+    options = {} if known is None else {name: getattr(scheme, name) for name in inspect.signature(known).parameters}
+    return Metadata(name, options, float(h), float(jump), kept, False, tuple(notes))
+
+
+def _sizes(nq: int, nv: int, dense: Any) -> dict[str, int]:
+    return {"nq": nq, "nv": nv} | ({} if dense is None else {"degree": DEGREE})

@@ -1,0 +1,1 @@
+"""Replays: one HTML page with meshcat inside, shapes and keyframes."""

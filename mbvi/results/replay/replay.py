@@ -1,0 +1,290 @@
+"""Replay in meshcat: live in a browser, or one page that plays by itself."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import meshcat
+import numpy as np
+from meshcat.animation import Animation, AnimationClip, AnimationTrack
+from meshcat.commands import SetProperty
+from meshcat.geometry import pack_numpy_array
+from scipy.spatial.transform import Rotation
+
+from ...errors import InputError, TrajectoryFileError
+from .keyframes import Array, Motion, arrows, bounds, carried, motion, scene_of, shapes_of
+from .meshes import arrow_mesh, plate_mesh, shape_mesh, sheet_mesh
+from .page import Page
+
+if TYPE_CHECKING:
+    from ...geometry.shapes import PlacedShape
+    from ...scene.model import SceneModel
+    from ..trajectory import Trajectory
+
+# seconds an arrow takes to vanish, of which it stays whole at first
+_FADE, _WHOLE = 0.3, 0.08
+# length of a whole arrow in lengths of the scene, at most
+_LONGEST = 10.0
+# what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
+_SLACK = 1e-3
+# where the camera stands as seen from the middle, how much it sees, and the least width of a window [heights]
+_DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
+_FIELD, _ASPECT = 40.0, 1.3
+
+
+def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
+    """Show a run in a browser through meshcat; returns when it has played.
+
+    Parameters
+    ----------
+    run : Trajectory
+        What to show; see `arrows` for the percussions.
+    speed : float
+        Seconds of the run per second of the replay.
+    shapes : "visual" or "collision"
+        See `Trajectory.replay_html`.
+
+    Raises
+    ------
+    InputError
+        If the run has no scene to show, the speed is not positive, or `shapes` is another word.
+    """
+    shown = shapes_of(run, shapes)
+    # written so that a NaN is refused too
+    if not 0.0 < speed < np.inf:
+        raise InputError(f"speed must be positive and finite; got {speed}")
+    vis = meshcat.Visualizer()
+    try:
+        vis.open()
+        animation = stage(vis, run, speed, shown)
+        # a server that dies with the script before a browser has come would show nothing
+        vis.wait()
+        # having waited, the server hears nothing more from this socket
+        vis.window.zmq_socket.close()
+        vis.window.connect_zmq()
+        vis.set_animation(animation)
+    finally:
+        vis.window.zmq_socket.close()
+    time.sleep(float(run.t[-1] - run.t[0]) / speed)
+
+
+def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "visual") -> None:
+    """Write one page that plays a run at true speed, with no server and no network.
+
+    Parameters
+    ----------
+    run : Trajectory
+        What to show; see `arrows` for the percussions.
+    path : path
+        The page; an old one is replaced.
+    shapes : "visual" or "collision"
+        See `Trajectory.replay_html`.
+
+    Raises
+    ------
+    InputError
+        If the run has no scene to show, or `shapes` is another word.
+    TrajectoryFileError
+        If the page cannot be written.
+    """
+    shown = shapes_of(run, shapes)
+    page = Page()
+    vis = meshcat.Visualizer(window=page)
+    vis.set_animation(stage(vis, run, shown=shown), play=False)
+    try:
+        Path(path).write_text(page.html(), encoding="utf-8")
+    except OSError as error:
+        raise TrajectoryFileError(f"the page {path} cannot be written: {error.strerror or error}") from error
+
+
+def stage(
+    vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
+) -> Animation:
+    """Draw the scene of a run as it starts, and return its animation.
+
+    Parameters
+    ----------
+    vis : meshcat.Visualizer
+        Where to draw.
+    run : Trajectory
+        A run with a scene.
+    speed : float
+        Seconds of the run per second of the replay.
+    shown : sequence of PlacedShape, optional
+        What `shapes_of` returned; the visual shapes by default.
+    """
+    scene, shown = scene_of(run), shapes_of(run) if shown is None else shown
+    moves = motion(run, speed, shown)
+    lower, upper = bounds(scene, moves, shown)
+    radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
+    _light(vis, 0.5 * (lower + upper), radius, upper - lower)
+    animation = Animation(default_framerate=1)
+    frames = _frames(vis, scene, moves, radius, animation)
+    for k, (name, wall) in enumerate(scene.walls.items()):
+        node = frames[id(wall.motion)]["walls"][_label(k, name)]
+        others = [w for w in scene.walls.values() if w is not wall and w.motion is wall.motion]
+        node.set_object(plate_mesh(wall, others, lower, upper))
+        # it is drawn from its free side only, and must not take the light from behind either
+        _cast_shadow(node["<object>"], False)
+    for k, item in enumerate(scene.surfaces):
+        node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
+        node.set_object(sheet_mesh(item.placed()))
+        _cast_shadow(node["<object>"], False)
+    _draw_shapes(vis, shown, moves, frames, radius, animation)
+    # among many small bodies long arrows would hide them
+    length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
+    _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
+    return animation
+
+
+def _frames(
+    vis: meshcat.Visualizer, scene: SceneModel, moves: Motion, radius: float, animation: Animation
+) -> dict[int, meshcat.Visualizer]:
+    """Return the node of what stands still, by the id of None, and one for each motion of what moves on its own."""
+    frames = {id(None): vis}
+    for k, drive in enumerate(scene.motions):
+        node = frames[id(drive)] = vis["driven"][str(k)]
+        _animate(node, moves, *carried(drive, moves.instants), radius, animation)
+    return frames
+
+
+def _animate(
+    node: meshcat.Visualizer, moves: Motion, position: Array, quaternion: Array, radius: float, animation: Animation
+) -> None:
+    """Place a node and let it move."""
+    node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
+    tracks = {
+        "position": _track("position", "vector3", moves, position, _SLACK * radius),
+        "quaternion": _track("quaternion", "quaternion", moves, quaternion, _SLACK),
+    }
+    moving = {name: track for name, track in tracks.items() if track is not None}
+    if moving:
+        animation.clips[node.path] = AnimationClip(moving, fps=1)
+
+
+def _draw_shapes(
+    vis: meshcat.Visualizer,
+    shown: Sequence[PlacedShape],
+    moves: Motion,
+    frames: dict[int, meshcat.Visualizer],
+    radius: float,
+    animation: Animation,
+) -> None:
+    parts, names = {}, {s.body: s.name for s in reversed(shown)}
+    for b, body in enumerate(moves.bodies):
+        node = parts[body] = vis["bodies"][_label(body, names[body])]
+        _animate(node, moves, moves.position[:, b], moves.quaternion[:, b], radius, animation)
+    for k, placed in enumerate(shown):
+        mesh, turn = shape_mesh(placed)
+        node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[_label(k, placed.name)]
+        node.set_object(mesh)
+        node.set_transform(_pose(placed.rotation @ turn, placed.position))
+
+
+def _draw_arrows(
+    vis: meshcat.Visualizer, run: Trajectory, length: float, speed: float, end: float, animation: Animation
+) -> None:
+    for k, arrow in enumerate(arrows(run)):
+        node = vis["percussions"][str(k)]
+        node.set_object(arrow_mesh())
+        node.set_transform(_pose(_turn_to(arrow.normal), arrow.point))
+        node.set_property("visible", False)
+        _cast_shadow(node["<object>"], False)
+        # the opacity of a node cannot be animated: the arrow gets thin instead
+        shown = round((arrow.time - float(run.t[0])) / speed, 6)
+        fade = [shown, shown + _WHOLE, shown + _FADE]
+        keys = np.unique(np.minimum(fade, end))
+        thick = np.interp(keys, fade, [1.0, 1.0, 0.0])
+        size = arrow.length * length * np.stack([thick, thick, np.ones_like(keys)], axis=1)
+        # every clip ends with the run: one that ended before would not start again when played from earlier
+        seen = {0.0: False, shown: True, min(fade[2], end): False, end: fade[2] > end}
+        tracks = {
+            "scale": _Track("scale", "vector3", keys, size),
+            "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
+        }
+        animation.clips[node.path] = AnimationClip(tracks, fps=1)
+
+
+class _Track(AnimationTrack):
+    """A track whose keys go to the browser as two arrays of floats: a quarter of the bytes of a list of keys."""
+
+    def lower(self) -> dict[str, Any]:
+        return {
+            "name": f".{self.name}",
+            "type": self.jstype,
+            "times": pack_numpy_array(self.frames)["array"],
+            "values": pack_numpy_array(self.values.T)["array"],
+        }
+
+
+def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> _Track | None:
+    """Return the track of one body, without impacts that did not bend its path; None if it never moved."""
+    if np.abs(values - values[0]).max() <= 1e-3 * slack:
+        return None
+    at, frame = moves.times, moves.frame
+    straight = np.stack([np.interp(at, at[frame], column[frame]) for column in values.T], axis=1)
+    kept = frame | (np.abs(values - straight).max(axis=1) > slack)
+    return _Track(name, kind, at[kept], values[kept])
+
+
+def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -> None:
+    """Set camera, lights and background; the scene is shrunk to half diagonal 1, for which the lights are made."""
+    pose = np.eye(4) / radius
+    pose[:3, 3], pose[3, 3] = -centre / radius, 1.0
+    vis.set_transform(pose)
+    right = np.cross([0.0, 0.0, 1.0], _DIRECTION) / np.hypot(*_DIRECTION[:2])
+    axes = np.stack([right, np.cross(_DIRECTION, right), _DIRECTION])
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size / radius
+    across, along, depth = np.abs(corners @ axes.T[:, 0]), np.abs(corners @ axes.T[:, 1]), corners @ _DIRECTION
+    slope = np.tan(np.radians(0.5 * _FIELD))
+    distance = float((depth + np.maximum(across / (_ASPECT * slope), along / slope)).max())
+    x, y, z = 1.08 * distance * _DIRECTION
+    camera = vis["/Cameras/default/rotated/<object>"]
+    camera.set_property("fov", _FIELD)
+    # the camera's own frame has y up
+    camera.set_property("position", [x, z, -y])
+    for hidden in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
+        vis[hidden].set_property("visible", False)
+    vis["/Background"].set_property("top_color", [0.66, 0.78, 0.90])
+    vis["/Background"].set_property("bottom_color", [0.96, 0.96, 0.94])
+    lamp = vis["/Lights/SpotLight"]
+    lamp.set_property("visible", True)
+    for key, value in {"position": [2.0, -2.5, 5.5], "angle": 0.5, "penumbra": 0.6}.items():
+        lamp["<object>"].set_property(key, value)
+    _cast_shadow(lamp["<object>"], True)
+    for light, intensity in {"SpotLight": 0.55, "FillLight": 0.25, "AmbientLight": 0.55}.items():
+        vis[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
+
+
+class _Property(SetProperty):
+    """A property by its exact name: meshcat would write it in lower case."""
+
+    def lower(self) -> dict[str, Any]:
+        return {**super().lower(), "property": self.key}
+
+
+def _cast_shadow(node: meshcat.Visualizer, value: bool) -> None:
+    node.window.send(_Property("castShadow", value, node.path))
+
+
+def _pose(rotation: Array, position: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def _turn_to(direction: Array) -> Array:
+    """Return a rotation, shape (3, 3), that takes z to a unit direction."""
+    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    side = np.cross(other, direction)
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(direction, side), direction], axis=1)
+
+
+def _label(number: int, name: str) -> str:
+    """Return a name no other node has, and that meshcat does not take for a path."""
+    return f"{number} {name}".replace("/", " ")

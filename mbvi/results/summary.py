@@ -1,0 +1,95 @@
+"""What happened in a run, in five lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from .trajectory import Trajectory
+
+# characters of a note that are shown, and names of things
+_NOTE, _THINGS = 100, 4
+_ROUNDING = 1e-12
+
+
+def summary(run: Trajectory) -> str:
+    """Return five lines: what ran, its impacts, its energy, how well it was solved, and its notes.
+
+    Costs the same for a run of any length, but for a look at each penetration, residual and impact.
+    """
+    return "\n".join((_what(run), _impacts(run), _energy(run), _accuracy(run), _notes(run)))
+
+
+def _what(run: Trajectory) -> str:
+    step = f", h = {run.step:g} s" if run.step else ""
+    times = f"t = {run.t[0]:.6g} to {run.t[-1]:.6g} s" if len(run.t) else "no time"
+    cut = "" if run.complete else ", cut off before its end"
+    count, dofs = len(run.t), run.v.shape[1]
+    freedom = f"{dofs} degree{'s' * (dofs != 1)} of freedom"
+    states = f"{times} in {count} state{'s' * (count != 1)}{cut}"
+    return f"Run of {_things(run.problem)}, {freedom}, by {run.scheme}{step}: {states}"
+
+
+def _things(problem: Problem | None) -> str:
+    """Return what moves, in words."""
+    if problem is None or problem.scene is None:
+        return "given functions"
+    items = problem.scene.items
+    names = [item.robot.name for item in items.robots]
+    groups = [(sum(not b.fixed for b in items.bodies), "body", "bodies")]
+    groups.append((sum(len(s.radii) for s in items.spheres), "sphere", "spheres"))
+    if len(names) > _THINGS:
+        groups.insert(0, (len(names), "robot", "robots"))
+        names = []
+    return ", ".join([*names, *(f"{n} {one if n == 1 else many}" for n, one, many in groups if n)])
+
+
+def _impacts(run: Trajectory) -> str:
+    found = run.impacts
+    if not found:
+        return "No impacts"
+    strongest = max(found, key=lambda impact: float(impact.percussion.max(initial=0.0)))
+    k = int(strongest.percussion.argmax())
+    when = f"at t = {found[0].time:.6g} s"
+    if len(found) > 1:
+        when = f"from t = {found[0].time:.6g} to {found[-1].time:.6g} s"
+    # a limit has no normal, and turns or shifts
+    unit = " N s" if np.isfinite(strongest.normal[k]).all() else ""
+    where = f"{strongest.percussion[k]:.4g}{unit} at t = {strongest.time:.6g} s, {strongest.constraints[k]}"
+    return f"{len(found)} impact{'s' * (len(found) > 1)} {when}; the strongest percussion is {where}"
+
+
+def _energy(run: Trajectory) -> str:
+    known = run._end_energies()
+    if known is None or not np.isfinite(known).all():
+        return "Energy not known"
+    first, last = known
+    return f"Energy {first:.6g} J at the start, {last:.6g} J at the end: {last - first:+.4g} J"
+
+
+def _accuracy(run: Trajectory) -> str:
+    depth, residual = run.penetration(), run.residual
+    if not len(depth):
+        return "No step was taken"
+    k = int(depth.argmax())
+    deepest = "No penetration"
+    if depth[k] > 0.0:
+        deepest = f"Deepest penetration {depth[k]:.3g} m or rad at t = {run.t[k]:.6g} s"
+    worst = float(residual.max())
+    # less is rounding
+    return f"{deepest}; largest residual {f'{worst:.2g}' if worst > _ROUNDING else f'below {_ROUNDING:.0e}'}"
+
+
+def _notes(run: Trajectory) -> str:
+    scene = run.problem is not None and run.problem.scene is not None
+    further = f"run.impact_table(), run.diagnosis(){' and run.replay()' * scene} say more"
+    if not run.notes:
+        return f"No notes; {further}"
+    first, others = run.notes[0], len(run.notes) - 1
+    # a note may be a paragraph
+    shown = first if len(first) <= _NOTE else f"{first[:_NOTE].rsplit(' ', 1)[0]} ..."
+    more = f" (and {others} more in run.notes)" if others else ""
+    return f"{shown}{more}; {further}".replace("\n", " ")

@@ -1,0 +1,88 @@
+"""Which rows of an instant belong to its impact, where many rest on each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from ..compiled import kernel
+from ..system import BlockSystem, FreeBodies, Spheres, System
+
+Array = np.ndarray
+
+
+def _raise_levels_plain(number: Array, percussion: Array, known: Array, level: Array) -> None:
+    """Raise the level of each known constraint to its largest percussion.
+
+    Parameters
+    ----------
+    number, percussion : ndarray, shape (k,)
+        Constraints and percussions of rows.
+    known : ndarray of int, shape (n,)
+        Constraints, ascending, each once.
+    level : ndarray, shape (n,)
+        Written.
+    """
+    place = np.minimum(np.searchsorted(known, number), len(known) - 1)
+    same = known[place] == number
+    np.maximum.at(level, place[same], percussion[same])
+
+
+@kernel("void(i8[::1], f8[::1], i8[::1], f8[::1])", plain=_raise_levels_plain)
+def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) -> None:
+    for a in range(len(number)):
+        if percussion[a] > 0.0:
+            k = np.searchsorted(known, number[a])
+            if k < len(known) and known[k] == number[a]:
+                level[k] = max(level[k], percussion[a])
+
+
+def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
+    """Return which rows press more than twice as hard as their constraint did in any of some steps.
+
+    Parameters
+    ----------
+    number, percussion : ndarray, shape (k,)
+        Constraints and percussions of the rows.
+    recent : sequence of (ndarray, ndarray), shapes (m,) and (m, 4)
+        Constraints and rates of the rows of each of these steps.
+    """
+    known, place = np.unique(number, return_inverse=True)
+    level = np.zeros(len(known))
+    if recent:
+        numbers, percussions = (np.concatenate(parts) for parts in zip(*((n, r[0]) for n, r in recent), strict=True))
+        _raise_levels(numbers, percussions, known, level)
+    return np.asarray(percussion > 2.0 * level[place])
+
+
+def parts_of(system: System) -> Array:
+    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
+    parts, count = [], 0
+    for one in system.parts if isinstance(system, BlockSystem) else (system,):
+        bodies = len(one.bodies) - 1 if isinstance(one, FreeBodies | Spheres) else 1
+        parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
+        count += bodies
+    return np.concatenate(parts)
+
+
+def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
+    """Return which rows are linked to a seed through parts of the system that two of the rows move.
+
+    Parameters
+    ----------
+    jacobian : ndarray or csr_array, shape (k, nv)
+        Gradients of the rows.
+    seeds : ndarray of bool, shape (k,)
+        Which of them are seeds.
+    parts : ndarray of int, shape (nv,)
+        Of `parts_of`.
+    """
+    row, column = jacobian.nonzero()
+    count = len(seeds)
+    size = count + int(parts.max(initial=-1)) + 1
+    edges = coo_array((np.ones(len(row), bool), (row, count + parts[column])), shape=(size, size))
+    label = connected_components(edges, directed=False)[1][:count]
+    return np.isin(label, label[seeds])

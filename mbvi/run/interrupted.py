@@ -1,0 +1,36 @@
+"""What was simulated goes with whatever ends a simulation half-way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from ..results.trajectory import Trajectory
+
+
+@contextmanager
+def run_so_far(trajectory: Callable[[], Trajectory]) -> Iterator[None]:
+    """Give an exception that passes, a KeyboardInterrupt included, the run so far as its `run`."""
+    try:
+        yield
+    except BaseException as error:
+        ended: Any = error
+        ended.run = trajectory()
+        raise
+
+
+def save_interrupted(run: Trajectory) -> Path:
+    """Save a run in the working directory under a name that is free, "interrupted.h5" first, and return the name.
+
+    Raises
+    ------
+    TrajectoryFileError
+        If it cannot be written.
+    """
+    names = (Path(f"interrupted{f'_{k}' if k else ''}.h5") for k in count())
+    path = next(name for name in names if not name.exists())
+    run.save(path)
+    return path

@@ -1,0 +1,304 @@
+"""Keeps what a run leaves behind, and tells an impact from a contact that merely goes on pressing."""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..compiled import kernel
+from ..errors import MbviWarning
+from ..problem import Problem
+from ..results.contacts import ContactLog
+from ..results.trajectory import Array, Impact, Trajectory
+from ..schemes import Scheme, Step
+from ..schemes.step import STILL, closes
+from .impact_rows import exceeding, linked, parts_of
+
+# two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
+_SAME_POINT = 0.1
+# the rows before the first step: numbers, points, rates
+_NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
+# the steps whose percussions say how hard a contact presses while it rests: in piles many do so every few steps only
+_RECENT = 16
+# a run may repeat itself at every step
+_MOST_NOTES = 20
+
+
+def _still(number: Array, lever: Array, still: float) -> Array:
+    """Return the rate below which each row does not close; arguments as of `_note`."""
+    known = number < len(lever)
+    return np.asarray(still / np.where(known, np.append(lever, 1.0)[np.where(known, number, -1)], 1.0))
+
+
+def _note_plain(
+    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
+    penetration: Array, residuals: Array,
+) -> bool:  # fmt: skip
+    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
+
+    One is where a row that presses approaches faster than the forces of one step explain.
+
+    Parameters
+    ----------
+    k : int
+        Where to note it.
+    number, gap, rates, residual
+        Of a `Step`, `number` the constraints of its rows.
+    lever : ndarray, shape (c,)
+        What rates of the first constraints are multiplied by to be lengths a second; those of others are.
+    still : float
+        What closes more slowly than this does not [m/s].
+    penetration, residuals : ndarray, shape (n,)
+        Where these are kept.
+    """
+    residuals[k] = max(residuals[k], residual)
+    penetration[k] = max((-gap).max(initial=0.0), 0.0)
+    return bool(closes(rates, _still(number, lever, still)).any())
+
+
+@kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])", plain=_note_plain)
+def _note(
+    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
+    penetration: Array, residuals: Array,
+) -> bool:  # fmt: skip
+    residuals[k] = max(residuals[k], residual)
+    deepest, impact = 0.0, False
+    for a in range(len(gap)):
+        deepest = max(deepest, -gap[a])
+        percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
+        least = still / lever[number[a]] if number[a] < len(lever) else still
+        impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -least)
+    penetration[k] = deepest
+    return impact
+
+
+def _struck_plain(
+    number: Array, point: Array, rates: Array, e: Array,
+    last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Choose the rows that may belong to an impact, if there is one, and add up its energy.
+
+    A row closes when it presses, approaches faster than the forces of one step explain and did not press just before.
+    Where one does, all that press more than twice as hard as the step before may take part.
+
+    Parameters
+    ----------
+    number, point, rates, e
+        Constraints, contact points, rates and restitution of a step's rows.
+    last_number, last_point, last_rates
+        Those of the step before, numbers ascending.
+    far : float
+        Points of one constraint farther apart than this are not the same [m].
+    lever, still
+        As of `_note`.
+    chosen : ndarray of int8, shape (k,)
+        Receives 2 for rows that close, 1 for those that may take part, 0 for others.
+
+    Returns
+    -------
+    count : int
+        How many rows may take part; 0 if nothing closes.
+    energy : float
+        Kinetic energy gained by the law (8) [J]; see `Impact`.
+    """
+    percussion, free, after, before = rates
+    # every row now beside every row of the same constraint that pressed then
+    then = np.flatnonzero(last_rates[0] > 0.0)
+    then = then[np.argsort(last_number[then], kind="stable")]
+    first, end = (np.searchsorted(last_number[then], number, side) for side in ("left", "right"))
+    row = np.repeat(np.arange(len(number)), end - first)
+    other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(end - first) + end - first, end - first)]
+    shift = last_point[other] - point[row]
+    # limits have no points: NaN is near
+    near = ~(np.vecdot(shift, shift) > far**2)
+    pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
+    closing = closes(rates, _still(number, lever, still)) & (pressed == 0.0)
+    chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()
+    chosen[closing] = 2
+    pushed = (free - before) * (1.0 - e) / (1.0 + e)
+    return int(np.count_nonzero(chosen)), 0.5 * float(percussion @ (before + after + pushed))
+
+
+@kernel(
+    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])",
+    plain=_struck_plain,
+)
+def _struck(
+    number: Array, point: Array, rates: Array, e: Array,
+    last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    count, energy, any_closes = 0, 0.0, False
+    for a in range(len(number)):
+        percussion, free, after, before = rates[0, a], rates[1, a], rates[2, a], rates[3, a]
+        energy += 0.5 * percussion * (before + after + (free - before) * (1.0 - e[a]) / (1.0 + e[a]))
+        pressed = 0.0
+        if percussion > 0.0:
+            for b in range(np.searchsorted(last_number, number[a]), len(last_number)):
+                if last_number[b] != number[a]:
+                    break
+                if last_rates[0, b] > 0.0:
+                    apart = 0.0
+                    for c in range(3):
+                        apart += (last_point[b, c] - point[a, c]) ** 2
+                    # limits have no points: NaN is near
+                    if not apart > far * far:
+                        pressed += last_rates[0, b]
+        least = still / lever[number[a]] if number[a] < len(lever) else still
+        closing = percussion > 0.0 and pressed == 0.0 and before + 2.0 * abs(free - before) < -least
+        any_closes = any_closes or closing
+        chosen[a] = 0
+        if percussion > 0.0 and percussion > 2.0 * pressed:
+            chosen[a] = 2 if closing else 1
+            count += 1
+    if not any_closes:
+        for a in range(len(number)):
+            chosen[a] = 0
+        return 0, energy
+    return count, energy
+
+
+class Recorder:
+    """States in arrays made once, impacts in a list.
+
+    Parameters
+    ----------
+    problem : Problem
+        What runs.
+    count : int
+        How many states there will be.
+    jump : float
+        That of the scheme.
+    notes : sequence of str
+        What is known before the run.
+
+    Attributes
+    ----------
+    contacts : ContactLog or None
+        None: this one records no contacts.
+    """
+
+    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
+        self.contacts: ContactLog | None = None
+        self.problem = problem
+        self.jump = jump
+        self.t = np.empty(count)
+        self.q = np.empty((count, problem.system.nq))
+        self.v = np.empty((count, problem.system.nv))
+        self.penetration = np.zeros(count)
+        self.residual = np.zeros(count)
+        self.dense = None
+        self.impacts: list[Impact] = []
+        self.notes = list(notes)
+        self._lever, self._still = problem.constraints.lever, STILL * problem.length
+        self._warned = False
+        self.count = 0
+        self._parts = parts_of(problem.system)
+        # constraints and rates of the rows of the last steps
+        self._recent: deque[tuple[Array, Array]] = deque(maxlen=_RECENT)
+        self._last: Step | None = None
+
+    def step(self, step: Step, keep: bool) -> None:
+        """Take note of a step: its impacts always, its state if `keep`."""
+        t, q, v, active, rates, residual = step
+        k, gap = self.count, active.gap
+        if not gap.size:
+            self.penetration[k] = 0.0
+        elif _note(
+            k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
+        ):
+            self._impact(step)
+        if keep:
+            self.t[k] = t
+            self.q[k] = q
+            self.v[k] = v
+            self.count = k + 1
+        self._last = step
+        self._recent.append((active.constraint, rates))
+
+    def trajectory(self, scheme: Scheme, h: float, *, complete: bool = True) -> Trajectory:
+        """Return what was recorded."""
+        n = self.count
+        return Trajectory(
+            self.t[:n],
+            self.q[:n],
+            self.v[:n],
+            tuple(self.impacts),
+            self.residual[:n],
+            type(scheme).__name__,
+            h,
+            tuple(self.notes),
+            self.problem,
+            complete,
+            self.penetration[:n],
+            _scheme=scheme,
+            _jump=self.jump,
+            _contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+        )
+
+    def _impact(self, step: Step) -> None:
+        """Record an instant at which a constraint closed, with all that passed the blow on."""
+        active, rates, last = step.active, step.rates, self._last
+        number, point, e = active.constraint, active.point, active.restitution
+        found = np.empty(len(number), np.int8)
+        before, places, pressed = _NOTHING if last is None else (last.active.constraint, last.active.point, last.rates)
+        if (before[1:] < before[:-1]).any():
+            order = np.argsort(before, kind="stable")
+            before, places, pressed = before[order], places[order], np.ascontiguousarray(pressed[:, order])
+        far = _SAME_POINT * self.problem.length
+        count, energy = _struck(number, point, rates, e, before, places, pressed, far, self._lever, self._still, found)
+        if not count:
+            return
+        chosen = self._taking_part(step, found)
+        scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
+        if energy > 1e-9 * scale and e.min() < e.max():
+            self._say(
+                f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
+                f"{energy:.3g} J: Newton's law with several e promises no loss"
+            )
+        names = tuple(map(self.problem.constraints.name, number[chosen].tolist()))
+        percussion, _, after, speed = rates[:, chosen]
+        self.impacts.append(
+            Impact(step.t, names, percussion, speed, after, point[chosen], active.normal[chosen], energy)
+        )
+
+    def _taking_part(self, step: Step, found: Array) -> Array:
+        """Return the rows that close, and those linked to them by rows that press harder than they did lately."""
+        closing, others = found == 2, np.flatnonzero(found == 1)
+        if not others.size:
+            return closing
+        chosen = closing.copy()
+        chosen[others] = exceeding(step.active.constraint[others], step.percussion[others], self._recent)
+        index = np.flatnonzero(chosen)
+        # of a single mechanism all rows are linked
+        if self._parts[-1] and len(index) > np.count_nonzero(closing):
+            chosen[index] = linked(step.active.jacobian[index], closing[index], self._parts)
+        return chosen
+
+    def _say(self, note: str) -> None:
+        if not self._warned:
+            self._warned = True
+            warnings.warn(note, MbviWarning, stacklevel=6)
+        if len(self.notes) < _MOST_NOTES:
+            self.notes.append(note)
+
+
+class ContactRecorder(Recorder):
+    """A recorder that keeps the contacts of all steps too; see `ContactLog`."""
+
+    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
+        super().__init__(problem, count, jump, notes)
+        self.contacts: ContactLog = ContactLog(_SAME_POINT * problem.length)
+
+    def step(self, step: Step, keep: bool) -> None:
+        """Take note of a step and its contacts; see `Recorder`."""
+        # percussions at the start come before the first interval
+        if self.count:
+            active = step.active
+            self.contacts.add(active.constraint, active.point, active.normal, step.rates[0])
+        # before the state: an interrupt between the two leaves no state without its contacts
+        if keep:
+            self.contacts.close()
+        super().step(step, keep)

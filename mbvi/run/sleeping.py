@@ -1,0 +1,182 @@
+"""Free bodies at rest sleep: neither their weight nor what carries them is looked at until something touches them.
+
+At rest the two balance at every step, so that leaving out both changes nothing; what the carrying rows were is kept
+for the record. A step in which a row touches a sleeper, or a force moves one, is taken again with its island awake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from ..constraints import BroadPhasePairs, Rows
+from ..constraints.pairs import Pairs
+from ..constraints.rows import chosen, stacked
+from ..problem import Problem
+from ..schemes import Step
+from ..system import FreeBodies, located_parts
+from ..system.system import Array
+
+# of so many steps the last two are watched: at rest before and after a step is at rest for good
+_TURNS = 8
+# speed that is none, in units of what a step of free fall adds
+_NONE = 1e-10
+
+
+class _Island(NamedTuple):
+    """Bodies that touch each other, and what carries them."""
+
+    bodies: Array
+    rows: Rows
+    rates: Array
+
+
+class Sleepers:
+    """Which free bodies of a run sleep; a context, at whose end all are awake.
+
+    Parameters
+    ----------
+    problem : Problem
+        What runs.
+    h : float
+        Time step [s].
+
+    Attributes
+    ----------
+    any : bool
+        Whether there is anything that may sleep.
+    """
+
+    def __init__(self, problem: Problem, h: float) -> None:
+        self._problem, self._h = problem, h
+        self._islands: list[_Island] = []
+        self._kept: _Island | None = None
+        system = problem.system
+        found = [(p.system, p.v, p.body) for p in located_parts(system) if isinstance(p.system, FreeBodies)]
+        wanted = problem.scene is not None and "rest" in problem.scene.reduce
+        self.any = bool(found) and wanted
+        if not self.any:
+            return
+        self._system, self._first, self._body = found[0]
+        self._count = len(self._system.bodies) - 1
+        self._width = self._system.nv // self._count
+        self._still = _NONE * h * self._system.pull
+        self._turn, self._quiet = 0, np.zeros(self._count, bool)
+        self._asleep = np.zeros(self._count, bool)
+        # the constraints that can leave out what sleeps, and which numbers they have
+        self._asked: list[Any] = []
+        starts, able = [], []
+        for constraint, start, _ in problem.constraints.numbered():
+            starts.append(start)
+            able.append(isinstance(constraint, Pairs | BroadPhasePairs))
+            if able[-1]:
+                self._asked.append(constraint)
+        self._starts, self._able = np.array(starts, dtype=np.int64), np.array(able, dtype=bool)
+
+    def __enter__(self) -> Sleepers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._islands:
+            self._set([])
+
+    def stepped(self, advance: Callable[[], Iterable[Step]], length: float) -> list[Step]:
+        """Return the steps of `advance`, the last of which takes `length` [s], with the rows that carry sleepers."""
+        found = list(advance())
+        while self._islands:
+            touched = self._touched(found)
+            if not touched.any():
+                break
+            self._set([island for island in self._islands if not touched[island.bodies].any()])
+            found = list(advance())
+        kept = self._kept
+        # what is kept is that of a whole step
+        if len(found) == 1 and length == self._h:
+            self._watch(found[0])
+        if kept is None:
+            return found
+        ends = [found[-1].t - length, *(step.t for step in found)]
+        return [
+            _with(step, kept, (end - begin) / self._h)
+            for step, begin, end in zip(found, ends[:-1], ends[1:], strict=True)
+        ]
+
+    def _touched(self, found: list[Step]) -> Array:
+        """Return which bodies sleep and are touched or moved, shape (n,)."""
+        touched, v = np.zeros(self._count, bool), slice(self._first, self._first + self._width * self._count)
+        for step in found:
+            touched |= step.v[v].reshape(-1, self._width).any(axis=1)
+            if step.active.gap.size:
+                column = step.active.jacobian[:, v].nonzero()[1]
+                touched[column // self._width] = True
+        return touched & self._asleep
+
+    def _watch(self, step: Step) -> None:
+        """Put islands at rest to sleep."""
+        self._turn = (self._turn + 1) % _TURNS
+        if self._turn > 1:
+            return
+        v = step.v[self._first : self._first + self._width * self._count].reshape(-1, self._width)
+        before, self._quiet = self._quiet, (np.abs(v) <= self._still).all(axis=1)
+        ready = before & self._quiet & ~self._asleep
+        if self._turn == 0 or not ready.any():
+            return
+        rows, free = step.active, self._count
+        row, column = rows.jacobian.nonzero()
+        body = (column - self._first) // self._width
+        # one node for all that is no free body, or cannot leave out what sleeps
+        body = np.where((column >= self._first) & (body < free), body, free)
+        able = self._able[np.searchsorted(self._starts, rows.constraint, "right") - 1]
+        other = np.flatnonzero(~able)
+        row, body = np.concatenate([row, other]), np.concatenate([body, np.full(len(other), free)])
+        size = free + 1 + len(rows.gap)
+        links = csr_array((np.ones(len(row)), (body, free + 1 + row)), shape=(size, size))
+        label = connected_components(links, directed=False)[1]
+        islands = list(self._islands)
+        for one in np.unique(label[:free][ready]):
+            bodies = np.flatnonzero(label[:free] == one)
+            if one == label[free] or not ready[bodies].all():
+                continue
+            here = np.flatnonzero(label[free + 1 :] == one)
+            islands.append(_Island(bodies, chosen(rows, here), step.rates[:, here]))
+            v[bodies] = 0.0
+        if len(islands) > len(self._islands):
+            self._set(islands)
+
+    def _set(self, islands: list[_Island]) -> None:
+        """Let exactly these islands sleep."""
+        self._islands = islands
+        self._asleep[:] = False
+        for island in islands:
+            self._asleep[island.bodies] = True
+        carried = [island for island in islands if island.rows.gap.size]
+        self._kept = None
+        if carried:
+            rates = np.concatenate([island.rates for island in carried], axis=1)
+            self._kept = _Island(np.zeros(0, np.int64), stacked([island.rows for island in carried]), rates)
+        still = None
+        if islands:
+            still = np.zeros(len(self._problem.system.bodies), bool)
+            # nothing of the world moves either
+            still[0] = True
+            still[1 + self._body : 1 + self._body + self._count] = self._asleep
+        self._system.hold(self._asleep)
+        for constraint in self._asked:
+            constraint.leave_out(still)
+
+
+def _with(step: Step, kept: _Island, share: float) -> Step:
+    """Return a step, by its share of a whole one, with what carries the sleepers."""
+    rows, rates = kept.rows, kept.rates.copy()
+    # percussions, and what the forces alone would do
+    rates[:2] *= share
+    if not step.active.gap.size:
+        return step._replace(active=rows, rates=rates)
+    return step._replace(active=stacked([step.active, rows]), rates=np.concatenate([step.rates, rates], axis=1))

@@ -1,0 +1,183 @@
+"""The smooth motion between events: a Runge-Kutta method of order eight, each step in a chart of its own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ...problem import Problem
+from ...projection import Metric
+from ...system import System
+from ...system.system import Array
+from .contact_rows import SmoothRows
+
+# singular values of the Delassus matrix below this are none
+_DEPENDENT = 1e-10
+# pivots of its factor, in lengths of the rows, above which these are independent beyond doubt
+_INDEPENDENT = 1e-3
+# of the dense output
+DEGREE = 7
+_POWERS = np.arange(1, DEGREE + 1)
+# what a coordinate may travel beyond the fastest of the stages
+_MARGIN = 1.2
+
+
+class RungeKuttaStep(NamedTuple):
+    """One step of the smooth motion.
+
+    Attributes
+    ----------
+    t, h : float
+        Its start and length [s].
+    q0, v0 : ndarray, shapes (nq,) and (nv,)
+        State at the start.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        State at the end.
+    a : ndarray, shape (nv,) or (2 nv,)
+        What `Flow.acceleration` gives there.
+    travel : ndarray, shape (nv,)
+        Bound of what each coordinate of the chart travelled.
+    rates : ndarray, shape (16, nv + len(a))
+        Of each stage the rate of the chart's coordinates, then the acceleration; the last three are for `completed`.
+    error : ndarray, shape (nv + len(a),)
+        Estimated error of the chart's coordinates, of v and, where contacts are closed, of what v would gain without.
+    dense : ndarray, shape (2, nv, 7)
+        Polynomials of both in the share of the step; NaN until `completed`.
+    """
+
+    t: float
+    h: float
+    q0: Array
+    v0: Array
+    q: Array
+    v: Array
+    a: Array
+    travel: Array
+    rates: Array
+    error: Array
+    dense: Array
+
+    def at(self, system: System, share: float) -> tuple[Array, Array]:
+        """Return (q, v) at a share of the step, of order seven."""
+        dq, dv = self.h * (self.dense @ share**_POWERS)
+        return system.integrate(self.q0, dq), self.v0 + dv
+
+    def prolonged(self, system: System, time: float) -> RungeKuttaStep:
+        """Return the step with its end moved by a time so short that a parabola leads there."""
+        a = self.a[: len(self.v)]
+        q = system.integrate(self.q, time * self.v + 0.5 * time**2 * a)
+        return self._replace(h=self.h + time, q=q, v=self.v + time * a)
+
+
+def pushed(metric: Metric, J: Array, missing: Array) -> Array:
+    """Return M^-1 J' p of the least p that gives every row what it is missing, of dependent rows too."""
+    turned = metric.solve_rows(J)
+    return np.asarray(least_push(J @ turned.T, missing) @ turned)
+
+
+def least_push(G: Array, missing: Array) -> Array:
+    """Return the least p with G p = missing, G the Delassus matrix of rows that may depend on each other."""
+    factor, p, info = lapack.dposv(G, missing)
+    if info or (factor.diagonal() < _INDEPENDENT * np.sqrt(G.diagonal())).any():
+        p = np.linalg.lstsq(G, missing, rcond=_DEPENDENT)[0]
+    return np.asarray(p)
+
+
+class Flow:
+    """Accelerations with closed contacts, and steps of order eight.
+
+    Parameters
+    ----------
+    problem : Problem
+        What moves.
+    rows : SmoothRows
+        Its constraints.
+
+    Notes
+    -----
+    Dormand and Prince's method of order 8 with its two error estimates and its dense output, of three stages more
+    (Hairer, Norsett, Wanner 1993, II.5 and II.6), in a chart of its own a step (Munthe-Kaas 1999).
+    """
+
+    def __init__(self, problem: Problem, rows: SmoothRows) -> None:
+        # imported here for its weight
+        from scipy.integrate import DOP853
+
+        self.system, self.rows = problem.system, rows
+        n = DOP853.n_stages
+        # the stages, the result, which is the first stage of the next step, and those of the dense output
+        self._weights = np.zeros((n + 4, n + 4))
+        self._weights[:n, :n], self._weights[n, :n], self._weights[n + 1 :, : n + 3] = (
+            DOP853.A, DOP853.B, DOP853.A_EXTRA[:, : n + 3],
+        )  # fmt: skip
+        self._c = [*DOP853.C.tolist(), 1.0, *DOP853.C_EXTRA.tolist()]
+        self._stages, self._e = n, np.array([DOP853.E5, DOP853.E3])
+        self._p = _dense_polynomials(DOP853.B, DOP853.D)
+
+    def reactions(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
+        """Return the free acceleration, M, J and what J a of the closed rows must be to keep them closed."""
+        free = self.system.acceleration(t, q, v)
+        return free, self.system.metric(q), self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
+
+    def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
+        """Return dv/dt with the given rows kept closed, and behind it, if there are any, what it were without them.
+
+        The error of both is controlled: what contacts hold in place would else hide how their forces vary.
+        """
+        if not closed.size:
+            return self.system.acceleration(t, q, v)
+        free, metric, J, wanted = self.reactions(t, q, v, closed)
+        return np.concatenate([free + pushed(metric, J, wanted - J @ free), free])
+
+    def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:
+        """Take one step of length h from (t, q, v), where `acceleration` is a."""
+        nv, n, weights = len(v), self._stages, h * self._weights
+        K = np.empty((n + 4, nv + len(a)))
+        K[0, :nv], K[0, nv:] = v, a
+        for i in range(1, n + 1):
+            place, speed = self._stage(t, q, v, h, K, weights, i, closed)
+        travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
+        fifth, third = np.abs(h * self._e.dot(K[: n + 1]))
+        both = np.sqrt(fifth**2 + 0.01 * third**2)
+        # of two estimates, of order five and three, a combination of order seven
+        error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
+        return RungeKuttaStep(t, h, q, v, place, speed, K[n, nv:], travel, K, error, _UNKNOWN)
+
+    def completed(self, stride: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
+        """Return the step with its dense output."""
+        t, h, q, v, K = stride.t, stride.h, stride.q0, stride.v0, stride.rates
+        weights = h * self._weights
+        for i in range(self._stages + 1, len(K)):
+            self._stage(t, q, v, h, K, weights, i, closed)
+        return stride._replace(dense=K[:, : 2 * len(v)].T.dot(self._p).reshape(2, len(v), DEGREE))
+
+    def _stage(
+        self, t: float, q: Array, v: Array, h: float, K: Array, weights: Array, i: int, closed: Array
+    ) -> tuple[Array, Array]:
+        """Write the rates of one stage; return where it is."""
+        nv = len(v)
+        moved = weights[i, :i].dot(K[:i])
+        dq, speed = moved[:nv], v + moved[nv : 2 * nv]
+        place = self.system.integrate(q, dq)
+        K[i, :nv] = self.system.chart_rate(q, dq, speed)
+        K[i, nv:] = self.acceleration(t + self._c[i] * h, place, speed, closed)
+        return place, speed
+
+
+_UNKNOWN = np.full((2, 1, DEGREE), np.nan)
+
+
+def _dense_polynomials(b: Array, d: Array) -> Array:
+    """Return what makes stages' rates into coefficients of x, x^2, ..., x^7, shape (16, 7)."""
+    n = len(b)
+    whole, first, last = np.zeros((3, n + 4))
+    whole[:n], first[0], last[n] = b, 1.0, 1.0
+    parts = np.array([whole, first - whole, 2.0 * whole - first - last, *d])
+    basis, term = np.zeros((DEGREE, DEGREE)), np.polynomial.Polynomial([0.0, 1.0])
+    for k in range(DEGREE):
+        # x, x (1 - x), x^2 (1 - x), ...
+        basis[k, : k + 1] = term.coef[1:]
+        term = term * np.polynomial.Polynomial([1.0, -1.0] if k % 2 == 0 else [0.0, 1.0])
+    return parts.T @ basis

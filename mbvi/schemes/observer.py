@@ -1,0 +1,56 @@
+"""Shows accepted steps to controls that look at contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..constraints.contact import Contact
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from .step import Step
+
+Array = np.ndarray
+
+
+def observer(problem: Problem) -> Callable[[Step, float], None] | None:
+    """Return what is to be called with each accepted step and its length [s], None if no control looks at contacts.
+
+    The length is 0 for an impact that takes no time, as at an inadmissible initial velocity.
+    """
+    observe = getattr(problem.system, "observe", None)
+    if observe is None:
+        return None
+
+    def show(step: Step, h: float) -> None:
+        rows = step.active
+        found = rows.constraint, step.percussion, rows.point, rows.normal
+        observe(partial(contacts_of_rows, *found, h, problem.constraints.name))
+
+    return show
+
+
+def contacts_of_rows(
+    number: Array, percussion: Array, point: Array, normal: Array, h: float, name: Callable[[int], str]
+) -> tuple[Contact, ...]:
+    """Return the contacts of some rows, those that have a percussion.
+
+    Parameters
+    ----------
+    number : ndarray of int, shape (k,)
+        The constraint of each.
+    percussion : ndarray, shape (k,)
+        That of each within a time h [N s, N m s].
+    point, normal : ndarray, shape (k, 3)
+        As of `Contact`.
+    h : float
+        Length of the step [s]; 0 of an impact that takes no time, whose forces are infinite.
+    name : callable
+        Returns the name of a constraint by its number.
+    """
+    rows = zip(number.tolist(), point, normal, percussion.tolist(), strict=True)
+    return tuple(Contact(name(k), x, n, p, p / h if h else np.inf) for k, x, n, p in rows if p > 0.0)

@@ -1,0 +1,193 @@
+"""How far a run is from an exact solution, and the order at which that falls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...run.simulate import simulate
+
+if TYPE_CHECKING:
+    from ...reference.solution import Reference
+    from ...results.trajectory import Trajectory
+    from ...schemes import Scheme
+
+Array = np.ndarray
+
+# Gauss and Legendre on [0, 1]
+_NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(2)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(2)[1])
+# points at which a jump of the velocity is compared
+_POINTS = 33
+# runs of which the worst counts
+_RUNS = 12
+# points compared at once
+_CHUNK = 64
+
+
+class Errors(NamedTuple):
+    """How far a run is from an exact solution.
+
+    Attributes
+    ----------
+    q : float
+        Largest difference of configurations, over all components and times [m, rad].
+    v : float
+        Integral of |v_h - v| over time, which a jump at a slightly wrong time does not spoil [m, rad].
+    graph : float
+        Hausdorff distance of the graphs of v_h and v in (t, v), their jumps filled in.
+    """
+
+    q: float
+    v: float
+    graph: float
+
+
+def errors(run: Trajectory, reference: Reference) -> Errors:
+    """Compare a run, every step of it recorded, with an exact solution.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run of `reference.problem`, or of one started later on its solution.
+    reference : Reference
+        The problem with its exact solution.
+
+    Returns
+    -------
+    Errors
+        Of configurations, of velocities, and of the graph of the velocity.
+    """
+    difference = reference.problem.system.difference
+    jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
+    # where the run's own velocity jumps
+    turns = np.clip(run.t[1:] - (1.0 - run._jump) * np.diff(run.t), run.t[:-1], run.t[1:])
+    times = np.union1d(np.union1d(run.t, turns), jumps)
+    exact = [reference.at(t) for t in times.tolist()]
+    own = {t: run.at(t)[0] for t in np.union1d(turns, jumps).tolist()} | dict(zip(run.t.tolist(), run.q, strict=True))
+    q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
+    left, length = times[:-1], np.diff(times)
+    # in the order of time, for intervals are between one jump of the run and the next
+    index = np.searchsorted(turns, left, side="right")
+    v = 0.0
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
+        v += weight * float(length @ np.linalg.norm(smooth - run.v[index], axis=1))
+    # just before a jump the velocity is another
+    before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in jumps}
+    curve = []
+    for t, (_, velocity) in zip(times.tolist(), exact, strict=True):
+        curve += [(t, *before[t])] if t in before else []
+        curve.append((t, *velocity))
+    stairs = np.repeat(np.column_stack([run.t, run.v]), 2, axis=0)[:-1]
+    stairs[1::2, 0] = stairs[2::2, 0] = turns
+    stairs = np.concatenate([stairs, [[run.t[-1], *run.v[-1]]]])
+    return Errors(q, v, graph_distance(stairs, np.array(curve)))
+
+
+def worst_errors(reference: Reference, scheme: Scheme | None, h: float) -> Errors:
+    """Return the largest errors of runs at steps near h, each started elsewhere within a step.
+
+    The phases of impacts within their steps scatter errors two- to fivefold; the largest of several is near their
+    bound.
+
+    Parameters
+    ----------
+    reference : Reference
+        The problem with its exact solution.
+    scheme : Scheme or None
+        How to step it; None for the default.
+    h : float
+        Time step [s]; steps down to 0.8 of it are taken.
+    """
+    found = []
+    for k in range(_RUNS):
+        # steps spread over a fifth, starts over a step, twice
+        step, late = h * (1.0 - 0.2 * k / _RUNS), h * (2 * k / _RUNS % 1.0)
+        problem = reference.started(reference.problem.t0 + late)
+        found.append(errors(simulate(problem, scheme, step=step, duration=reference.duration - late), reference))
+    return Errors(*np.max(found, axis=0).tolist())
+
+
+def graph_distance(a: Array, b: Array) -> float:
+    """Return the Hausdorff distance of two polylines.
+
+    Parameters
+    ----------
+    a, b : ndarray, shapes (n, 1 + nv) and (m, 1 + nv)
+        Vertices; the first column is time and does not decrease. Both begin and end at the same time.
+    """
+    return max(_farthest(_filled(a), b), _farthest(_filled(b), a))
+
+
+def _filled(line: Array) -> Array:
+    """Return points of a polyline: its vertices, and more of them along jumps."""
+    jump = np.flatnonzero((line[1:, 0] == line[:-1, 0]) & (line[1:] != line[:-1]).any(axis=1))
+    part = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
+    between = (1 - part) * line[jump] + part * line[jump + 1]
+    return np.concatenate([line, between.reshape(-1, line.shape[1])])
+
+
+def _farthest(points: Array, line: Array) -> float:
+    """Return the largest distance from any of some points to a polyline."""
+    from scipy.spatial import cKDTree
+
+    start, along = line[:-1], np.diff(line, axis=0)
+    squared = np.einsum("ij,ij->i", along, along)
+    squared[squared == 0.0] = 1.0
+    # no point is farther than the nearest one on the line that is looked at
+    bound = cKDTree(_filled(line)).query(points)[0]
+    order = np.argsort(-bound)
+    farthest = 0.0
+    for first in range(0, len(order), _CHUNK):
+        some = order[first : first + _CHUNK]
+        if bound[some[0]] <= farthest:
+            break
+        # a little more, or rounding would leave out the jump that is nearest
+        t, window = points[some, 0], 1.001 * bound[some] + 1e-9 * (line[-1, 0] - line[0, 0])
+        low = np.maximum(np.searchsorted(line[:, 0], t - window) - 1, 0)
+        high = np.minimum(np.searchsorted(line[:, 0], t + window, side="right"), len(start))
+        index = np.minimum(low[:, None] + np.arange(int((high - low).max())), high[:, None] - 1)
+        offset = points[some, None] - start[index]
+        share = np.clip(np.einsum("ijk,ijk->ij", offset, along[index]) / squared[index], 0.0, 1.0)
+        offset -= share[:, :, None] * along[index]
+        nearest = np.sqrt(np.einsum("ijk,ijk->ij", offset, offset).min(axis=1))
+        farthest = max(farthest, float(nearest.max()))
+    return farthest
+
+
+def fitted_order(steps: Sequence[float] | Array, values: Sequence[float] | Array) -> float:
+    """Return the slope of log(values) over log(steps), by least squares."""
+    return float(np.polyfit(np.log(steps), np.log(values), 1)[0])
+
+
+def sampled_errors(
+    at: Callable[[float], tuple[Array, Array]], jumps: Array, reference: Reference, samples: int = 1000
+) -> Errors:
+    """Compare a motion given at all times with an exact solution; for `EventDriven` and engines with dense output.
+
+    Parameters
+    ----------
+    at : callable
+        at(t) -> (q, v).
+    jumps : ndarray, shape (k,)
+        Times at which its v jumps [s].
+    reference : Reference
+        The problem with its exact solution.
+    samples : int
+        Times compared, besides both sides of every jump of either.
+    """
+    difference, start = reference.problem.system.difference, reference.problem.t0
+    end = start + reference.duration
+    sides = np.union1d(jumps, reference.impacts)
+    sides = sides[(sides > start) & (sides <= end)]
+    times = np.sort(np.concatenate([np.linspace(start, end, samples + 1), sides, np.nextafter(sides, -np.inf)]))
+    own, exact = [at(t) for t in times.tolist()], [reference.at(t) for t in times.tolist()]
+    q = max(float(np.abs(difference(a, b)).max()) for (a, _), (b, _) in zip(exact, own, strict=True))
+    v, w = (np.array([velocity for _, velocity in states]) for states in (own, exact))
+    off = np.linalg.norm(v - w, axis=1)
+    integral = float(np.diff(times) @ (off[1:] + off[:-1])) / 2
+    # the two sides of a jump are at one time
+    line = np.where(np.isin(times, np.nextafter(sides, -np.inf)), np.nextafter(times, np.inf), times)
+    return Errors(q, integral, graph_distance(np.column_stack([line, v]), np.column_stack([line, w])))

@@ -1,0 +1,197 @@
+"""Runs of a scheme over a range of steps or tolerances, timed."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+from time import process_time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...compiled.kernel import load
+from ...errors import MbviWarning
+from ...problem import Problem
+from ...results.trajectory import Trajectory, energies
+from ...run.simulate import simulate
+from ...schemes import EventDriven
+from .errors import Array, errors, sampled_errors
+from .records import NOT, Record
+
+if TYPE_CHECKING:
+    from ...reference.solution import Reference
+    from ...schemes import Scheme
+
+# nowhere dyadic multiples of one another
+STEPS = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 1.58, 8)).tolist())
+TOLERANCES = tuple((10.0 ** -np.arange(2.0, 11.0)).tolist())
+REPEATS = 3
+_SAMPLES = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A problem to be charted.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    problem : Problem
+        What is to be solved.
+    duration : float
+        How long [s].
+    source : str
+        What errors are measured against.
+    solution : Reference or None
+        The exact solution; None where only a law of it is known.
+    plotted : str
+        Which error tells: "q", "energy" (kept exactly) or "penetration" (none).
+    steps : tuple of float
+        At which it is run [s].
+    """
+
+    name: str
+    problem: Problem
+    duration: float
+    source: str
+    solution: Reference | None = None
+    plotted: str = "q"
+    steps: tuple[float, ...] = STEPS
+
+    @classmethod
+    def of(cls, solution: Reference) -> Case:
+        """Return the case of a problem with an exact solution."""
+        return cls(solution.name, solution.problem, solution.duration, solution.source, solution)
+
+    @property
+    def restitution(self) -> float:
+        """The largest e."""
+        return float(self.problem.restitution.max())
+
+    def started(self, late: float) -> Problem:
+        """Return the problem as newly built, started late on its solution [s]."""
+        p = self.problem
+        if self.solution is None:
+            return Problem(
+                p.system, p.constraints.constraints, p.q0, p.v0, restitution=p.restitution, length=p.length,
+                scene=p.scene,
+            )  # fmt: skip
+        return self.solution.started(p.t0 + late)
+
+    def judged(self, run: Trajectory) -> tuple[float, float, float, float, float]:
+        """Return the errors of a run: q, v, graph, energy, penetration; see `Record`."""
+        located = run.step == 0.0
+        depth = float(run.penetration().max(initial=0.0)) if len(run.penetration()) else NOT
+        off = self._energy_error(run)
+        if self.solution is None:
+            return NOT, NOT, NOT, off, depth
+        if located:
+            return *sampled_errors(run.at, np.array([i.time for i in run.impacts]), self.solution), off, depth
+        return *errors(run, self.solution), off, depth
+
+    def _energy_error(self, run: Trajectory) -> float:
+        problem, solution = self.problem, self.solution
+        if run.step == 0.0:
+            times = np.linspace(run.t[0], run.t[-1], _SAMPLES + 1)
+            q, v = (np.array(x) for x in zip(*(run.at(t) for t in times.tolist()), strict=True))
+        else:
+            # some of the states will do
+            consistent = run.t + (run._jump - 0.5) * run.step
+            inside = np.flatnonzero((consistent > run.t[0]) & (consistent <= run.t[-1]))[1:]
+            chosen = inside[np.unique(np.linspace(0, len(inside) - 1, _SAMPLES).astype(int))]
+            times, q, v = run.t[chosen], run.q[chosen], run.v[chosen]
+        own = energies(problem, times, q, v, run.step, run._jump if run.step else 0.5).sum(axis=1)
+        if solution is None:
+            exact = energies(problem, run.t[:1], problem.q0[None], problem.v0[None], 0.0).sum(axis=1)
+        else:
+            shifted = times + (run._jump - 0.5) * run.step
+            states = [solution.at(t) for t in shifted.tolist()]
+            q, v = (np.array(x) for x in zip(*states, strict=True))
+            exact = energies(problem, shifted, q, v, 0.0, 0.5).sum(axis=1)
+        return float(np.abs(own - exact).mean())
+
+
+def sweep(
+    case: Case, scheme: Scheme | EventDriven, settings: Sequence[float] | None = None, repeats: int = REPEATS
+) -> tuple[Record, ...]:
+    """Run a scheme at several steps, or `EventDriven` at several tolerances, and time it.
+
+    Parameters
+    ----------
+    case : Case
+        What is run.
+    scheme : Scheme
+        How; the tolerance of an `EventDriven` is not looked at.
+    settings : sequence of float, optional
+        Steps [s], or tolerances; the case's and `TOLERANCES` by default.
+    repeats : int
+        Runs at each: their median time counts, and their largest error. With a fixed step and an exact solution each
+        starts later on it by a part of the step, for the phases of impacts within their steps scatter errors.
+
+    Returns
+    -------
+    tuple of Record
+        One for each setting.
+    """
+    load()
+    if settings is None:
+        settings = TOLERANCES if isinstance(scheme, EventDriven) else case.steps
+    # what is made once, and what the processor has to learn, is no part of the first time
+    if isinstance(scheme, EventDriven):
+        _timed(case.started(0.0), scheme, case.duration, None)
+        return tuple(_located(case, tolerance, repeats) for tolerance in settings)
+    _timed(case.started(0.0), scheme, case.duration, settings[0])
+    return tuple(_stepped(case, scheme, h, repeats) for h in settings)
+
+
+def _stepped(case: Case, scheme: Scheme, h: float, repeats: int) -> Record:
+    times, name = [], ""
+    found: list[tuple[float, ...]] = []
+    for k in range(repeats):
+        late = k * h / repeats if case.solution is not None else 0.0
+        cpu, run = _timed(case.started(late), scheme, case.duration - late, h)
+        times.append(cpu)
+        name = run.scheme + (", projected" if getattr(scheme, "project_positions", False) else "")
+        if case.solution is not None or not found:
+            found.append(case.judged(run))
+    return record(case, name, _options(scheme), h, NOT, times, found)
+
+
+def _located(case: Case, tolerance: float, repeats: int) -> Record:
+    times = []
+    for _ in range(repeats):
+        cpu, run = _timed(case.started(0.0), EventDriven(tolerance), case.duration, None)
+        times.append(cpu)
+    mean = case.duration / max(len(run.t) - 1, 1)
+    setting = "; ".join(run.notes)
+    return record(case, run.scheme, setting, mean, tolerance, times, [case.judged(run)])
+
+
+def _timed(
+    problem: Problem, scheme: Scheme | EventDriven, duration: float, step: float | None
+) -> tuple[float, Trajectory]:
+    with warnings.catch_warnings():
+        # what they say is in the notes
+        warnings.simplefilter("ignore", MbviWarning)
+        begin = process_time()
+        run = simulate(problem, scheme, duration=duration, step=step, progress=False)
+        return process_time() - begin, run
+
+
+def _options(scheme: object) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in vars(scheme).items() if name != "jump" and value)
+
+
+def record(
+    case: Case, scheme: str, setting: str, step: float, tolerance: float, times: Sequence[float],
+    found: Sequence[tuple[float, ...]] | Array,
+) -> Record:  # fmt: skip
+    """Return the record of several runs: the median of their times, the largest of each error."""
+    q, v, graph, energy, penetration = (float(x) for x in np.max(np.array(found), axis=0))
+    return Record(
+        case.name, case.restitution, case.duration, case.plotted, scheme, setting, float(step), float(tolerance),
+        median(times), len(times), q, v, graph, energy, penetration, case.source,
+    )  # fmt: skip

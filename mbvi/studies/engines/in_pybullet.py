@@ -1,0 +1,193 @@
+"""PyBullet: impulses with restitution, in reduced coordinates."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pybullet as p
+from scipy.spatial.transform import Rotation
+
+from ...geometry.shapes import Box, Sphere
+from .bodies import Bodies, Body, Poses
+from .rig import Array, Rig, State
+
+NAME = f"PyBullet {version('pybullet')}"
+# what a run that it gives up raises
+FAILURES: tuple[type[Exception], ...] = (p.error,)
+_ITERATIONS, _RESIDUAL = 500, 1e-16
+# at 0 an edge that falls flat on a plane is not seen [m]
+_BREAKING = 1e-3
+# edge of a box for a plane [m]
+_WIDE, _UPRIGHT = 20.0, Rotation.identity()
+_SETTINGS = (
+    "restitutionVelocityThreshold = contactSlop = erp = contactERP = 0, "
+    f"at most {_ITERATIONS} solver iterations, residual {_RESIDUAL:g}, friction and damping 0"
+)
+
+
+class PyBullet:
+    """A rig in PyBullet."""
+
+    settings = f"{_SETTINGS}, contactBreakingThreshold 0, joint motors 0, restitution e on the rig and 1 on planes"
+
+    continuous = False
+
+    def __init__(self, rig: Rig, e: float, h: float) -> None:
+        _world(np.array([0.0, 0.0, -9.81]), rig.planes, 1.0, h, 0.0)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "rig.urdf"
+            file.write_text(rig.urdf)
+            flags = p.URDF_USE_INERTIA_FROM_FILE
+            self._rig = p.loadURDF(str(file), useFixedBase=not rig.free, flags=flags)
+        names = {p.getJointInfo(self._rig, k)[1].decode(): k for k in range(p.getNumJoints(self._rig))}
+        self._joints = [names[name] for name in rig.joints]
+        for link in range(-1, p.getNumJoints(self._rig)):
+            _slippery(self._rig, link, e)
+        if self._joints:
+            p.setJointMotorControlArray(self._rig, self._joints, p.VELOCITY_CONTROL, forces=[0.0] * len(self._joints))
+        info = p.getDynamicsInfo(self._rig, -1)
+        # its base is the centre of mass and its principal axes
+        self._centre, self._axes = np.array(info[3]), Rotation.from_quat(info[4])
+        self._free = rig.free
+
+    def start(self, state: State) -> None:
+        """Put the rig there."""
+        if self._free:
+            turn = Rotation.from_quat(state.quaternion)
+            arm = turn.apply(self._centre)
+            p.resetBasePositionAndOrientation(
+                self._rig, (state.position + arm).tolist(), (turn * self._axes).as_quat().tolist()
+            )
+            linear = state.linear + np.cross(state.angular, arm)
+            p.resetBaseVelocity(self._rig, linear.tolist(), state.angular.tolist())
+        for joint, angle, rate in zip(self._joints, state.angles, state.rates, strict=True):
+            p.resetJointState(self._rig, joint, float(angle), float(rate))
+
+    def advance(self) -> None:
+        """Take a step."""
+        p.stepSimulation()
+
+    def read(self) -> State:
+        """Return where the rig is."""
+        joints = [p.getJointState(self._rig, joint)[:2] for joint in self._joints]
+        angles, rates = (np.array([j[k] for j in joints]) for k in (0, 1))
+        if not self._free:
+            still: Array = np.zeros(3)
+            return State(still, np.array([0.0, 0.0, 0.0, 1.0]), angles, still, still, rates)
+        centre, axes = (np.array(x) for x in p.getBasePositionAndOrientation(self._rig))
+        linear, spin = (np.array(x) for x in p.getBaseVelocity(self._rig))
+        turn = Rotation.from_quat(axes) * self._axes.inv()
+        arm = turn.apply(self._centre)
+        return State(centre - arm, turn.as_quat(), angles, linear - np.cross(spin, arm), spin, rates)
+
+
+Peer = PyBullet
+
+
+class PyBulletBodies:
+    """Free bodies in PyBullet; a plane finds one point of a box a step, so that boxes stand on a wide box instead."""
+
+    continuous = False
+
+    def __init__(self, model: Bodies, h: float) -> None:
+        own = float(np.sqrt(model.e))
+        boxes = any(isinstance(body.shape, Box) for body in model.bodies)
+        _world(model.gravity, () if boxes else model.planes, own, h, _BREAKING)
+        solids = [(solid, centre, _UPRIGHT) for solid, centre in model.fixed]
+        if boxes:
+            for normal, offset in model.planes:
+                turn = Rotation.align_vectors(normal[None], np.array([[0.0, 0.0, 1.0]]))[0]
+                solids.append((Box((_WIDE, _WIDE, _WIDE)), (offset - 0.5 * _WIDE) * normal, turn))
+        for solid, centre, turn in solids:
+            place, quaternion = centre.tolist(), turn.as_quat().tolist()
+            _slippery(p.createMultiBody(0, _shape(solid), basePosition=place, baseOrientation=quaternion), -1, own)
+        self.settings = (
+            f"{_SETTINGS}, contactBreakingThreshold {_BREAKING:g} m, {'boxes for planes, ' if boxes else ''}"
+            "restitution sqrt(e) on everything, for it multiplies both"
+        )
+        self._bodies = []
+        for body in model.bodies:
+            number = p.createMultiBody(body.mass, _shape(body.shape)) if len(body.places) == 1 else _loaded(body)
+            p.changeDynamics(number, -1, localInertiaDiagonal=body.inertia.tolist())
+            _slippery(number, -1, own)
+            # it sleeps never
+            p.changeDynamics(number, -1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
+            self._bodies.append(number)
+
+    def start(self, state: Poses) -> None:
+        """Put the bodies there."""
+        for body, place, turn, linear, spin in zip(self._bodies, *(x.tolist() for x in state), strict=True):
+            p.resetBasePositionAndOrientation(body, place, turn)
+            p.resetBaseVelocity(body, linear, spin)
+
+    def advance(self) -> None:
+        """Take a step."""
+        p.stepSimulation()
+
+    def read(self) -> Poses:
+        """Return where the bodies are."""
+        poses = [p.getBasePositionAndOrientation(body) for body in self._bodies]
+        rates = [p.getBaseVelocity(body) for body in self._bodies]
+        return Poses(*(np.array(x, dtype=float) for both in (poses, rates) for x in zip(*both, strict=True)))
+
+
+Free = PyBulletBodies
+
+
+def _world(gravity: Array, planes: Sequence[tuple[Array, float]], e: float, h: float, breaking: float) -> None:
+    """Begin a world with planes of a restitution."""
+    if p.isConnected():
+        p.disconnect()
+    p.connect(p.DIRECT)
+    p.setGravity(*gravity.tolist())
+    p.setPhysicsEngineParameter(
+        fixedTimeStep=h, numSubSteps=0, numSolverIterations=_ITERATIONS, solverResidualThreshold=_RESIDUAL,
+        restitutionVelocityThreshold=0.0, contactBreakingThreshold=breaking, contactSlop=0.0, erp=0.0, contactERP=0.0,
+        frictionERP=0.0, globalCFM=0.0,
+    )  # fmt: skip
+    for normal, offset in planes:
+        shape = p.createCollisionShape(p.GEOM_PLANE, planeNormal=normal.tolist())
+        plane = p.createMultiBody(0, shape, basePosition=(offset * normal).tolist())
+        p.changeDynamics(plane, -1, restitution=e, lateralFriction=0.0)
+
+
+def _slippery(body: int, link: int, e: float) -> None:
+    p.changeDynamics(
+        body, link, lateralFriction=0.0, spinningFriction=0.0, rollingFriction=0.0,
+        linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, maxJointVelocity=1e6,
+    )  # fmt: skip
+    # in one call with the others it is lost on links
+    p.changeDynamics(body, link, restitution=e)
+
+
+def _shape(shape: Sphere | Box) -> int:
+    if isinstance(shape, Sphere):
+        return int(p.createCollisionShape(p.GEOM_SPHERE, radius=shape.radius))
+    return int(p.createCollisionShape(p.GEOM_BOX, halfExtents=(0.5 * np.array(shape.size)).tolist()))
+
+
+def _loaded(body: Body) -> int:
+    """Return the number of a body of several balls, from a file: of an array it drops all after the sixteenth."""
+    assert isinstance(body.shape, Sphere)
+    x, y, z = body.inertia.tolist()
+    parts = [
+        f'<robot name="body"><link name="body"><inertial><mass value="{body.mass}"/>',
+        f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial>',
+        *(
+            f'<collision><origin xyz="{" ".join(map(repr, place))}"/>'
+            f'<geometry><sphere radius="{body.shape.radius}"/></geometry></collision>'
+            for place in body.places.tolist()
+        ),
+        "</link></robot>",
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "body.urdf"
+        # long lines are cut
+        file.write_text("\n".join(parts))
+        number = int(p.loadURDF(str(file), flags=p.URDF_USE_INERTIA_FROM_FILE))
+    assert len(p.getCollisionShapeData(number, -1)) == len(body.places)
+    return number

@@ -1,0 +1,215 @@
+"""A case run in another engine: first whether it moves freely as ours does, then errors and CPU times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from time import process_time
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError, MbviError
+from ...problem import Problem
+from ...results.trajectory import Trajectory
+from ..chart.errors import sampled_errors
+from ..chart.records import NOT, Record
+from ..chart.sweep import REPEATS, STEPS, Case, record
+from ..chart.workers import made
+from .rig import Array, Engine, Rig, rig
+
+# part of the time to the first impact that is compared, and the steps at which [s]
+_FREE, _COARSE, _FINE = 0.9, 1e-3, 1e-4
+# an integrator of order one comes ten times nearer; what agrees to this needs to come no nearer
+_NEARER, _NEAR = 0.15, 1e-7
+# by how much a quaternion may be off the unit sphere
+_UNIT = 1e-3
+
+
+class ModelError(MbviError):
+    """Another engine's model of a case is another than ours."""
+
+
+def sweep_peer(
+    module: str, make: Callable[[float], Case], e: float, steps: Sequence[float] = STEPS, repeats: int = REPEATS
+) -> tuple[Record, ...]:
+    """Run a case in an engine at several steps, in the way `work_precision.sweep` runs it in ours.
+
+    Parameters
+    ----------
+    module : str
+        Such as "in_mujoco".
+    make : callable
+        e -> Case.
+    e : float
+        Restitution.
+    steps : sequence of float
+        [s].
+    repeats : int
+        Runs at each, as of `sweep`. Times are of steps alone, without recording; the states come from a second run.
+
+    Raises
+    ------
+    ModelError
+        If the engine's free motion is not ours.
+    InputError
+        If the case is not of rigid bodies.
+    """
+    case, engine = made(make, e), import_module(f".{module}", __package__)
+    model = rig(case)
+    if model is None or case.solution is None:
+        raise InputError(f"{case.name} is no problem of rigid bodies that another engine could be given")
+    check_free_motion(case, model, engine)
+    return tuple(_point(case, model, engine, h, repeats) for h in steps)
+
+
+def check_free_motion(case: Case, model: Rig, engine: ModuleType) -> tuple[float, float]:
+    """Return how far an engine's free motion is from ours before the first impact, at a coarse and a fine step.
+
+    Raises
+    ------
+    ModelError
+        If the fine step does not bring it nearer as it should.
+    """
+    off = [_free_error(case, model, engine, h) for h in (_COARSE, _FINE)]
+    if not (off[1] <= _NEARER * off[0] or off[1] <= _NEAR):
+        raise ModelError(
+            f"{engine.NAME} is not charted on {case.name}: before the first impact it is off by {off[0]:.2g} at "
+            f"h = {_COARSE:g} s and by {off[1]:.2g} at {_FINE:g} s, which no integrator explains"
+        )
+    return off[0], off[1]
+
+
+def _free_error(case: Case, model: Rig, engine: ModuleType, h: float) -> float:
+    assert case.solution is not None
+    first = case.solution.impacts[0] if len(case.solution.impacts) else case.duration
+    peer, problem = engine.Peer(model, case.restitution, h), case.problem
+    peer.start(model.state(problem.q0, problem.v0))
+    count = int(_FREE * first / h)
+    for _ in range(count):
+        peer.advance()
+    q, v = model.coordinates(peer.read())
+    exact_q, exact_v = case.solution.at(problem.t0 + count * h)
+    off = np.concatenate([problem.system.difference(exact_q, q), v - exact_v])
+    return float(np.abs(off).max())
+
+
+def _point(case: Case, model: Rig, engine: ModuleType, h: float, repeats: int) -> Record:
+    peer, times, found = engine.Peer(model, case.restitution, h), [], []
+    peer.start(model.state(case.problem.q0, case.problem.v0))
+    _time(peer, int(case.duration / h))
+    for k in range(repeats):
+        problem = case.started(k * h / repeats)
+        count = int((case.duration - k * h / repeats) / h * (1 + 1e-12))
+        state = model.state(problem.q0, problem.v0)
+        peer.start(state)
+        times.append(_time(peer, count))
+        peer.start(state)
+        run = recorded(case.problem, case.name, model, peer, h, problem.t0, count)
+        if hasattr(peer, "until"):
+            peer.start(state)
+            found.append(_judged_between(case, model, peer, run))
+        else:
+            found.append(_judged(case, run, peer.continuous))
+    return record(case, engine.NAME, peer.settings, h, NOT, times, found)
+
+
+def _judged(case: Case, run: Trajectory, continuous: bool) -> tuple[float, ...]:
+    errors = case.judged(run)
+    if not continuous:
+        return errors
+    # between samples it moves smoothly, and its energy needs no shift in time
+    assert case.solution is not None
+    system = case.problem.system
+
+    def at(t: float) -> tuple[Array, Array]:
+        i = min(max(int(np.searchsorted(run.t, t, side="right")) - 1, 0), len(run.t) - 2)
+        part = min((t - run.t[i]) / (run.t[i + 1] - run.t[i]), 1.0)
+        q = system.integrate(run.q[i], part * system.difference(run.q[i], run.q[i + 1]))
+        return q, run.v[i] + part * (run.v[i + 1] - run.v[i])
+
+    return *sampled_errors(at, np.zeros(0), case.solution, len(run.t)), NOT, errors[-1]
+
+
+def _judged_between(case: Case, model: Rig, peer: Any, run: Trajectory) -> tuple[float, ...]:
+    """Return the errors of an engine that goes to any time, so that they do not depend on where it is read."""
+    assert case.solution is not None
+    solution, start = case.solution, float(run.t[0])
+
+    def at(t: float) -> tuple[Array, Array]:
+        # it starts on the solution
+        if t <= start:
+            return solution.at(t)
+        peer.until(t - start)
+        found: tuple[Array, Array] = model.coordinates(peer.read())
+        return found
+
+    # they are asked for in their order
+    return *sampled_errors(at, np.zeros(0), solution), NOT, float(run.penetration().max(initial=0.0))
+
+
+def _time(peer: Engine, count: int) -> float:
+    many = getattr(peer, "many", None)
+    # some run in a process of their own
+    clock = getattr(peer, "clock", process_time)
+    begin = clock()
+    if many is not None:
+        many(count)
+    else:
+        for _ in range(count):
+            peer.advance()
+    return float(clock() - begin)
+
+
+def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start: float, count: int) -> Trajectory:
+    """Return the steps that an engine takes from where it was put, as a run of ours.
+
+    Parameters
+    ----------
+    problem : Problem
+        Ours, which the engine has in it.
+    name : str
+        How it is called.
+    model : Rig or Bodies
+        How coordinates correspond.
+    peer : Engine or BodiesEngine
+        The engine, at its start.
+    h, start : float
+        Step and time of the start [s].
+    count : int
+        How many steps.
+
+    Raises
+    ------
+    ModelError
+        If numbers that are not finite come back.
+    """
+
+    def read() -> tuple[Array, Array]:
+        state = peer.read()
+        # where a body is turned by no rotation there are no coordinates
+        if not (np.abs(np.linalg.norm(state.quaternion, axis=-1) - 1.0) < _UNIT).all():
+            raise ModelError(f"{name} runs away at h = {h:g} s")
+        found: tuple[Array, Array] = model.coordinates(state)
+        return found
+
+    states = [read()]
+    for _ in range(count):
+        peer.advance()
+        states.append(read())
+    q, v = (np.array(x) for x in zip(*states, strict=True))
+    if not (np.isfinite(q).all() and np.isfinite(v).all()):
+        raise ModelError(f"{name} runs away at h = {h:g} s")
+    t = start + h * np.arange(count + 1)
+    depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
+    # new velocities move the configuration through the whole step, semi-implicit, where it does not say otherwise
+    return Trajectory(
+        t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth,
+        _jump=getattr(peer, "jump", 0.0),
+    )  # fmt: skip
+
+
+def _depth(problem: Problem, t: float, q: Array) -> float:
+    gap = problem.constraints.active(t, q, problem.tolerance).gap
+    return max(0.0, -float(gap.min(initial=0.0)))

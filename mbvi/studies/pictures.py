@@ -1,0 +1,27 @@
+"""What a picture needs, asked before the minutes that its numbers take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import InputError, TrajectoryFileError
+
+
+def check_pictures(folder: Path) -> None:
+    """Make the folder that a picture will go to.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
+    TrajectoryFileError
+        If the folder cannot be made.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise InputError("pictures need matplotlib: pip install matplotlib") from error
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrajectoryFileError(f"the folder {folder} cannot be made: {error.strerror}") from error

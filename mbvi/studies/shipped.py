@@ -1,0 +1,85 @@
+"""What travels with the package: the project's robots, the scene of `mbvi demo`, a cube of spheres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .. import packing
+from ..errors import InputError
+from ..scene import Scene
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from ..system.system import Array
+
+# a crouch on legs set a little apart, and the springs and dampers that hold it
+_CROUCH = {"hip": 0.1, "thigh": 0.7, "calf": -1.4}
+_STIFFNESS, _DAMPING = 60.0, 2.0
+_TILT = Rotation.from_euler("xyz", [0.15, 0.1, 0.0]).as_matrix()
+
+
+def robot_path(name: str) -> Path:
+    """Return the URDF of a shipped robot.
+
+    Parameters
+    ----------
+    name : str
+        Such as "quadruped".
+
+    Raises
+    ------
+    InputError
+        If no robot goes by that name.
+    """
+    here = Path(__file__).resolve().parent
+    # the wheel carries the robots inside the package, a clone beside it
+    folders = [folder for folder in (here / "robots", here.parent / "robots") if folder.is_dir()]
+    known = {file.stem: file for folder in reversed(folders) for file in folder.glob("*/*.urdf")}
+    if name not in known:
+        raise InputError(f"no shipped robot {name!r}; known are {', '.join(sorted(known)) or 'none'}")
+    return known[name]
+
+
+def demo_problem() -> Problem:
+    """Return the scene of `mbvi demo`: a tilted quadruped on sprung legs falls onto a floor, and a ball hits it."""
+    joints: dict[str, float] = {}
+    for leg in ("FL", "FR", "RL", "RR"):
+        side = 1.0 if leg.endswith("L") else -1.0
+        angles = {**_CROUCH, "hip": side * _CROUCH["hip"]}
+        joints |= {f"{leg}_{joint}_joint": angle for joint, angle in angles.items()}
+    # in the order of q
+    rest = np.array(list(joints.values()))
+
+    def legs(t: float, q: Array, v: Array) -> Array:
+        # a free base comes first: 7 entries of q and 6 of v, with no motor
+        return np.concatenate([np.zeros(6), _STIFFNESS * (rest - q[7:]) - _DAMPING * v[6:]])
+
+    scene = Scene(restitution=0.5)
+    scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
+    scene.add_urdf(robot_path("quadruped"), position=(0.0, 0.0, 0.8), rotation=_TILT, joints=joints, control=legs)
+    scene.add_sphere(0.1, 1.5, position=(-1.2, 0.08, 0.6), velocity=(2.0, 0.0, 2.5), name="ball")
+    return scene.build()
+
+
+def cube_of_spheres(e: float, half_width: float = 1.0) -> Problem:
+    """Return 6 x 6 x 6 spheres, all but in a lattice, that fall from 1 m into an open box.
+
+    Radii are 0.1 m, masses 10 kg, centres 0.21 m apart but for up to 1e-3 m, the lowest at 1.101 m.
+
+    Parameters
+    ----------
+    e : float
+        Restitution.
+    half_width : float
+        Of the box, about the middle of the cube [m].
+    """
+    scene = Scene(restitution=e)
+    scene.add_container((-half_width, -half_width, 0.0), (half_width, half_width), name="box")
+    centres, radii = packing.lattice((6, 6, 6), 0.1, 0.21, (-0.525, -0.525, 0.0), jitter=1e-3, seed=42)
+    centres[:, 2] += 1.101 - centres[:, 2].min()
+    scene.add_spheres(centres, radii, 10.0)
+    return scene.build()

@@ -1,0 +1,96 @@
+"""Stress scenes in other engines: the same steps, the same numbers, taken from states that are read back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from dataclasses import replace
+from importlib import import_module
+from itertools import product
+from typing import Any
+
+from ...compiled.kernel import load
+from ...results.trajectory import Trajectory, energies
+from ..chart.workers import worker
+from ..engines import Peer
+from ..engines.bodies import NoModelError
+from ..engines.measure import ModelError, recorded
+from .models import model_of
+from .scene import StressScene
+from .scenes import SCENES
+from .sweep import Cell, judged
+
+
+def sweep_peer(peer: Peer, scenes: Sequence[StressScene], steps: Sequence[float], budget: float) -> Iterator[Cell]:
+    """Yield a cell for every scene and step of an engine, which runs in a process of its own.
+
+    Parameters
+    ----------
+    peer : Peer
+        One that is installed.
+    scenes : sequence of StressScene
+        Of `SCENES`.
+    steps : sequence of float
+        [s].
+    budget : float
+        CPU time that one run may take [s].
+
+    Raises
+    ------
+    ImportError
+        If the engine cannot be loaded.
+    """
+    waiting, name = list(product(scenes, steps)), ""
+    while waiting:
+        with worker(silent=True) as call:
+            name = name or call(_name, peer.module)
+            while waiting:
+                scene, h = waiting.pop(0)
+                try:
+                    yield call(peer_cell, peer.module, scene.name, h, budget)
+                except BrokenExecutor:
+                    yield Cell(scene.name, name, h, float("inf"), "failed", 0.0, "its process died")
+                    break
+
+
+def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
+    """Run one scene in an engine at one step, as `cell` does in ours; the engine's setting stands in the cell."""
+    load()
+    engine, asked = _engine(module), next(s for s in SCENES if s.name == scene)
+    problem, setting, peer = asked.make(h), "", None
+    try:
+        if not hasattr(engine, "Free"):
+            raise NoModelError(engine.NO_BODIES)
+        model = model_of(asked, problem)
+    except NoModelError as error:
+        return Cell(scene, engine.NAME, h, float("inf"), "not run", 0.0, str(error))
+
+    def run() -> Trajectory:
+        nonlocal setting, peer
+        try:
+            peer = engine.Free(model, h)
+            setting = peer.settings
+            if hasattr(peer, "limit"):
+                peer.limit(budget)
+            peer.start(model.state(problem.q0, problem.v0))
+            run = recorded(problem, scene, model, peer, h, problem.t0, int(asked.duration / h * (1.0 + 1e-12)))
+        except engine.FAILURES as error:
+            raise ModelError(f"{engine.NAME}: {error}") from error
+        if peer.continuous:
+            # it has q and v at the same times
+            run = replace(run, _energies=energies(problem, run.t, run.q, run.v, 0.0))
+        return run
+
+    found = judged(asked, engine.NAME, h, budget, run)
+    # what it took in a process of its own
+    # float() is 0
+    own = getattr(peer, "clock", float)()
+    return replace(found, setting=setting, cpu=found.cpu + own)
+
+
+def _engine(module: str) -> Any:
+    return import_module(f"..peers.{module}", __package__)
+
+
+def _name(module: str) -> str:
+    return str(_engine(module).NAME)
