@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 
 # where helpers assert, what they compared is shown
 pytest.register_assert_rewrite("support")
@@ -18,7 +18,7 @@ settings.load_profile("mbvi")
 @pytest.fixture(scope="session", autouse=True)
 def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
-    load()
+    compile_all()
 
 
 @pytest.fixture

@@ -585,10 +585,10 @@ def test_a_file_being_written_says_so(tmp_path):
 INTERRUPTED = """
 import os, signal, sys, threading
 import mbvi
+from mbvi.compiled import compile_all
 from support.comparisons import same_states
 from support.scenes import hopper_and_brick
-from mbvi.compiled import load
-load()
+compile_all()
 for scheme, step in (mbvi.Paoli(), 1e-3), (mbvi.Centered(project_positions=True), 1e-3), (mbvi.EventDriven(1e-9), None):
     for out in (None, sys.argv[1]):
         threading.Timer(0.9, os.kill, (os.getpid(), signal.SIGINT)).start()
