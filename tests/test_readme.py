@@ -29,7 +29,8 @@ def test_a_block_runs_and_prints_what_follows(found, tmp_path, monkeypatch):
 
 
 def test_blocks_are_found():
-    text = (ROOT / "README.md").read_text()
-    assert text.count("```python") == sum(p.id.startswith("README") for p in BLOCKS) >= 4
+    counts = {page: (ROOT / page).read_text().count("```python") for page in ("README.md", "docs/guide.md")}
+    assert {page: sum(p.id.startswith(page.rpartition("/")[2]) for p in BLOCKS) for page in counts} == counts
+    assert counts["README.md"] >= 1 and counts["docs/guide.md"] >= 5
     # whatever prints says what
     assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])
