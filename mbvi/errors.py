@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .results.trajectory import Trajectory
+from typing import Any
 
 __all__ = [
     "DivergedError",
@@ -30,7 +27,8 @@ class MbviError(Exception):
         The run so far, where the error ended a simulation or the writing of a file.
     """
 
-    run: Trajectory | None = None
+    # not typed as such: errors lie below everything else
+    run: Any = None
 
 
 class MbviWarning(UserWarning):

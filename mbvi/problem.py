@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -12,12 +12,58 @@ from .arguments.checks import LARGEST, Array, boolean, finite, positive, shown, 
 from .arguments.checks import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint
 from .errors import DivergedError, InadmissibleStartError, InputError
-from .system import ArticulatedSystem, System, parts_of
+from .system import System, checked_system, parts_of
 
 if TYPE_CHECKING:
-    from .scene.model import SceneModel
+    from .geometry.shapes import HalfSpace, PlacedShape
 
 _ACTIVATION = 1e-8
+
+
+class BuiltScene(Protocol):
+    """The scene a problem was built from, for reports, replays and files; `Scene.build()` makes it."""
+
+    @property
+    def items(self) -> Any:
+        """What the user added."""
+
+    @property
+    def shapes(self) -> tuple[PlacedShape, ...]:
+        """Every shape on the body that carries it."""
+
+    @property
+    def walls(self) -> dict[str, HalfSpace]:
+        """Half-spaces by name."""
+
+    @property
+    def surfaces(self) -> list[Any]:
+        """Meshes of the world."""
+
+    @property
+    def motions(self) -> list[Any]:
+        """Prescribed motions of the world's parts, each once."""
+
+    @property
+    def omitted(self) -> tuple[Any, ...]:
+        """What was left out of the model."""
+
+    @property
+    def reduce(self) -> tuple[str, ...]:
+        """Kinds of reductions of the model that are on."""
+
+    @property
+    def system(self) -> System:
+        """The system the scene was built to."""
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The constraints the scene was built to."""
+
+    def check_in_plane(self, problem: Problem, q: Array) -> None:
+        """Raise `InputError` if a configuration leaves the plane of a planar scene."""
+
+    def report(self, problem: Problem) -> str:
+        """Return in words what is modelled, what was left out, and why."""
 
 
 class Problem:
@@ -59,9 +105,9 @@ class Problem:
         restitution: float | Sequence[float] | Array = 0.0,
         t0: float = 0.0,
         length: float = 1.0,
-        scene: SceneModel | None = None,
+        scene: BuiltScene | None = None,
     ) -> None:
-        self.system = _system(system)
+        self.system = checked_system(system)
         self.q0 = _state(q0, system.nq, "q0")
         self.v0 = _state(v0, system.nv, "v0")
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
@@ -71,7 +117,7 @@ class Problem:
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
-        self.constraints = AdmissibleSet(system, constraints, self.restitution)
+        self.constraints = AdmissibleSet(self.system, constraints, self.restitution)
         # gap at and below which a constraint is active; of angles times their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()
@@ -170,19 +216,18 @@ class Problem:
         InputError
             If there is no robot of that name, or several and none is named.
         """
-        robots = {part.name: part for part in parts_of(self.system) if isinstance(part, ArticulatedSystem)}
+        robots = {part.name: part.model for part in parts_of(self.system) if part.model is not None}
         known = ", ".join(robots) or "none"
         if name is None and len(robots) == 1:
-            return next(iter(robots.values())).model.copy()
+            return next(iter(robots.values())).copy()
         if name is None:
             raise InputError(f"name the robot whose model is meant; those of this problem are {known}")
         if not isinstance(name, str) or name not in robots:
             raise InputError(f"this problem has no robot {shown(name)}; known are {known}")
-        return robots[name].model.copy()
+        return robots[name].copy()
 
     def _check_system(self) -> None:
-        if hasattr(self.system, "check"):
-            self.system.check(self.t0, self.q0, self.v0)
+        self.system.check(self.t0, self.q0, self.v0)
         self.system.metric(self.q0)
         if not np.isfinite(self.system.force(self.t0, self.q0, self.v0)).all():
             raise InputError("the force at the initial state is not finite")
@@ -206,12 +251,6 @@ def check_kept(problem: Problem) -> None:
             'forces back by mbvi.load(path, control={"robot": f}, force={"body": f}), and build the scene again for '
             "anything else"
         )
-
-
-def _system(system: System) -> System:
-    if isinstance(system, type) or not all(hasattr(system, name) for name in ("nq", "nv", "integrate", "metric")):
-        raise InputError(f"system must be a system such as mbvi.LagrangianSystem(...); got {shown(system)}")
-    return system
 
 
 def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:

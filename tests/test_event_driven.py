@@ -415,7 +415,7 @@ def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
     cut = mbvi.load(path)
     assert not cut.complete
     assert len(cut.t) >= 500 and len(cut.impacts) > 5
-    assert cut._dense.shape[0] == len(cut.t) - 1
+    assert cut.record.dense.shape[0] == len(cut.t) - 1
     end = float(cut.t[-1])
     whole = mbvi.simulate(swinging(), mbvi.EventDriven(1e-9), duration=end, every=4)
     # its last steps are shorter
@@ -423,7 +423,7 @@ def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
     assert n > 100
     np.testing.assert_array_equal(cut.t[:n], whole.t[:n])
     np.testing.assert_array_equal(cut.v[:n], whole.v[:n])
-    np.testing.assert_array_equal(cut._dense[: n - 1], whole._dense[: n - 1])
+    np.testing.assert_array_equal(cut.record.dense[: n - 1], whole.record.dense[: n - 1])
 
 
 def test_a_crowd_is_refused_and_many_spheres_keep_their_own_restitution():

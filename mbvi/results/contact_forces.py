@@ -11,6 +11,7 @@ import pinocchio as pin
 from ..arguments import shown
 from ..errors import InputError
 from .contacts import ContactTable
+from .run_data import RunData
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -136,3 +137,23 @@ def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) ->
     # at an instant, as of impacts that are located, it is what it was just before
     passes[0] = True
     return np.asarray(total[np.maximum.accumulate(np.where(passes, np.arange(len(passes)), 0))])
+
+
+def recorded_contacts(run: RunData) -> ContactTable:
+    """Return the contacts of a run; raise `InputError` if it did not record them."""
+    if run.record.contacts is None:
+        raise InputError('this run did not record contacts: simulate(..., record="contacts") does')
+    return run.record.contacts
+
+
+def durations(run: RunData) -> Array:
+    """Return the duration of each interval between recorded states, shape (n + 1,) [s]; that of the first is zero."""
+    found = np.diff(run.t, prepend=run.t[:1])
+    if run.step > 0.0:
+        # differences of times are rounded; multiples of the step are known exactly
+        whole = run.step * np.rint(found / run.step)
+        found = np.where(np.abs(found - whole) < 1e-6 * run.step, whole, found)
+        if run.record.timing.whole_steps:
+            # the last step goes on beyond the end of the run, and so do its percussions
+            found[-1:] = run.step * np.ceil(found[-1:] / run.step)
+    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,17 +11,16 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ..projection import Projector
-from ..schemes import EventDriven
 from ..schemes.observer import observer
 from ..system.sparse_rows import dense
 from .diagnosis import Array, Diagnosis, Instant
+from .run_data import RunData
 
 if TYPE_CHECKING:
     from ..constraints import Rows
     from ..problem import Problem
     from ..projection import Metric
-    from ..schemes import Step
-    from .trajectory import Trajectory
+    from ..schemes import Scheme, Step
 
 # single impacts followed at one instant
 _MOST_IMPACTS = 2_000
@@ -49,7 +48,7 @@ class _State(NamedTuple):
     step: Step | None = None
 
 
-def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
+def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     """Return what of a run may be trusted; see `Trajectory.diagnosis`."""
     if run.problem is None:
         raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
@@ -78,10 +77,10 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
             if active.rate is not None:
                 pushed = metric.apply(v - before) - h * system.force(t, q, before)
                 gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
-        if run._missing:
+        if run.lacks_functions:
             gained = np.nan
         energy += gained
-        excess = np.nan if run._missing else max(excess, energy)
+        excess = np.nan if run.lacks_functions else max(excess, energy)
         lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
         vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
@@ -91,7 +90,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         else:
             found.end()
     found.end()
-    unseen = run.step > 0.0 and not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
+    unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),
         np.nan if unseen and np.isinf(found.horizon) else found.horizon,
@@ -112,31 +111,32 @@ def _dense(active: Rows) -> Rows:
     return active._replace(jacobian=dense(active.jacobian))
 
 
-def _can_step(run: Trajectory) -> bool:
-    return run.step > 0.0 and run._scheme is not None and not run._missing
+def _stepping_scheme(run: RunData) -> Scheme | None:
+    """Return the scheme that can take the steps of a run again, None where there is none."""
+    if run.step <= 0.0 or run.record.scheme is None or run.lacks_functions:
+        return None
+    return cast("Scheme", run.record.scheme)
 
 
-def _states(run: Trajectory) -> Iterator[_State]:
-    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded.
+def _states(run: RunData) -> Iterator[_State]:
+    """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
-    So is every state of a scheme whose law acts within its steps or on positions too. Where a file brings no scheme
-    back, the law is taken to act where the velocity jumps, on what is active there.
+    So is every state of a scheme that applies the law within its steps or projects positions. Where a file names an
+    unknown scheme, the law is taken to act where the velocity jumps, on the rows that are active there.
     """
     assert run.problem is not None
-    problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
-    scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
-    # the work of walls that move is no impact's doing: only the step tells it apart
-    apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
-    # a control may look at the contacts of the step before, which only that step tells
+    problem, projector, jump, scheme = run.problem, Projector(), run.record.timing.jump, _stepping_scheme(run)
+    # a control may look at the contacts of the step before, and only that step gives them
     observe = observer(problem)
-    apart = apart or observe is not None
-    again = steps and scheme is not None and (jump < 1.0 or apart)
-    if hasattr(problem.system, "start"):
-        problem.system.start()
+    # only the step separates the work of moving walls and of projected positions from that of the impact
+    again = scheme is not None and (
+        jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
+    )
+    problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
     for i in range(1, len(run.t)):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
-        while steps and scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
+        while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
             yield _State(step.t, acted, v, step.v, run.step, step if again else None)

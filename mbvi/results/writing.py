@@ -39,7 +39,7 @@ from .verification import opened
 
 if TYPE_CHECKING:
     from .contacts import ContactTable
-    from .trajectory import Impact
+    from .run_data import Impact
 
 # bytes that are committed at once, and of longer files which part of what is written already
 _PIECE, _PART = 1 << 17, 8

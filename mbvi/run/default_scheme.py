@@ -9,10 +9,9 @@ from ..errors import DivergedError
 from ..geometry.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
 from ..schemes import Centered, EventDriven, Scheme, StewartTrinkle
-from ..system import ActuatedSystem, ArticulatedSystem, FreeBodies, Spheres, System, located_parts, parts_of
-from ..system.actuated import Part
+from ..system import System, located_parts, parts_of
 from ..system.lengths import velocity_units
-from ..system.system import Array
+from ..system.system import Array, Part
 
 # up to so many constraints error control costs at most some twice what steps of 1e-3 s do: benchmarks/default_scheme.py
 _FEW = 100
@@ -69,7 +68,7 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     `StewartTrinkle` for many free bodies without restitution, which then land on each other and not in each other. Else
     `Centered` with position projection.
     """
-    free = all(isinstance(part, FreeBodies | Spheres) for part in parts_of(problem.system))
+    free = all(part.free_bodies for part in parts_of(problem.system))
     if problem.scene is not None and free and _count(problem) > _FEW:
         items = problem.scene.items
         if items.restitution == 0.0 and not any(items.pair_restitution.values()):
@@ -90,11 +89,11 @@ def _against_error_control(problem: Problem) -> str | None:
     count = _count(problem)
     if count > _FEW:
         return f"{count} constraints are many"
-    if isinstance(problem.system, ActuatedSystem):
+    if problem.system.loaded:
         return "a control of the scene or a force may switch"
-    controlled = [part for part in parts_of(problem.system) if getattr(part, "control", None) is not None]
+    controlled = [part for part in parts_of(problem.system) if part.controlled]
     if controlled:
-        return f"the control of {controlled[0].bodies[1].split('/')[0]} may switch"
+        return f"the control of {controlled[0].name} may switch"
     return None
 
 
@@ -123,17 +122,17 @@ def time_step(problem: Problem, duration: float) -> tuple[float, str]:
 def _modes(problem: Problem) -> list[tuple[float, str]]:
     """Return the step for the fastest mode of each mechanism, linearised about the initial state."""
     found, parts = [], located_parts(problem.system)
-    if isinstance(problem.system, ActuatedSystem) and problem.system.nv <= _MOST_MODES:
+    if problem.system.loaded and problem.system.nv <= _MOST_MODES:
         # springs between parts
         parts = [Part(problem.system, 0, 0, 0)]
     for system, q, v, _ in parts:
         q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
         # bodies on their own have no forces that change
-        if isinstance(system, FreeBodies | Spheres) or system.nv > _MOST_MODES:
+        if system.free_bodies or system.nv > _MOST_MODES:
             continue
         rate = _fastest(system, problem.t0, q0, v0, problem.length)
         if rate > 0.0:
-            name = system.bodies[1].split("/")[0] if isinstance(system, ArticulatedSystem) else "the forces"
+            name = system.name or "the forces"
             found.append((_MODE / rate, f"the fastest mode of {name}, {rate:.3g} 1/s"))
     return found
 
@@ -167,7 +166,7 @@ def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
     except DivergedError:
         # beside the start: no slope can be told from that
         return np.full(system.nv, np.nan)
-    damping = np.concatenate([getattr(part, "damping", np.zeros(part.nv)) for part in parts_of(system)])
+    damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts_of(system)])
     if damping.any():
         free = free + system.metric(q).solve_rows((damping * v)[None])[0]
     return free
@@ -187,9 +186,8 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
             bodies.setdefault(shape.body, []).append(shape)
     # the largest shape of each body stands for it
     largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
-    rates, found, forced = np.abs(problem.v0), [], np.zeros(system.nv)
-    if isinstance(system, ActuatedSystem):
-        forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
+    rates, found = np.abs(problem.v0), []
+    forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
     for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
         reach = system.reach(shape.body, shape.position, shape.shape.bound)
         speed, pull = float(reach @ rates), g + float(reach @ forced)

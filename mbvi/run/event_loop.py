@@ -13,9 +13,11 @@ from ..problem import Problem
 from ..projection import Projector
 from ..results.contacts import ContactLog
 from ..results.hdf5 import Writer
-from ..results.trajectory import Array, Impact, Trajectory
+from ..results.run_data import Array, Impact, RunRecord
+from ..results.trajectory import Trajectory
 from ..schemes import EventDriven
-from ..schemes.event_driven.integrator import EventDrivenIntegrator, ImpactEvent
+from ..schemes.event_driven.impact_event import ImpactEvent
+from ..schemes.event_driven.integrator import EventDrivenIntegrator
 from ..schemes.event_driven.reactions import reactions
 from ..schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
 from .interrupted import run_so_far
@@ -31,8 +33,8 @@ class _Record:
     Of the smooth steps every so many are kept, those before an impact, and the last.
     """
 
-    # the law acts at states
-    jump = 1.0
+    # the law acts at recorded states
+    timing = EventDriven.timing
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: ContactLog | None = None) -> None:
         self._problem, self._every = problem, every
@@ -132,15 +134,18 @@ class _Record:
             np.array(self.v[:n]),
             tuple(self.impacts),
             np.array(self.residual[:n]),
-            type(scheme).__name__,
+            scheme.name,
             0.0,
             tuple(self.notes),
             self._problem,
             complete,
-            np.array(self.penetration[:n]),
-            _scheme=scheme,
-            _dense=np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
-            _contacts=None if self.contacts is None else self.contacts.table(self._problem.constraints.name, n),
+            RunRecord(
+                np.array(self.penetration[:n]),
+                scheme,
+                self.timing,
+                np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
+                contacts=None if self.contacts is None else self.contacts.table(self._problem.constraints.name, n),
+            ),
         )
 
 
@@ -163,7 +168,7 @@ def run_event_driven(
         Writer(out, problem, scheme, 0.0, record) as writer,
         Progress(_TICKS, progress) as bar,
     ):
-        walk, look = scheme.walk(problem, projector), 0.0
+        walk, look = scheme.integrator(problem, projector), 0.0
         for part in walk.run(duration):
             if isinstance(part, ImpactEvent):
                 record.struck(part, walk)

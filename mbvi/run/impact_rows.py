@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..compiled import kernel
-from ..system import BlockSystem, FreeBodies, Spheres, System
+from ..system import System, parts_of
 
 Array = np.ndarray
 
@@ -58,11 +58,11 @@ def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Ar
     return np.asarray(percussion > 2.0 * level[place])
 
 
-def parts_of(system: System) -> Array:
+def independent_parts(system: System) -> Array:
     """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
     parts, count = [], 0
-    for one in system.parts if isinstance(system, BlockSystem) else (system,):
-        bodies = len(one.bodies) - 1 if isinstance(one, FreeBodies | Spheres) else 1
+    for one in parts_of(system):
+        bodies = one.independent_bodies
         parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
         count += bodies
     return np.concatenate(parts)
@@ -78,7 +78,7 @@ def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
     seeds : ndarray of bool, shape (k,)
         Which of them are seeds.
     parts : ndarray of int, shape (nv,)
-        Of `parts_of`.
+        Of `independent_parts`.
     """
     row, column = jacobian.nonzero()
     count = len(seeds)

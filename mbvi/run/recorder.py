@@ -12,10 +12,11 @@ from ..compiled import kernel
 from ..errors import MbviWarning
 from ..problem import Problem
 from ..results.contacts import ContactLog
-from ..results.trajectory import Array, Impact, Trajectory
-from ..schemes import Scheme, Step
+from ..results.run_data import Array, Impact, RunRecord
+from ..results.trajectory import Trajectory
+from ..schemes import Scheme, Step, Timing
 from ..schemes.step import STILL, closes
-from .impact_rows import exceeding, linked, parts_of
+from .impact_rows import exceeding, independent_parts, linked
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
 _SAME_POINT = 0.1
@@ -169,7 +170,7 @@ class Recorder:
         What runs.
     count : int
         How many states there will be.
-    jump : float
+    timing : Timing
         That of the scheme.
     notes : sequence of str
         What is known before the run.
@@ -180,10 +181,10 @@ class Recorder:
         None: this one records no contacts.
     """
 
-    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
+    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
         self.contacts: ContactLog | None = None
         self.problem = problem
-        self.jump = jump
+        self.timing = timing
         self.t = np.empty(count)
         self.q = np.empty((count, problem.system.nq))
         self.v = np.empty((count, problem.system.nv))
@@ -195,7 +196,7 @@ class Recorder:
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._warned = False
         self.count = 0
-        self._parts = parts_of(problem.system)
+        self._parts = independent_parts(problem.system)
         # constraints and rates of the rows of the last steps
         self._recent: deque[tuple[Array, Array]] = deque(maxlen=_RECENT)
         self._last: Step | None = None
@@ -227,15 +228,17 @@ class Recorder:
             self.v[:n],
             tuple(self.impacts),
             self.residual[:n],
-            type(scheme).__name__,
+            scheme.name,
             h,
             tuple(self.notes),
             self.problem,
             complete,
-            self.penetration[:n],
-            _scheme=scheme,
-            _jump=self.jump,
-            _contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+            RunRecord(
+                self.penetration[:n],
+                scheme,
+                self.timing,
+                contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+            ),
         )
 
     def _impact(self, step: Step) -> None:
@@ -288,8 +291,8 @@ class Recorder:
 class ContactRecorder(Recorder):
     """A recorder that keeps the contacts of all steps too; see `ContactLog`."""
 
-    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
-        super().__init__(problem, count, jump, notes)
+    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
+        super().__init__(problem, count, timing, notes)
         self.contacts: ContactLog = ContactLog(_SAME_POINT * problem.length)
 
     def step(self, step: Step, keep: bool) -> None:

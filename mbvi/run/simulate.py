@@ -20,6 +20,7 @@ from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import ended, law
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
+from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .progress import Progress
 from .recorder import ContactRecorder, Recorder
@@ -160,11 +161,11 @@ def simulate(
     total = whole + (rest > 1e-9 * h)
     kind = Recorder if record is None else ContactRecorder
     try:
-        recorder = kind(problem, 1 + -(-total // every), getattr(scheme, "jump", 1.0), notes)
+        recorder = kind(problem, 1 + -(-total // every), scheme.timing, notes)
     except MemoryError as error:
         raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = TunnellingGuard(problem, scheme, h)
-    last = h if getattr(scheme, "whole_steps", False) else rest
+    last = h if scheme.timing.whole_steps else rest
     state = _start(problem, projector)
     recorder.step(state, True)
     with (
@@ -239,8 +240,7 @@ def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> I
 
 def _start(problem: Problem, projector: Projector) -> Step:
     """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
-    if hasattr(problem.system, "start"):
-        problem.system.start()
+    problem.system.start()
     # the problem's own are not to be written to
     t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
     active = problem.constraints.active(t, q, problem.tolerance)
@@ -272,12 +272,10 @@ def _chosen(
     return scheme, None, []
 
 
-def _scheme(problem: Problem, scheme: Scheme | EventDriven) -> Scheme | EventDriven:
-    """Return the scheme if it is one and made for the problem."""
-    if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
-        raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {shown(scheme)}")
-    if hasattr(scheme, "check"):
-        scheme.check(problem)
+def _scheme(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
+    """Return the scheme that a user gives if it is one and can run the problem."""
+    scheme = checked_scheme(given)
+    scheme.check(problem)
     return scheme
 
 

@@ -19,7 +19,7 @@ from ..constraints.pairs import Pairs
 from ..constraints.rows import chosen, stacked
 from ..problem import Problem
 from ..schemes import Step
-from ..system import FreeBodies, located_parts
+from ..system import located_parts
 from ..system.system import Array
 
 # of so many steps the last two are watched: at rest before and after a step is at rest for good
@@ -57,7 +57,7 @@ class Sleepers:
         self._islands: list[_Island] = []
         self._kept: _Island | None = None
         system = problem.system
-        found = [(p.system, p.v, p.body) for p in located_parts(system) if isinstance(p.system, FreeBodies)]
+        found = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         self.any = bool(found) and wanted
         if not self.any:

@@ -45,7 +45,7 @@ class TunnellingGuard:
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
         self._problem, self._scheme = problem, scheme
-        self._jump = getattr(scheme, "jump", 1.0)
+        self._jump = scheme.timing.jump
         self.observe = observer(problem)
         # nothing passes a half-space, however many of them there are
         self._watched: list[Any] = [
@@ -98,10 +98,7 @@ class TunnellingGuard:
 
     def _shortened(self, t: float, state: Step, h: float, projector: Projector) -> Step:
         """Return the state at t + h, where h is not the length of the other steps."""
-        if hasattr(self._scheme, "shortened"):
-            new: Step = self._scheme.shortened(self._problem, t, state, h, projector)
-            return new
-        return self._scheme.step(self._problem, t, state.q, state.v, h, projector)
+        return self._scheme.shortened(self._problem, t, state, h, projector)
 
     def _none_passes(self, v: Array) -> bool:
         """Tell whether no pair travels as far as it is thick at speeds of up to v, shape (nv,)."""

@@ -10,14 +10,14 @@ from ..constraints.rows import chosen, owners, stacked
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
 from .position_projection import Applied, settled
+from .scheme import Scheme, Timing
 from .step import Step, advance_gaps, law
 
 _NONE = np.zeros((4, 0))
 
 
-class Centered(Options):
+class Centered(Scheme):
     """Drift by h v_i / 2, the law there for all that v_i would close within the step, drift by h v_{i+1} / 2.
 
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
@@ -39,7 +39,7 @@ class Centered(Options):
     active the gaps twice, ahead and in the middle, and the gradients once more than they are used.
     """
 
-    jump = 0.5
+    timing = Timing(jump=0.5)
 
     def __init__(self, *, project_positions: bool = False) -> None:
         self.project_positions = boolean(project_positions, "project_positions")

@@ -8,14 +8,14 @@ from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
 from .position_projection import Applied, settled
+from .scheme import Scheme, Timing
 from .step import Step, advance_gaps, law
 
 _NONE = np.zeros((4, 0))
 
 
-class MoreauJean(Options):
+class MoreauJean(Scheme):
     """Drift by (1 - theta) h v_i, the law on velocities there, drift by theta h v_{i+1}.
 
     q_m = q_i + (1 - theta) h v_i; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and the
@@ -47,13 +47,14 @@ class MoreauJean(Options):
     def __init__(self, theta: float = 0.5, *, project_positions: bool = False) -> None:
         self.theta = between(theta, "theta", 0.0, 1.0)
         self.project_positions = boolean(project_positions, "project_positions")
-        self.jump = 1.0 - self.theta
+        self.timing = Timing(jump=1.0 - self.theta)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
-        t += self.jump * h
-        middle = system.integrate(q, self.jump * h * v)
+        before = self.timing.jump * h
+        t += before
+        middle = system.integrate(q, before * v)
         active = problem.constraints.active(t, middle, problem.tolerance)
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)

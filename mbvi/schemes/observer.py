@@ -22,7 +22,7 @@ def observer(problem: Problem) -> Callable[[Step, float], None] | None:
 
     The length is 0 for an impact that takes no time, as at an inadmissible initial velocity.
     """
-    observe = getattr(problem.system, "observe", None)
+    observe = problem.system.observe
     if observe is None:
         return None
 

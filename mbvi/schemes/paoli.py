@@ -8,14 +8,14 @@ from ..arguments import boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
 from .position_projection import Applied, settled
+from .scheme import Scheme, Timing
 from .step import Step, law
 
 _NONE = np.zeros((4, 0))
 
 
-class Paoli(Options):
+class Paoli(Scheme):
     """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i pushed by the forces.
 
     v_{i+1} = -e v_i + (1 + e) Proj_M(T_K(q_{i+1}), v_i + h / (1 + e) M^-1 g(t_{i+1}, q_{i+1}, v_i)), computed as
@@ -34,7 +34,7 @@ class Paoli(Options):
     stays there where the velocity then is along it, unless positions are projected.
     """
 
-    jump = 1.0
+    timing = Timing(jump=1.0)
 
     def __init__(self, *, project_positions: bool = False) -> None:
         self.project_positions = boolean(project_positions, "project_positions")

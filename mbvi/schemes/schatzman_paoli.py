@@ -10,7 +10,7 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
+from .scheme import Scheme, Timing
 from .step import Step
 
 _NONE = np.zeros((4, 0))
@@ -18,7 +18,7 @@ _NONE = np.zeros((4, 0))
 _MOST = 20
 
 
-class SchatzmanPaoli(Options):
+class SchatzmanPaoli(Scheme):
     """q_{i+1} = -e q_{i-1} + (1 + e) Proj_K((2 q_i - (1 - e) q_{i-1} + h^2 M^-1 g) / (1 + e)), in increments.
 
     With h v_i the tangent vector from q_{i-1} to q_i and p(w) = q_i + h (w - e v_i) / (1 + e) along the retraction:
@@ -40,8 +40,7 @@ class SchatzmanPaoli(Options):
     Schatzman, A numerical scheme for impact problems I, II (2002).
     """
 
-    jump = 0.0
-    whole_steps = True
+    timing = Timing(jump=0.0, whole_steps=True)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,42 +124,3 @@ def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[lis
     way = system.difference(start.q, end.q)
     q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * way)
     return found[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)
-
-
-class Scheme(Protocol):
-    """A way to advance a problem by one step.
-
-    Attributes
-    ----------
-    jump : float
-        The part of a step after which its law is applied: until there the configuration moves with v_i, from there on
-        with v_{i+1}. 1, the end of the step, where a scheme says nothing.
-
-    Notes
-    -----
-    A scheme that is not made for every problem has `check(problem)` too, which raises `UnsuitableError`. One whose
-    steps must all be equally long says so by `whole_steps = True` and gives `shortened(problem, t, state, h,
-    projector)`, a step of another length, for where a body would pass through another.
-    """
-
-    jump: float
-
-    def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
-        """Return the state at t + h.
-
-        Parameters
-        ----------
-        problem : Problem
-            What moves.
-        t : float
-            Time [s].
-        q : ndarray, shape (nq,)
-            Configuration.
-        v : ndarray, shape (nv,)
-            Velocity.
-        h : float
-            Time step [s].
-        projector : Projector
-            Solves the projections and keeps its solvers between steps.
-        """
-        ...

@@ -10,7 +10,7 @@ from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
 from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
 from ..system.system import Array
-from .options import Options
+from .scheme import Scheme, Timing
 from .step import Step
 
 # how often a step looks for what it has no row for yet, or whose gradient has turned
@@ -19,7 +19,7 @@ _MOST = 6
 _OFF = 1e-3
 
 
-class StewartTrinkle(Options):
+class StewartTrinkle(Scheme):
     """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all that is within reach, then q + h w.
 
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, the rows
@@ -40,7 +40,7 @@ class StewartTrinkle(Options):
     Coulomb friction (1996).
     """
 
-    jump = 0.0
+    timing = Timing(jump=0.0)
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if some e is above 0; of a crowd of shapes `step` does, where two come near."""

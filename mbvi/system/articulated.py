@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
 from .given import not_finite
 from .memory import Memory
-from .system import Array
+from .system import Array, System
 
 Control = Callable[[float, Array, Array], Array]
 
@@ -137,7 +137,7 @@ def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Arra
             bias[k, i] = a * P[0, i] + b * P[1, i] + c * P[2, i]
 
 
-class ArticulatedSystem:
+class ArticulatedSystem(System):
     """A mechanism of joints, with gravity, joint damping and a control.
 
     Parameters
@@ -157,18 +157,19 @@ class ArticulatedSystem:
     """
 
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
-        self.model = model
+        self.model: pin.Model = model
         self.control = control
+        self.controlled = control is not None
         self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
         # a control is called once a step
         self.velocity_dependent = control is None
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
-        self.damping = np.array(model.damping, dtype=float)
+        self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
         self._zero = np.zeros(self.nv)
         # generalised force from outside the mechanism, which is added to the control's
-        self.applied = self._zero
+        self.applied: Array = self._zero
         # whether q + dv is the retraction but for the names of angles
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
         # up to which velocity it is not; joints are independent of each other
@@ -340,3 +341,29 @@ class ArticulatedSystem:
             # a tenth for what a step may penetrate the limit by
             return np.ones(1), 1.1 * float(limits.max()) if limits.max() < 1e10 else _UNBOUNDED
         return np.full(width, _UNBOUNDED), 0.0
+
+    def are_lengths(self) -> Array:
+        found, neutral = np.zeros(self.nv, bool), pin.neutral(self.model)
+        for joint in list(self.model.joints)[1:]:
+            # a screw turns as well
+            data = joint.createData()
+            joint.calc(data, neutral)
+            turns = np.abs(np.asarray(data.S).reshape(6, -1)[3:]).max(axis=0) > 0.0
+            found[joint.idx_v : joint.idx_v + joint.nv] = ~turns
+        return found
+
+    def unit_groups(self) -> list[Array]:
+        model, groups = self.model, []
+        for nq, nv, start in zip(list(model.nqs)[1:], list(model.nvs)[1:], list(model.idx_qs)[1:], strict=True):
+            # a free base, a base in a plane (cosine and sine), a joint without limits
+            width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
+            if width is not None:
+                groups.append(np.arange(start + nq - width, start + nq)[None, :])
+        return groups
+
+    def describe(self) -> str:
+        model = self.model
+        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
+        joints = model.njoints - 1 - (base != "fixed")
+        mass = sum(i.mass for i in list(model.inertias)[1:])
+        return f"{self.name}: {base} base, {joints} joints, {self.nv} degrees of freedom, {mass:.4g} kg moving"

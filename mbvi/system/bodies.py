@@ -9,10 +9,10 @@ from ..compiled import plain_array
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from . import rotations, turning
 from .sparse_rows import MOST_DENSE, rows_of_two
-from .system import Array
+from .system import Array, System
 
 
-class Spheres:
+class Spheres(System):
     """Frictionless homogeneous spheres: their rotation never matters and is not built.
 
     Parameters
@@ -34,8 +34,12 @@ class Spheres:
     q holds the centres, v their velocities, in the world.
     """
 
+    free_bodies = True
+    can_be_sparse = True
+
     def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
         self.nq = self.nv = 3 * len(masses)
+        self.independent_bodies = len(masses)
         self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
@@ -89,8 +93,12 @@ class Spheres:
         reach[3 * body - 3 : 3 * body] = 1.0
         return reach
 
+    def describe(self) -> str:
+        n = self.independent_bodies
+        return f"{n} sphere{'s' * (n > 1)}, {self.nv // n} degrees of freedom each"
 
-class FreeBodies:
+
+class FreeBodies(System):
     """Free rigid bodies.
 
     Parameters
@@ -118,8 +126,12 @@ class FreeBodies:
     that of R^3 x SO(3): the centre moves straight, the rotation turns about a fixed axis.
     """
 
+    free_bodies = True
+    can_be_sparse = True
+    can_hold = True
+
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
-        n = len(masses)
+        n = self.independent_bodies = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
         # a body whose moments of inertia are equal turns on as it does
         moments = np.linalg.eigvalsh(inertias)
@@ -139,7 +151,6 @@ class FreeBodies:
         self.pull = float(np.linalg.norm(gravity))
 
     def hold(self, held: Array) -> None:
-        """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
         self._acting = np.where(held[:, None], 0.0, self._weight)
         self._pull = self._acting / self._masses[:, None]
 
@@ -212,6 +223,16 @@ class FreeBodies:
         reach[6 * body - 6 : 6 * body - 3] = 1.0
         reach[6 * body - 3 : 6 * body] = radius + float(np.linalg.norm(centre))
         return reach
+
+    def are_lengths(self) -> Array:
+        return np.tile([True, True, True, False, False, False], self.independent_bodies)
+
+    def unit_groups(self) -> list[Array]:
+        return [7 * np.arange(self.independent_bodies)[:, None] + np.arange(3, 7)]
+
+    def describe(self) -> str:
+        n = self.independent_bodies
+        return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom each"
 
 
 # relative difference of moments of inertia that counts as none

@@ -10,7 +10,7 @@ from ..arguments import all_finite, function, integer, optional, returned
 from ..errors import InputError
 from ..projection import DenseMetric, FreeMotion, Metric
 from .given import called, not_finite, short
-from .system import Array
+from .system import Array, System
 
 # nodes and weights of Gauss and Legendre on [0, 1]
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(16)[1])
@@ -19,7 +19,7 @@ _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1), 0.5 * np
 _ASYMMETRIC = 1e-9
 
 
-class LagrangianSystem:
+class LagrangianSystem(System):
     """A system of d generalised coordinates, M(q) dv/dt = g(t, q, v) (equation 1).
 
     Parameters
@@ -54,7 +54,6 @@ class LagrangianSystem:
         self._force = function(force, "force", "force(t, q, v) -> (d,)")
         self._potential = optional(function, potential, "potential", "potential(q) -> float")
         self.nq = self.nv = integer(dim, "dim", 1)
-        self.bodies: tuple[str, ...] = ("world",)
         # of the last step, for what an error says
         self._t: float | None = None
         # the last M, by its bytes, and its factor: often it is constant
@@ -95,10 +94,7 @@ class LagrangianSystem:
     def _when(self) -> str:
         return "" if self._t is None else f" near t = {self._t:.9g} s"
 
-    velocity_dependent = True
-
     def check(self, t: float, q: Array, v: Array) -> None:
-        """Raise `InputError` unless M(q) and g(t, q, v) have their shapes and M its symmetry."""
         self.metric(q)
         self.force(t, q, v)
 

@@ -142,6 +142,9 @@ class PlanarBodies(FreeBodies):
         reach[3 * body - 3 : 3 * body - 1], reach[3 * body - 1] = 1.0, radius + float(np.linalg.norm(centre))
         return reach
 
+    def are_lengths(self) -> Array:
+        return np.tile([True, True, False], self.independent_bodies)
+
 
 def _columns(axes: Array) -> slice:
     """Return which coordinates two axes of the world are, in ascending order."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ..paoli import Paoli
 from ..step import Step, closes, still_rates
 from .closing_events import Crossings
 from .contact_rows import SmoothRows
+from .impact_event import ImpactEvent
 from .observed import ObservedIntegrator
 from .release_events import STAYS, complementarity, first_release
 from .runge_kutta import DEGREE, Flow, RungeKuttaStep, pushed
@@ -47,33 +47,6 @@ _PATIENCE, _PROGRESS = 3000, 1e-5
 _NONE = np.zeros(0, np.int64)
 
 
-class ImpactEvent(NamedTuple):
-    """What an impact did.
-
-    Attributes
-    ----------
-    t : float
-        When [s].
-    q, before, after : ndarray
-        Configuration and velocities.
-    number : ndarray of int, shape (k,)
-        The constraints that took part.
-    rates : ndarray, shape (3, k)
-        Percussion, J v before and J v after of each.
-    point, normal : ndarray, shape (k, 3)
-        Where, in the world [m]; NaN where a constraint is no contact.
-    """
-
-    t: float
-    q: Array
-    before: Array
-    after: Array
-    number: Array
-    rates: Array
-    point: Array
-    normal: Array
-
-
 class EventDrivenIntegrator:
     """A motion on its way.
 
@@ -96,8 +69,7 @@ class EventDrivenIntegrator:
     def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
         self.problem, self.tolerance, self.projector = problem, tolerance, projector
         self.system = problem.system
-        if hasattr(self.system, "start"):
-            self.system.start()
+        self.system.start()
         self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
         self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
         self._units = velocity_units(self.system, problem.length)

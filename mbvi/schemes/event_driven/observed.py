@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,8 @@ from ...system.system import Array
 from ..observer import contacts_of_rows, observer
 from ..step import Step
 from .contact_rows import SmoothRows
+from .impact_event import ImpactEvent
 from .runge_kutta import RungeKuttaStep, least_push
-
-if TYPE_CHECKING:
-    from .integrator import ImpactEvent
 
 
 class ObservedIntegrator:
@@ -33,7 +30,7 @@ class ObservedIntegrator:
     """
 
     def __init__(self, problem: Problem, rows: SmoothRows) -> None:
-        self._observe, self._show = getattr(problem.system, "observe", None), observer(problem)
+        self._observe, self._show = problem.system.observe, observer(problem)
         self.seen = self._observe is not None
         self._metric, self._rows, self._name = problem.system.metric, rows, problem.constraints.name
 

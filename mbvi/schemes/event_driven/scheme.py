@@ -6,11 +6,11 @@ from ...arguments.checks import between
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
-from ..options import Options
+from ..scheme import SchemeBase, Timing
 from .integrator import EventDrivenIntegrator
 
 
-class EventDriven(Options):
+class EventDriven(SchemeBase):
     """Error control on the smooth motion; impacts located on it, contacts that rest integrated with their reactions.
 
     Parameters
@@ -35,6 +35,8 @@ class EventDriven(Options):
     one, and the run says so. Where steps and events make no progress in time at all the run ends with `DivergedError`.
     """
 
+    timing = Timing(own_steps=True)
+
     def __init__(self, tolerance: float = 1e-6) -> None:
         self.tolerance = between(tolerance, "tolerance", 1e-13, 0.1)
 
@@ -45,6 +47,6 @@ class EventDriven(Options):
                 "EventDriven does not know walls that move on their own yet: take Paoli or another scheme"
             )
 
-    def walk(self, problem: Problem, projector: Projector) -> EventDrivenIntegrator:
-        """Return a motion from the problem's start; raise `UnsuitableError` if there are too many bodies."""
+    def integrator(self, problem: Problem, projector: Projector) -> EventDrivenIntegrator:
+        """Return an integrator at the problem's start; raise `UnsuitableError` if there are too many bodies."""
         return EventDrivenIntegrator(problem, self.tolerance, projector)
