@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 REAL_ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
@@ -26,7 +26,7 @@ settings.load_profile("mbvi")
 @pytest.fixture(scope="session", autouse=True)
 def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
-    load()
+    compile_all()
 
 
 @pytest.fixture

@@ -299,11 +299,11 @@ def main(folder: str, first: str) -> None:
     warnings.simplefilter("error")
     warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")
     import mbvi
-    from mbvi.compiled.kernel import load
+    from mbvi.compiled import compile_all
 
     warnings.simplefilter("ignore", mbvi.MbviWarning)
     # which may take longer than any robot
-    load()
+    compile_all()
     for path in sorted(Path(folder).glob("*.urdf"))[int(first) :]:
         for base in ("free", "fixed"):
             # the process ends where even C++ does not return

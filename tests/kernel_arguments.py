@@ -7,17 +7,17 @@ import numpy as np
 import pinocchio as pin
 from distance_kernel_arguments import DISTANCE_ARGUMENTS
 from scipy.sparse import csr_array
+from support.plain.gram import islands_plain
+from support.plain.incomplete_cholesky import incomplete_cholesky_plain
+from support.plain.refinement import relax_plain
+from support.plain.support_points import stand_plain
 from test_same_as_before import is_free, path_of
 
 from mbvi.constraints import HalfSpaceContacts, sphere_walls
-from mbvi.geometry import support_points as standing
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.geometry.sphere_capsule import Balls
-from mbvi.projection import gram
-from mbvi.projection import incomplete_cholesky as factor_of_rows
-from mbvi.projection import refinement as mending
 from mbvi.system import ArticulatedSystem
 
 SEEDS = range(20)
@@ -313,7 +313,7 @@ def last_time(rng, gap, tolerance):
 def touch(rng):
     kinematics, selection, n = shapes_on_walls(rng)
     gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
-    standing.stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
     tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
     index, near = last_time(rng, gap, tolerance)
     written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
@@ -512,7 +512,7 @@ def incomplete_cholesky(rng):
 
 def solve_factor(rng):
     starts, columns, data, _, rows, places, L = incomplete_cholesky(rng)
-    assert factor_of_rows.incomplete_cholesky_plain(starts, columns, data, 3.0, rows, places, L)
+    assert incomplete_cholesky_plain(starts, columns, data, 3.0, rows, places, L)
     return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
 
 
@@ -530,7 +530,7 @@ def rounds(rng):
 def mend(rng):
     """Percussions that fit but for three."""
     starts, columns, data, d, target, u = relax(rng)
-    mending.relax_plain(starts, columns, data, d, 0.1 * target, u)
+    relax_plain(starts, columns, data, d, 0.1 * target, u)
     u[rng.integers(len(u), size=3)] += 0.1
     return starts, columns, data, target, csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d, u
 
@@ -539,7 +539,7 @@ def solve_islands(rng):
     U, G, starts, columns = delassus_of(rng)
     kept, label = rng.random(U.shape[0]) < 0.9, np.empty(U.shape[0], np.int64)
     kept[0] = True
-    count = gram.islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
+    count = islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
 
@@ -672,7 +672,7 @@ IF_ACCEPTED = {
 
 
 def arguments(item, seed):
-    return copy.deepcopy(ARGUMENTS[item.name](np.random.default_rng(seed)))
+    return copy.deepcopy(ARGUMENTS[item.__name__](np.random.default_rng(seed)))
 
 
 def accepted(name, result):

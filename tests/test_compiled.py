@@ -1,47 +1,48 @@
 """Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
 
-import sys
-
 import numpy as np
 import pytest
 from conftest import ROBOTS
 from kernel_arguments import ARGUMENTS, IF_ACCEPTED, SEEDS, accepted, arguments, equal, specified
+from support.plain import PLAIN
 from test_same_as_before import path_of, problem_of
 
 import mbvi
-from mbvi.compiled.kernel import KERNELS, load
+from mbvi.compiled import KERNELS
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 
 
 def test_every_kernel_is_compared():
-    names = [item.name for item in KERNELS]
+    names = [item.__name__ for item in KERNELS]
     assert len(set(names)) == len(names)
     assert set(ARGUMENTS) == set(names)
+    assert set(PLAIN) <= set(names)
 
 
-@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.name)
+def plain_form(item):
+    """A numpy form of the same where there is one, else the kernel's own loops run by the interpreter."""
+    return PLAIN.get(item.__name__, item.loops)
+
+
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
 def test_a_kernel_equals_its_plain_form(item):
-    load()
-    compiled = item.namespace[item.name]
-    assert compiled is not item.plain
+    plain = plain_form(item)
     answers = set()
     for seed in SEEDS:
         first, second = arguments(item, seed), arguments(item, seed)
-        results = item.plain(*first), compiled(*second)
-        expected, found = (specified(item.name, *both) for both in zip(results, (first, second), strict=True))
+        results = plain(*first), item(*second)
+        expected, found = (specified(item.__name__, *both) for both in zip(results, (first, second), strict=True))
         for a, b in zip(expected, found, strict=True):
             equal(a, b)
-        answers.add(item.name not in IF_ACCEPTED or bool(accepted(item.name, results[0])))
+        answers.add(item.__name__ not in IF_ACCEPTED or bool(accepted(item.__name__, results[0])))
     # one that may refuse has done both
-    assert answers == ({True, False} if item.name in IF_ACCEPTED else {True})
+    assert answers == ({True, False} if item.__name__ in IF_ACCEPTED else {True})
 
 
-@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.name)
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
 def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
     """What it would misread or may not write to: other numbers, gaps between them, another order, read-only memory."""
-    load()
-    compiled = item.namespace[item.name]
     refused = 0
     for k, value in enumerate(arguments(item, 0)):
         if not isinstance(value, np.ndarray):
@@ -57,7 +58,7 @@ def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
             given = list(arguments(item, 0))
             given[k] = other
             with pytest.raises(TypeError, match="No matching definition"):
-                compiled(*given)
+                item(*given)
             refused += 1
     assert refused >= 3
 
@@ -191,12 +192,11 @@ def test_a_kernel_takes_what_a_control_returns():
 
 @pytest.fixture
 def plain_forms(monkeypatch):
-    """Call it to have every kernel's name mean the plain form until the end of the test."""
-    load()
+    """Call it to have every kernel run its plain form until the end of the test."""
 
     def replace():
         for item in KERNELS:
-            monkeypatch.setitem(item.namespace, item.name, item.plain)
+            monkeypatch.setattr(item, "_call", plain_form(item))
 
     return replace
 
@@ -248,13 +248,3 @@ def test_a_run_is_the_same_with_the_plain_forms(name, e, plain_forms):
 @pytest.mark.parametrize("name", ["ur5", "panda", "solo12", "talos"])
 def test_a_run_of_a_real_robot_is_the_same_with_the_plain_forms(name, e, plain_forms):
     check_whole_run(name, e, plain_forms)
-
-
-def test_no_other_module_keeps_a_kernels_first_meaning():
-    """A name imported from a kernel's module before kernels are loaded would stay the plain form for good."""
-    load()
-    modules = [module for name, module in list(sys.modules.items()) if name.split(".")[0] == "mbvi"]
-    assert len(modules) > 20
-    for item in KERNELS:
-        keeping = [module.__name__ for module in modules if vars(module).get(item.name) is item.plain]
-        assert not keeping, f"{item.name} of {item.namespace['__name__']}"

@@ -82,8 +82,8 @@ def test_ten_thousand_spheres_are_built_without_a_list_of_their_pairs():
     """In a process of its own; compiling kernels, which takes memory too, comes first."""
     code = """
 import resource, mbvi
-from mbvi.compiled import load
-load()
+from mbvi.compiled import compile_all
+compile_all()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 scene = mbvi.Scene()
 scene.add_container((0, 0, 0), (1, 1))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array, vstack
 
 import mbvi
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
 from mbvi.projection import refinement as mending
 from mbvi.system.sparse_rows import rows_of_two
@@ -67,7 +67,7 @@ def test_what_is_mended_lowers_the_energy_and_leaves_rows_far_away_alone(seed, c
     G = csr_array(full @ full.T)
     d = full @ rng.normal(size=full.shape[1]) - 0.3 * rng.random(len(full))
     told = G.indptr.astype(np.uint32), G.indices.astype(np.uint32), G.data
-    load()
+    compile_all()
     target, u = 1e-9, np.zeros(len(d))
     assert mending.relax(*told, d, 0.1 * target, u) <= 0.1 * target
     spoiled = rng.choice(len(d), count, replace=False)

@@ -602,8 +602,8 @@ import os, signal, sys, threading
 sys.path.insert(0, sys.argv[2])
 import mbvi
 from test_trajectory_files import hopper, same_states
-from mbvi.compiled import load
-load()
+from mbvi.compiled import compile_all
+compile_all()
 for scheme, step in (mbvi.Paoli(), 1e-3), (mbvi.Centered(project_positions=True), 1e-3), (mbvi.EventDriven(1e-9), None):
     for out in (None, sys.argv[1]):
         threading.Timer(0.9, os.kill, (os.getpid(), signal.SIGINT)).start()

@@ -14,14 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..compiled import load, plain_array
+from ..compiled import plain_array
 from ..errors import InfeasibleError, ProjectionError
-from . import nonnegative
-from . import robot_step as few_rows
 from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
 from .metric import Array, Metric
 from .nonnegative import ROUNDING
+from .nonnegative import shared as nonnegative_shared
 from .proxqp import ProxQP
+from .robot_step import law as robot_step_law
+from .robot_step import press, tree_law
 from .sparse_projector import Large, contradictory
 from .tree import TreeFreeMotion
 
@@ -74,7 +75,6 @@ class Projector:
     """
 
     def __init__(self, residual: float = 1e-6) -> None:
-        load()
         self.residual = residual
         self._solver = ProxQP()
         self._large: Large | None = None
@@ -92,7 +92,7 @@ class Projector:
         if 0 < len(lower) <= _FEW:
             velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
             A = plain_array(metric.solve_rows(J))
-            residual = few_rows.press(J, A, x, lower, self._last, velocity, rates)
+            residual = press(J, A, x, lower, self._last, velocity, rates)
             if residual < np.inf:
                 self._last = rates[0]
                 return Projection(velocity, rates[0], residual)
@@ -130,10 +130,10 @@ class Projector:
         if m <= _FEW and isinstance(J, np.ndarray):
             velocity = np.empty(len(v))
             if type(push) is TreeFreeMotion:
-                residual = few_rows.tree_law(*push.told, J, e, self._last, velocity, rates)
+                residual = tree_law(*push.told, J, e, self._last, velocity, rates)
             else:
                 A = plain_array(push.metric.solve_rows(J))
-                residual = few_rows.law(J, A, plain_array(v), e, plain_array(push.free), self._last, velocity, rates)
+                residual = robot_step_law(J, A, plain_array(v), e, plain_array(push.free), self._last, velocity, rates)
             if residual < np.inf:
                 self._last = rates[0]
                 return velocity, rates, residual
@@ -225,7 +225,7 @@ class Projector:
         if len(d) <= _FEW:
             yield solve_on(A, G, d, d > 0.0) if last is None else solve_on(A, G, d, last > 0.0, last)
         if len(d) <= _EXCHANGED:
-            shared = nonnegative.shared(np.ascontiguousarray(G), np.ascontiguousarray(d))
+            shared = nonnegative_shared(np.ascontiguousarray(G), np.ascontiguousarray(d))
             yield None if shared is None else Candidate(A @ shared, shared)
         # what it stops at depends on where its memory begins
         p = np.maximum(self._solver.solve(G, d), 0.0)
