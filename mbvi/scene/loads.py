@@ -9,10 +9,10 @@ import numpy as np
 
 from ..arguments import returned, shown
 from ..errors import InputError
+from ..geometry.rotations import matrices
 from ..system import ArticulatedSystem
 from ..system.actuated import Load
 from ..system.given import called, not_finite
-from ..system.rotations import matrices
 from .items import Force, SceneControl
 from .state import Place, Places, State, Values
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import plain_array
+from ..geometry import rotations
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
-from . import rotations
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array, System
 from .turning import accelerations, chart_rates, moved, placed, pulled
