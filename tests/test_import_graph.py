@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-MBVI = Path(__file__).parents[1]
-while not (MBVI / "mbvi").is_dir():
-    MBVI = MBVI.parent
-MBVI = MBVI / "mbvi"
+MBVI = Path(__file__).parents[1] / "mbvi"
 
 # from the ground up; a room imports from lower floors only. "mbvi" is the package's own __init__
 FLOORS = (

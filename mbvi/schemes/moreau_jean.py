@@ -1,4 +1,4 @@
-"""The time-stepping scheme of J. J. Moreau and M. Jean."""
+"""The time-stepping scheme of J. J. Moreau and M. Jean, with explicit forces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .position_projection import Applied, settled
+from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
 from .step import Step, advance_gaps, law
 
@@ -27,7 +27,7 @@ class MoreauJean(Scheme):
     theta : float
         In [0, 1]: 1/2 is Moreau's midpoint, 0 is `Paoli`.
     project_positions : bool
-        Lift closed contacts out of each other after the step. Off, for this is the published scheme.
+        Project closed contacts out of penetration after the step. Off by default, as in the published scheme.
 
     Raises
     ------
@@ -37,11 +37,12 @@ class MoreauJean(Scheme):
     Notes
     -----
     Order 1 across impacts, 2 in flight with theta = 1/2 where forces do not depend on velocities. Velocity level;
-    any e in [0, 1], one per constraint; several constraints at once by one projection. Penetration of an impact, up to
-    max(theta, 1 - theta) h |v-|, stays at e = 0, and on concave walls adds up, unless positions are projected. A step
-    takes M, g, the gaps and the gradients of active constraints once, none of the gradients in free flight. Forces are
-    explicit: Jean's own scheme takes them at theta, implicitly. Moreau, Unilateral contact and dry friction in finite
-    freedom dynamics (1988); Jean, The non-smooth contact dynamics method (1999).
+    any e in [0, 1], one per constraint; several constraints at once by one projection. The penetration of an impact is
+    up to max(theta, 1 - theta) h |v-|. Unless positions are projected it remains at e = 0 and adds up on concave walls.
+    A step evaluates M, g, the gaps and the gradients of active constraints once, in free flight no gradients. Forces
+    are explicit; Jean's own scheme evaluates them implicitly at theta.
+    Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988); Jean, The non-smooth contact dynamics
+    method (1999).
     """
 
     def __init__(self, theta: float = 0.5, *, project_positions: bool = False) -> None:
@@ -62,5 +63,5 @@ class MoreauJean(Scheme):
         w, rates, residual = law(projector, v, system.free_motion(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
-            return settled(problem, Applied(t, middle, v, h, v), step, projector)
+            return project_positions(problem, Applied(t, middle, v, h, v), step, projector)
         return advance_gaps(step, self.theta * h)
