@@ -1,4 +1,4 @@
-"""Which rows of an instant belong to its impact, where many rest on each other."""
+"""Finds the rows that take part in an impact, where many bodies rest on each other."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
 
 
 def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
-    """Return which rows press more than twice as hard as their constraint did in any of some steps.
+    """Return the rows whose percussion is more than twice the largest of their constraint in some steps before.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def independent_parts(system: System) -> Array:
 
 
 def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
-    """Return which rows are linked to a seed through parts of the system that two of the rows move.
+    """Return which rows are linked to a seed through parts of the system that both rows act on.
 
     Parameters
     ----------

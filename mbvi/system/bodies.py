@@ -1,4 +1,4 @@
-"""Many free bodies in flat arrays: six degrees of freedom each, three for a frictionless sphere."""
+"""Systems of many free bodies in flat arrays: six degrees of freedom each, three for a frictionless sphere."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..geometry import rotations
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array, System
-from .turning import accelerations, chart_rates, moved, placed, pulled
+from .turning import accelerations, chart_rates, integrate, placements, separation_rows
 
 
 class Spheres(System):
-    """Frictionless homogeneous spheres: their rotation never matters and is not built.
+    """Frictionless homogeneous spheres, whose rotation is left out because nothing depends on it.
 
     Parameters
     ----------
@@ -23,12 +23,12 @@ class Spheres(System):
     gravity : ndarray, shape (3,)
         Acceleration of gravity [m/s^2].
     names : sequence of str
-        One a sphere.
+        One for each sphere.
 
     Attributes
     ----------
     sparse : bool
-        Whether its rows are: where it has many bodies, or a system that it is part of has.
+        Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
 
     Notes
     -----
@@ -111,12 +111,12 @@ class FreeBodies(System):
     gravity : ndarray, shape (3,)
         Acceleration of gravity [m/s^2].
     names : sequence of str
-        One a body.
+        One for each body.
 
     Attributes
     ----------
     sparse : bool
-        Whether its rows are: where it has many bodies, or a system that it is part of has.
+        Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
     pull : float
         Acceleration of free fall [m/s^2].
 
@@ -124,7 +124,7 @@ class FreeBodies(System):
     -----
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
     centre of mass in the world and the angular velocity in the body's axes, so that M is constant. The retraction is
-    that of R^3 x SO(3): the centre moves straight, the rotation turns about a fixed axis.
+    that of R^3 x SO(3): the centre moves along a line, the body turns about a fixed axis.
     """
 
     free_bodies = True
@@ -134,7 +134,7 @@ class FreeBodies(System):
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
         n = self.independent_bodies = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
-        # a body whose moments of inertia are equal turns on as it does
+        # a body whose moments of inertia are equal keeps its angular velocity
         moments = np.linalg.eigvalsh(inertias)
         self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.sparse = self.nv > MOST_DENSE
@@ -146,7 +146,7 @@ class FreeBodies(System):
         blocks[:, 3:, 3:] = inertias
         self._metric: Metric = BodiesMetric(blocks)
         self._weight = masses[:, None] * gravity
-        # of those that are not held
+        # the weight of bodies that are not held
         self._acting = self._weight
         self._pull = self._acting / masses[:, None]
         self.pull = float(np.linalg.norm(gravity))
@@ -157,7 +157,7 @@ class FreeBodies(System):
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = np.empty(self.nq)
-        moved(plain_array(q), plain_array(dv), new)
+        integrate(plain_array(q), plain_array(dv), new)
         return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
@@ -204,15 +204,15 @@ class FreeBodies(System):
 
     def placements(self, q: Array, bodies: Array) -> Array:
         places = np.empty((len(bodies), 4, 3))
-        placed(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
+        placements(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        pulls, told = np.empty((2, len(point), 6)), (plain_array(point), plain_array(normal))
-        place = plain_array(q)
-        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            pulled(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
-        return rows_of_two(self.nv, self.sparse, first, second, *pulls)
+        rows = np.empty((2, len(point), 6))
+        q, kernel_arguments = plain_array(q), (plain_array(point), plain_array(normal))
+        for side, own, sign in zip((first, second), rows, (-1.0, 1.0), strict=True):
+            separation_rows(q, np.ascontiguousarray(side, np.int64), sign, *kernel_arguments, own)
+        return rows_of_two(self.nv, self.sparse, first, second, *rows)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         spin = v.reshape(-1, 6)[bodies - 1, 3:]
@@ -236,5 +236,5 @@ class FreeBodies(System):
         return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom each"
 
 
-# relative difference of moments of inertia that counts as none
+# relative difference of moments of inertia that counts as zero
 _ROUND = 1e-12
