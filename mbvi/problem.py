@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from .arguments.checks import LARGEST, Array, boolean, finite, positive, shown, vector
-from .arguments.checks import restitution as checked_restitution
+from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
+from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import System, checked_system, parts_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments.checks import choice
+from ...arguments import choice
 from ...errors import InputError, MbviWarning
 from ...geometry.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
 from ...scene.visuals import visual_shapes

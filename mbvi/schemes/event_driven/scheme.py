@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...arguments.checks import between
+from ...arguments import between
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
