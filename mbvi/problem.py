@@ -1,4 +1,4 @@
-"""A Problem is all a scheme sees: system, admissible set, initial state, restitution."""
+"""The problem that schemes solve: system, admissible set, initial state, restitution."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Problem:
         self.q0 = _state(q0, system.nq, "q0")
         self.v0 = _state(v0, system.nv, "v0")
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
-        # the functions that a file could not keep, by name; until they are given again nothing is simulated
+        # names of functions that a file could not keep; the problem cannot be simulated until they are given again
         self.not_kept: tuple[str, ...] = ()
         constraints = _constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
@@ -124,7 +124,7 @@ class Problem:
 
     def _check_quaternions(self) -> None:
         off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0
-        # the sum of squares is the quick one, and right about nearly all
+        # the sum of squares is faster and decides nearly all cases
         if off.dot(off) > 1e-12 and np.abs(off).max() > 1e-6:
             raise InputError("q0 holds a quaternion that is not of unit length: divide it by its norm")
 
@@ -151,7 +151,7 @@ class Problem:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # a copied array may be written to
+        # the arrays of a copy are writeable
         for start in (self.q0, self.v0):
             start.setflags(write=False)
 
@@ -160,8 +160,8 @@ class Problem:
     ) -> Problem:
         """Return the same problem from another state, for resets and rollouts.
 
-        System and constraints are shared, so that this takes microseconds. Runs of the copies may alternate step by
-        step, but not run on several threads at once.
+        System and constraints are shared, so that this costs microseconds. Steps of the copies may alternate, but the
+        copies must not run on several threads at once.
 
         Parameters
         ----------
@@ -187,7 +187,7 @@ class Problem:
         InadmissibleStartError
             If `check` finds that q is not in K.
         """
-        # no copy(): what it takes with it and what that costs is not for others to decide
+        # not copy(): a subclass may change what that copies
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.q0, new.v0, new.t0 = _state(q, self.system.nq, "q"), _state(v, self.system.nv, "v"), finite(t, "t")
@@ -202,9 +202,9 @@ class Problem:
     def model(self, name: str | None = None) -> pin.Model:
         """Return a copy of the Pinocchio model of a robot, as it is simulated.
 
-        Its q and v are those that the robot's `control(t, q, v)` is given. Locked joints are not in it, nor joints
-        whose limits leave no range unless a control or a force counts them; the links they carry are part of what these
-        hang on. In a planar scene a free base is a planar joint. Gravity is the scene's.
+        Its q and v are the arguments of the robot's `control(t, q, v)`. Locked joints are left out. Joints whose limits
+        coincide are left out too, unless a control or a force counts them. The links behind such joints are part of
+        the link before. In a planar scene a free base is a planar joint. Gravity is that of the scene.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:
 
 
 def _state(values: Array | Sequence[float], size: int, name: str) -> Array:
-    """Return as `vector`, read-only, in a fraction of the time where nothing is wrong."""
+    """Return a read-only vector, faster than `vector` for the usual kinds of arguments."""
     if type(values) is list and set(map(type, values)) == {float}:
         values = np.array(values)
     if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (size,):

@@ -1,4 +1,4 @@
-"""Whether columns and a problem can be those of a run: shapes, order, numbers, names, energies."""
+"""Checks that the columns of a file belong to a run of its problem: shapes, order, numbers, names, energies."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _constraint_names(problem: Problem, wanted: set[str]) -> set[str]:
 
 
 def _difference(given: Any, found: Any, where: str) -> str | None:
-    """Return where something that was given is not found, or None; what is found beside it does not count."""
+    """Return the first place where `found` lacks or changes a value of `given`, or None; it may hold more values."""
     if isinstance(given, dict) and "source" in given and found is None:
         # a motion of the user's, which no file can keep
         return None

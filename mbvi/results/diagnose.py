@@ -1,4 +1,4 @@
-"""What of a run may be trusted: goes through its states again and looks at where several constraints are active."""
+"""Computes the diagnosis of a run from its states and the instants with several active constraints."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from ..projection import Metric
     from ..schemes import Scheme, Step
 
-# single impacts followed at one instant
+# most single impacts followed at one instant
 _MOST_IMPACTS = 2_000
-# sines of the angle between a gradient and the span of others below this: dependent
+# a gradient depends on others if the sine of its angle to their span is below this
 _DEPENDENT = 1e-6
-# times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
+# differences of times, in steps, and of velocities, relative to the speed, that count as zero
 _INSTANT, _ROUNDING = 1e-6, 1e-10
-# numbers of all gradients and angles at one time
+# most numbers of all gradients and angles at one instant
 _MOST_ENTRIES = 30_000_000
-# gradients shorter than this are none
+# length below which a gradient counts as zero
 _VANISHING = 1e-12
 
 
@@ -49,7 +49,7 @@ class _State(NamedTuple):
 
 
 def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
-    """Return what of a run may be trusted; see `Trajectory.diagnosis`."""
+    """Return the diagnosis of a run; see `Trajectory.diagnosis`."""
     if run.problem is None:
         raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
     if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
@@ -66,17 +66,17 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         if step is not None:
             gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
         else:
-            # the same by the balance of percussions: the work of the forces within the step is no impact's doing
+            # the same by the balance of percussions, less the work of the forces within the step
             gained = 0.5 * float((v - before) @ metric.apply(v + before))
             if run.step > 0.0:
                 gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
             elif h > 0.0:
-                # located impacts are jumps, and between them there are none
+                # located impacts take no time: between two states there are none
                 gained = 0.0
             active = _dense(problem.constraints.active(t, q, problem.tolerance))
             if active.rate is not None:
-                pushed = metric.apply(v - before) - h * system.force(t, q, before)
-                gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
+                percussions = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
         if run.lacks_functions:
             gained = np.nan
         energy += gained
@@ -152,23 +152,23 @@ def _states(run: RunData) -> Iterator[_State]:
 
 
 class _Instants:
-    """Collects instants; those in a row with the same rows and no impact become one."""
+    """Collects instants; consecutive instants with the same rows and no impact become one stretch."""
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self._problem, self._tolerance = problem, tolerance
         self.instants: list[Instant] = []
         self.horizon = np.inf
-        # the stretch that goes on: the rows, the instant so far, how far from (12) it was at its worst
+        # the present stretch: its rows, its instant so far, its largest violation of (12)
         self._stretch: tuple[bytes, Instant, float] | None = None
 
     def end(self) -> None:
-        """Let the stretch end."""
+        """End the present stretch."""
         if self._stretch is not None:
             self.instants.append(self._stretch[1])
             self._stretch = None
 
     def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
-        """Take an instant with several active rows."""
+        """Add an instant with several active rows."""
         columns, _ = unit_gradients(metric, active.jacobian)
         cosines, e = cosines_between(columns), active.restitution
         worst = float(condition_12_violation(cosines, e, self._tolerance).max())
@@ -176,12 +176,12 @@ class _Instants:
         if impact and worst and not np.isfinite(self.horizon):
             before = state.before
             if active.rate is not None:
-                # as seen from the walls; where they move apart there is no such velocity, but nearly
+                # relative to moving walls, in the sense of least squares where they move apart
                 before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
             found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
             jump = state.v - state.before
             moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
-            # rounding is no fork
+            # a spread of outcomes within rounding is no fork
             if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
                 self.horizon = state.t
         names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))

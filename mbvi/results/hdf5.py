@@ -22,7 +22,7 @@ from .writing import RunFile
 if TYPE_CHECKING:
     from ..problem import Problem
 
-# seconds between two pieces: what a killed run can lose
+# seconds between two pieces: a killed run loses at most the states of this time
 _INTERVAL = 0.5
 
 
@@ -55,11 +55,11 @@ class Writer:
     Parameters
     ----------
     path : path or None
-        Where to.
+        Path of the file.
     problem, scheme, h
-        What is run, and how.
+        Problem, scheme and time step of the run.
     recorder : Recording
-        Where the states and impacts come from.
+        Provides the states and impacts.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class Writer:
         self._energies: list[Array] = [np.zeros((0, 2))]
         self._next = float("inf")
         if path is not None:
-            # a killed run is to say why it was run so
+            # the notes tell why the scheme was chosen: also the file of a killed run holds them
             metadata = _metadata(problem, scheme, scheme.name, h, recorder.timing, recorder.notes)
             sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
             self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None)
@@ -90,7 +90,7 @@ class Writer:
         return self
 
     def poll(self) -> float:
-        """Write what is new if the last piece is old enough; return when it will be again."""
+        """Write new states if the last piece is old enough; return the time of the next piece."""
         if perf_counter() >= self._next:
             self._flush()
             self._next = perf_counter() + _INTERVAL

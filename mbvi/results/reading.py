@@ -49,7 +49,7 @@ def load(
         The control of each robot that had one, by the robot's name; those of the whole scene as functions of the state,
         all of them in their order: `[{"hopper": f}, g]` for both. A file cannot keep functions.
     force : dict of str to callable, or to a list of them, optional
-        The external forces by the name of what they act on, a list where several act on one.
+        The external forces by the name of the body or link they act on; a list where several act on one.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def load(
     """
     where = os.fsdecode(file_path(path))
     try:
-        # numbers of any size are judged, not warned of
+        # numbers of any size are checked below: no warnings of overflow
         with np.errstate(all="ignore"):
             run, kept = _read(where)
     except TrajectoryFileError as error:
@@ -75,7 +75,7 @@ def load(
     except MbviError as error:
         raise TrajectoryFileError(f"{where} holds a problem that cannot be built: {error}") from error
     except Exception as error:
-        # whatever a changed file makes the libraries below raise
+        # a changed file may make h5py or numpy raise any exception
         why = (str(error) or type(error).__name__).splitlines()[0]
         raise TrajectoryFileError(f"{where} holds contents that are not of a run: {why}") from error
     if run.problem is None or kept is None:
@@ -139,7 +139,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
 
 
 def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
-    """Return the problem that a file keeps, from the state it keeps; None if it was given by functions."""
+    """Return the problem of a file with its initial state; None if the problem was given by functions."""
     built = restore(kept.scene, functions)
     if built is None:
         return None
@@ -148,7 +148,7 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
         found, given = getattr(kept, name), getattr(built, name)
         if found.shape != given.shape:
             raise TrajectoryFileError(f"problem/{name} has shape {found.shape}; that of the scene is {given.shape}")
-    # from a state that need not be admissible, as the run's may not have been
+    # a copy, because the initial state of a run need not be admissible
     problem = copy.copy(built)
     problem.q0, problem.v0, problem.t0 = kept.q0, kept.v0, kept.t0
     for values in (problem.q0, problem.v0):
@@ -164,7 +164,7 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
 
 
 def _named(run: Trajectory, path: str) -> Trajectory:
-    """Return the run with a note of what its file could not keep, and warn."""
+    """Return the run with a note naming the functions that its file could not keep, and warn."""
     lost = () if run.problem is None else run.problem.not_kept
     if not lost:
         return run
@@ -212,7 +212,7 @@ def _scheme(metadata: Metadata) -> SchemeBase | None:
 def _whole_rows(
     states: dict[str, Array], impacts: dict[str, Array], dense: Array | None
 ) -> tuple[dict[str, Array], dict[str, Array], Array | None]:
-    """Cut columns of a killed run to the shortest: of the old format one may be a piece longer than another."""
+    """Cut the columns of a killed run to equal length: in the old format one may be a piece longer than another."""
     n = min(len(values) for name, values in states.items() if name != "energy")
     m = min(map(len, impacts.values()))
     states = {name: values[:n] for name, values in states.items()}

@@ -25,7 +25,7 @@ class Impact:
     time : float
         When [s].
     constraints : tuple of str, length k
-        Names, one a contact point or limit.
+        Names, one for each contact point or limit.
     percussion : ndarray, shape (k,)
         p >= 0 along each gradient [N s, N m s].
     before, after : ndarray, shape (k,)

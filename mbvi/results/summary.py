@@ -19,9 +19,9 @@ _ROUNDING = 1e-12
 
 
 def summary(run: RunData) -> str:
-    """Return five lines: what ran, its impacts, its energy, how well it was solved, and its notes.
+    """Return five lines: the problem and scheme, impacts, energy, accuracy, and notes.
 
-    Costs the same for a run of any length, but for a look at each penetration, residual and impact.
+    The cost does not depend on the length of the run, except for the largest penetration, residual and percussion.
     """
     return "\n".join((_what(run), _impacts(run), _energy(run), _accuracy(run), _notes(run)))
 
@@ -37,7 +37,7 @@ def _what(run: RunData) -> str:
 
 
 def _things(problem: Problem | None) -> str:
-    """Return what moves, in words."""
+    """Return the names or numbers of the robots, bodies and spheres."""
     if problem is None or problem.scene is None:
         return "given functions"
     items = problem.scene.items
@@ -59,7 +59,7 @@ def _impacts(run: RunData) -> str:
     when = f"at t = {found[0].time:.6g} s"
     if len(found) > 1:
         when = f"from t = {found[0].time:.6g} to {found[-1].time:.6g} s"
-    # a limit has no normal, and turns or shifts
+    # a joint limit has no normal; its unit depends on the joint
     unit = " N s" if np.isfinite(strongest.normal[k]).all() else ""
     where = f"{strongest.percussion[k]:.4g}{unit} at t = {strongest.time:.6g} s, {strongest.constraints[k]}"
     return f"{len(found)} impact{'s' * (len(found) > 1)} {when}; the strongest percussion is {where}"
@@ -82,7 +82,7 @@ def _accuracy(run: RunData) -> str:
     if depth[k] > 0.0:
         deepest = f"Deepest penetration {depth[k]:.3g} m or rad at t = {run.t[k]:.6g} s"
     worst = float(residual.max())
-    # less is rounding
+    # smaller residuals are rounding
     return f"{deepest}; largest residual {f'{worst:.2g}' if worst > _ROUNDING else f'below {_ROUNDING:.0e}'}"
 
 

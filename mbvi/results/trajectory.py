@@ -39,15 +39,15 @@ class Trajectory(RunData):
     residual : ndarray, shape (n + 1,)
         Largest relative KKT residual of the projections since the state before.
     scheme : str
-        Which scheme made it.
+        Name of the scheme.
     step : float
-        Its time step [s]; 0 of one that chooses its own.
+        Time step [s]; 0 for a scheme that chooses its own steps.
     notes : tuple of str
-        What a reader of the result should know.
+        Notes on how to read the result.
     problem : Problem or None
-        What was simulated; None where a file could not bring it back.
+        The problem that was simulated; None where a file could not bring it back.
     complete : bool
-        Whether the run reached its end; False for the file of a run that was cut off.
+        Whether the run reached its end; False for the file of an interrupted run.
     record : RunRecord
         The scheme object and its timing, dense output and recorded contacts.
     """
@@ -59,7 +59,7 @@ class Trajectory(RunData):
     def at(self, t: float) -> tuple[Array, Array]:
         """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
 
-        Of a run of `EventDriven` that was thinned by `every` it is a cubic between the states kept, which keeps to the
+        For a run of `EventDriven` thinned by `every` it is a cubic between the recorded states, which satisfies the
         tolerance at these only.
 
         Parameters
@@ -99,9 +99,9 @@ class Trajectory(RunData):
     def energies(self) -> tuple[Array, Array]:
         """Return kinetic and potential energy, shapes (n + 1,) [J].
 
-        Both are taken in the middle of the stretch that v_i moves the configuration along, there the two belong
-        together: with `Paoli` at q_i + h v_i / 2, half a step after t_i, for at t_i itself v_i is already half a step
-        ahead; with `Centered` and Moreau's midpoint at t_i; with `SchatzmanPaoli` half a step before.
+        Both are evaluated in the middle of the displacement that v_i causes, where configuration and velocity belong to
+        the same time: with `Paoli` at q_i + h v_i / 2, half a step after t_i; with `Centered` and Moreau's midpoint at
+        t_i; with `SchatzmanPaoli` half a step before.
 
         Raises
         ------
@@ -163,30 +163,30 @@ class Trajectory(RunData):
         Returns
         -------
         ndarray, shape (n + 1, 6), or dict of (str, str) to ndarray
-            Force, and moment about the origin of the world, on what is named by all that touches it [N, N m]; with no
+            Force, and moment about the origin of the world, on the named thing by all its contacts [N, N m]. Without a
             name those on the first part of each pair in contact by the second, with the parts' names as in impacts.
-            Row i is the mean over (t_{i-1}, t_i], as `contacts`; row 0 is zero, and where t_i = t_{i-1}, at impacts of
-            `EventDriven`, it is the row before. Contacts within what is named cancel;
-            joint limits and given functions are not counted.
+            Row i is the mean over (t_{i-1}, t_i], as for `contacts`. Row 0 is zero; where t_i = t_{i-1}, at impacts of
+            `EventDriven`, row i repeats the row before. Contacts between parts of the named thing cancel. Joint limits
+            and given functions do not count.
 
         Raises
         ------
         InputError
-            If the run did not record contacts, or nothing goes by that name.
+            If the run did not record contacts, or nothing has that name.
         """
         table, times = recorded_contacts(self), durations(self)
         names = ContactNames(self.problem, table.names)
         return forces_between(table, names, times) if name is None else force_on(table, names, name, times)
 
     def diagnosis(self, tolerance: float = 1e-3) -> Diagnosis:
-        """Return what of this run may be trusted, and until when; takes about as long as the run did.
+        """Return which results of this run may be trusted, and until when; costs about the time of the run.
 
         Parameters
         ----------
         tolerance : float
             Largest cosine of a kinetic angle that counts as a right angle in condition (12), and largest distance
-            between the outcomes of one impact, relative to its jump, that counts as none. Below the run's own accuracy
-            it tells discretisation, not ambiguity.
+            between the outcomes of one impact, relative to its jump, that counts as zero. A tolerance below the
+            accuracy of the run shows discretisation errors, not ambiguity.
 
         Returns
         -------
@@ -224,7 +224,7 @@ class Trajectory(RunData):
         replay(self, speed=between(positive(speed, "speed"), "speed", 1e-6, 1e6), shapes=shown)
 
     def replay_html(self, path: str | os.PathLike[str], shapes: str = "visual") -> None:
-        """Write one page that plays the run by itself, with no server and no network.
+        """Write one HTML page that plays the run without a server or a network.
 
         Parameters
         ----------

@@ -37,9 +37,9 @@ class ActuatedSystem(System):
     inner : System
         Mechanisms, bodies and spheres with their own forces. Constraints may go on using it for their rows.
     loads : sequence of Load
-        What acts on it, evaluated once at each (t, q, v).
+        Forces and controls that act on it, evaluated once at each (t, q, v).
     controlled : bool
-        Whether there is a control among the loads.
+        Whether one of the loads is a control.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ActuatedSystem(System):
             load.observe(contacts)
 
     def _act(self, t: float, q: Array, v: Array) -> Array:
-        """Return the loads' generalised force, shape (nv,), and give each mechanism its part."""
+        """Return the loads' generalised force, shape (nv,), and pass each mechanism its part."""
         key = t, q.tobytes(), v.tobytes()
         if self._last is None or self._last[:3] != key:
             total = np.zeros(self.nv)

@@ -1,4 +1,4 @@
-"""Several systems side by side: block-diagonal M."""
+"""A system of several independent systems: block-diagonal M."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class BlockSystem(System):
         bodies = [part for part in parts if part.can_be_sparse]
         self.sparse = sum(part.nv for part in bodies) > MOST_DENSE
         for part in bodies:
-            # the rows of a few bodies beside many are as sparse as theirs
+            # a part with few bodies has sparse rows too if the whole system has many
             part.sparse = self.sparse
 
     def start(self) -> None:

@@ -124,7 +124,7 @@ class System:
         raise NotImplementedError
 
     def difference(self, q0: Array, q1: Array) -> Array:
-        """Return the tangent vector, shape (nv,), that leads from q0 to q1."""
+        """Return the tangent vector, shape (nv,), from q0 to q1."""
         raise NotImplementedError
 
     def metric(self, q: Array) -> Metric:
@@ -160,9 +160,9 @@ class System:
         raise NotImplementedError
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        """Return where bodies' frames are, shape (n, 4, 3): the three columns of the rotation, then the origin [m].
+        """Return the poses of bodies' frames, shape (n, 4, 3): the three columns of the rotation, then the origin [m].
 
-        A point x of the body is at (x, 1) times that.
+        A point x of the body is at (x, 1) times this matrix.
         """
         raise NotImplementedError
 
@@ -181,23 +181,23 @@ class System:
         Returns
         -------
         ndarray or csr_array, shape (m, nv)
-            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse where the
-            system's attribute `sparse` says so.
+            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse if the system's
+            attribute `sparse` is true.
         """
         raise NotImplementedError
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
-        """Return the accelerations of points fixed to bodies while v does not change, shape (k, 3), in the world.
+        """Return the accelerations of points fixed to bodies at constant v, shape (k, 3), in the world.
 
         `points`, shape (k, 3), are in the bodies' own frames.
         """
         raise NotImplementedError
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
-        """Return how far each velocity can carry a point of a ball fixed to a body, shape (nv,) [m per unit].
+        """Return the largest displacement of points of a ball fixed to a body per velocity, shape (nv,) [m per unit].
 
-        No point of the ball moves by more than `reach @ |dv|` along the retraction by dv. Entries are positive
-        exactly for the velocities that move the body.
+        No point of the ball moves by more than `reach @ |dv|` along the retraction by dv. Entries are positive exactly
+        for the velocities that move the body.
         """
         raise NotImplementedError
 
