@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.arguments import checks as arguments
+from mbvi import arguments
 from support.faults import wrong_arguments as faults
 from support.paths import ROBOTS
 

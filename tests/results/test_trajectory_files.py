@@ -474,7 +474,7 @@ def test_files_without_checksums_load(name, states, impacts, tmp_path):
     assert (len(back.t), len(back.impacts), back.complete) == (states, impacts, True)
     assert back.problem.system.nq == back.q.shape[1]
     # the states of then are those of now
-    again = mbvi.simulate(back.problem, back._scheme, step=back.step or None, duration=0.05)
+    again = mbvi.simulate(back.problem, back.record.scheme, step=back.step or None, duration=0.05)
     n = int(np.searchsorted(back.t, 0.05)) - 1
     np.testing.assert_allclose(back.at(float(back.t[n]))[0], again.at(float(back.t[n]))[0], atol=1e-9)
     back.save(tmp_path / "new.h5")

@@ -62,7 +62,7 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     difference = reference.problem.system.difference
     jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
     # where the run's own velocity jumps
-    turns = np.clip(run.t[1:] - (1.0 - run._jump) * np.diff(run.t), run.t[:-1], run.t[1:])
+    turns = np.clip(run.t[1:] - (1.0 - run.record.timing.jump) * np.diff(run.t), run.t[:-1], run.t[1:])
     times = np.union1d(np.union1d(run.t, turns), jumps)
     exact = [reference.at(t) for t in times.tolist()]
     own = dict(zip(run.t.tolist(), run.q, strict=True))

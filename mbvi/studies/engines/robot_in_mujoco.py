@@ -14,8 +14,7 @@ import pinocchio as pin
 from ...arguments import Array
 from ...errors import InputError
 from ...geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
-from ...problem import Problem
-from ...scene.model import SceneModel
+from ...problem import BuiltScene, Problem
 from ...system import ArticulatedSystem
 
 # mass matrix and gravity must agree to this, relative to their largest entries
@@ -87,7 +86,7 @@ class MuJoCoRobot:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:], self.data.qfrc_applied[:] = self._q, self._v, self._torque
 
-    def _compile(self, problem: Problem, scene: SceneModel, step: float) -> mujoco.MjModel:
+    def _compile(self, problem: Problem, scene: BuiltScene, step: float) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = step
@@ -192,7 +191,7 @@ def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:
             geom.type, geom.meshname = kinds.mjGEOM_MESH, placed.name
 
 
-def _leave_out(spec: Any, bodies: list, scene: SceneModel, model: pin.Model) -> None:
+def _leave_out(spec: Any, bodies: list, scene: BuiltScene, model: pin.Model) -> None:
     """Leave out the pairs of shapes that mbvi leaves out; MuJoCo knows pairs of bodies only."""
     (robot,) = scene.items.robots
     out: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
