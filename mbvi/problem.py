@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from .arguments.checks import LARGEST, Array, boolean, finite, positive, shown, vector
 from .arguments.checks import restitution as checked_restitution
-from .constraints import AdmissibleSet, Constraint
+from .constraints import AdmissibleSet, Constraint, ConstraintFamily
+from .constraints.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import ArticulatedSystem, System, parts_of
 
@@ -27,7 +28,7 @@ class Problem:
     ----------
     system : System
         M(q), g(t, q, v) and the retraction.
-    constraints : sequence of Constraint
+    constraints : sequence of Constraint or ConstraintFamily
         f_a and their gradients.
     q0 : array_like, shape (nq,)
         Initial configuration, in K.
@@ -52,7 +53,7 @@ class Problem:
     def __init__(
         self,
         system: System,
-        constraints: Sequence[Constraint],
+        constraints: Sequence[Constraint | ConstraintFamily],
         q0: Array | Sequence[float],
         v0: Array | Sequence[float],
         *,
@@ -67,7 +68,7 @@ class Problem:
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
         # the functions that a file could not keep, by name; until they are given again nothing is simulated
         self.not_kept: tuple[str, ...] = ()
-        constraints = _constraints(constraints)
+        constraints = checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
@@ -212,19 +213,6 @@ def _system(system: System) -> System:
     if isinstance(system, type) or not all(hasattr(system, name) for name in ("nq", "nv", "integrate", "metric")):
         raise InputError(f"system must be a system such as mbvi.LagrangianSystem(...); got {shown(system)}")
     return system
-
-
-def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:
-    if not isinstance(constraints, list | tuple):
-        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
-    each = list(constraints)
-    for one in each:
-        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
-            raise InputError(
-                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
-                f"got {shown(one)} among them"
-            )
-    return each
 
 
 def _state(values: Array | Sequence[float], size: int, name: str) -> Array:

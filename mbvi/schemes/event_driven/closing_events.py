@@ -42,7 +42,7 @@ class Crossings:
         if not due.size:
             self._least = far
             return 1.0, due
-        start, end = self._start(stride, due), self._rows.at_least(stride.t + stride.h, stride.q, due)
+        start, end = self._start(stride, due), self._rows.lower_bounds(stride.t + stride.h, stride.q, due)
         far[due] = end
         self.depth = max(0.0, -float(end.min()))
         # from either end no gap falls faster than its bodies travel
@@ -61,7 +61,7 @@ class Crossings:
         lever = self._rows.lever
         near = (self._least * lever <= gap).nonzero()[0]
         if near.size:
-            self._least[near] = least = self._rows.at_least(t, q, near)
+            self._least[near] = least = self._rows.lower_bounds(t, q, near)
             near = near[least * lever[near] <= gap]
         return near
 
@@ -74,12 +74,12 @@ class Crossings:
         least = self._least[due]
         unknown = due[least == -np.inf]
         if unknown.size:
-            least[least == -np.inf] = self._least[unknown] = self._rows.at_least(stride.t, stride.q0, unknown)
+            least[least == -np.inf] = self._least[unknown] = self._rows.lower_bounds(stride.t, stride.q0, unknown)
         return least
 
     def _earliest(self, stride: RungeKuttaStep, suspects: Array, end: Array, used: Array) -> tuple[float, Array]:
         """Return where the first of some rows falls, of which `end` is the least gap there and `used` the travel."""
-        bounds = np.array([*(self._at(stride, x, suspects, self._rows.at_least) for x in FEW_NODES[:-1]), end])
+        bounds = np.array([*(self._at(stride, x, suspects, self._rows.lower_bounds) for x in FEW_NODES[:-1]), end])
         # nor does one in between
         part = np.diff(FEW_NODES)[:, None] * used
         near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)

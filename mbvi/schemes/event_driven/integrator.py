@@ -310,7 +310,7 @@ class EventDrivenIntegrator:
         rested, self.closed = np.isin(touching, self.closed), _NONE
         if not touching.size:
             return
-        self.rows.touch(self.t, self.q, touching)
+        self.rows.check(self.t, self.q, touching)
         self._struck = touching
         J, metric = self.rows.gradients(self.t, self.q, touching), self.system.metric(self.q)
         e, before = self.rows.restitution[touching], J @ self.v
