@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from support.plain.articulated import separation_plain
-from support.plain.support_points import stand_plain
 
 from mbvi.arguments import Array
+from support.plain.articulated import separation_plain
+from support.plain.support_points import stand_plain
 
 
 def _touch_plain(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array
-from support.plain.projected_pcg import rounds_plain
 
 from mbvi.arguments import Array
 from mbvi.projection.refinement import _AT_ONCE, _LEFT, _MOST, _MOST_ROUNDS, _OFF
+from support.plain.projected_pcg import rounds_plain
 
 
 def mend_plain(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from support.plain.nonnegative import exchange_plain, settle_plain
-from support.plain.tree import advance_plain, factor_plain, solve_plain
 
 from mbvi.arguments import Array
 from mbvi.projection.nonnegative import ROUNDING
 from mbvi.projection.robot_step import _LAST_DIGITS, _REFINEMENTS, _TOUCHING
+from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.tree import advance_plain, factor_plain, solve_plain
 
 
 def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:

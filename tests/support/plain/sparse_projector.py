@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array
-from support.plain.nonnegative import exchange_plain, settle_plain
-from support.plain.refinement import relax_plain
 
 from mbvi.arguments import Array
 from mbvi.projection.sparse_projector import _SMALL
+from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.refinement import relax_plain
 
 
 def solve_islands_plain(
