@@ -160,7 +160,10 @@ class _Entry:
     def __init__(self, family: ConstraintFamily, start: int, e: float, slot: int) -> None:
         self.family, self.slot = family, slot
         self.candidates: PairCandidates | None = None if slot < 0 else family.pair_candidates()
+        self.query: Any = family.contacts if self.candidates is None else family.contacts_among
         self._start, self._e, self._own_e = start, e, not np.isnan(family.restitution).any()
+        # rows that need no change are passed on
+        self.as_is = start == 0 and self._own_e
         # the numbers of the last rows, in the family and in the problem
         self._number = self._shifted = np.zeros(0, np.int64)
 
@@ -168,7 +171,7 @@ class _Entry:
         """Return the rows of the family as rows of the problem: with its numbers, and its e where they have none."""
         number, gap, jacobian, e, point, normal, rate = rows
         if number is not self._number:
-            # a family returns the same array while its rows are the same
+            # the same array means the same numbers: a family does not write to it
             self._number, self._shifted = number, number + self._start
         if not self._own_e:
             e = np.where(np.isnan(e), self._e, e)
@@ -230,31 +233,27 @@ class ClearanceCache:
         """Return the rows within the tolerance, family by family; see `AdmissibleSet.active`."""
         exhausted = self._consume(q, origin, moved)
         found = []
-        for entry in self._due(exhausted | self._always_query):
+        mask = exhausted | self._always_query
+        plan = self._plans.get(mask)
+        if plan is None:
+            plan = self._plans[mask] = [one for one in self._entries if one.slot < 0 or mask >> one.slot & 1]
+        for entry in plan:
             slot, candidates = entry.slot, entry.candidates
             if candidates is None:
-                rows = entry.family.contacts(t, q, tolerance)
+                rows = entry.query(t, q, tolerance)
                 if slot >= 0:
                     self._clearance[slot] = entry.family.clearance()
             else:
                 if exhausted >> slot & 1:
                     self._clearance[slot] = candidates.update(self._travels[slot], tolerance)
                     self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
-                rows = entry.family.contacts_among(q, tolerance, candidates)
+                rows = entry.query(q, tolerance, candidates)
                 if candidates.any_empty:
                     # a pair that need not be measured at the next step
                     self._clearance[slot] = -np.inf
             if rows is not None:
-                found.append(entry.numbered(rows))
+                found.append(rows if entry.as_is else entry.numbered(rows))
         return found
-
-    def _due(self, mask: int) -> list[_Entry]:
-        """Return the entries of a mask and those that are queried at every step."""
-        plan = self._plans.get(mask)
-        if plan is None:
-            plan = [entry for entry in self._entries if entry.slot < 0 or mask >> entry.slot & 1]
-            self._plans[mask] = plan
-        return plan
 
     def _consume(self, q: Array, origin: Array | None, moved: Array | None) -> int:
         """Take the displacement to q from the clearances; return the mask of those that are used up."""
