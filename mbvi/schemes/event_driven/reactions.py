@@ -32,7 +32,7 @@ def reactions(walk: EventDrivenIntegrator, stride: RungeKuttaStep) -> Iterator[t
             yield step.active.constraint, step.active.point, step.active.normal, step.percussion
     elif closed.size:
         # a projector of its own: what another remembers may change the rounding of the motion
-        projector = Projector(walk.projector.residual)
+        projector = Projector(walk.projector.residual, walk.projector.solver)
         for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * stride.h, strict=True):
             t, (q, v) = stride.t + node * stride.h, stride.at(walk.system, node)
             press, _ = complementarity(walk.flow, projector, t, q, v, closed)

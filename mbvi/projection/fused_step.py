@@ -1,0 +1,49 @@
+"""First stage of the cascade: the step of one mechanism, or of a few dense rows, in one compiled call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import plain_array
+from . import robot_step
+from .free_motion import FreeMotion
+from .metric import Array, Metric
+from .scaled_qp import Projection
+from .tree import TreeFreeMotion
+
+
+class FusedStep:
+    """Mass matrix factor, free motion, Delassus matrix, active set and residual in one compiled function.
+
+    A robot with a few rows spends more time between numpy calls than on its projection, so that one call takes the
+    place of all. The method is that of an active set: the violated rows, then those active in the last projection, then
+    the set that a dual active-set method on G finds. Each is solved for its equations, refined twice, and judged by its
+    own KKT residual. No answer is given unless that is at rounding: then the solvers that follow in the cascade are
+    tried.
+    """
+
+    def project(self, x: Array, metric: Metric, J: Array, lower: Array, last: Array) -> Projection | None:
+        """Return the projection, or None if it is not at rounding; see `mbvi.project`.
+
+        Parameters
+        ----------
+        last : ndarray, shape (m,) or other
+            Percussions of the last projection; of another number of rows they are not used.
+        """
+        x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
+        velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
+        A = plain_array(metric.solve_rows(J))
+        residual = robot_step.press(J, A, x, lower, last, velocity, rates)
+        return Projection(velocity, rates[0], residual) if residual < np.inf else None
+
+    def law(
+        self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array, last: Array
+    ) -> tuple[Array, Array, float] | None:
+        """Return what `Projector.law` does, or None if it is not at rounding."""
+        velocity, rates = np.empty(len(v)), np.empty((4, len(e)))
+        if type(motion) is TreeFreeMotion:
+            residual = robot_step.tree_law(*motion.told, J, e, last, velocity, rates)
+        else:
+            A = plain_array(motion.metric.solve_rows(J))
+            residual = robot_step.law(J, A, plain_array(v), e, plain_array(motion.free), last, velocity, rates)
+        return (velocity, rates, residual) if residual < np.inf else None
