@@ -17,7 +17,7 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 from mbvi.run.default_scheme import time_step
 
 ROBOTS = Path(__file__).parents[1] / "robots"
@@ -108,7 +108,7 @@ def chosen(run: mbvi.Trajectory) -> str:
 
 def main() -> None:
     """Print both tables."""
-    load()
+    compile_all()
     warnings.simplefilter("ignore", mbvi.MbviWarning)
     print("| balls | constraints | EventDriven(1e-6) [ms/s] | impacts | Centered, h = 1e-3 s [ms/s] |")
     print("|---|---|---|---|---|")

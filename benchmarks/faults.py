@@ -31,11 +31,10 @@ PATIENCE = 60.0
 
 def work(kind: str, first: int, stride: int) -> None:
     """Run cases first, first + stride, ... of a kind until the driver ends this process; one line of JSON a case."""
-    import faults
-
     import mbvi
+    from support.faults import cases
 
-    case = getattr(faults, kind)
+    case = getattr(cases, kind)
     warnings.simplefilter("error")
     warnings.simplefilter("ignore", mbvi.MbviWarning)
     # wrong arguments may name files
@@ -149,9 +148,9 @@ def main() -> int:
     if unknown:
         parser.error(f"unknown kinds {sorted(unknown)}; known are {', '.join(SHARES)}")
     if asked.case is not None:
-        import faults
+        from support.faults import cases
 
-        print(getattr(faults, asked.kinds[0])(asked.case))
+        print(getattr(cases, asked.kinds[0])(asked.case))
         return 0
     total, bad = sum(SHARES[kind] for kind in asked.kinds), 0
     print(f"{'kind':<10} {'cases':>6} {'held':>6} {'refused':>8} {'faults':>7}")

@@ -13,7 +13,7 @@ from time import process_time
 import numpy as np
 
 import mbvi
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies
@@ -220,7 +220,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=500, help="steps a run")
     parser.add_argument("--repeats", type=int, default=15, help="runs of each model, in turns")
     arguments = parser.parse_args()
-    load()
+    compile_all()
     # loaders of some descriptions warn about what they leave out
     warnings.simplefilter("ignore")
     print("| reduction: case | dofs | constraints | off [us a step] | on | off / on | build [ms] |")

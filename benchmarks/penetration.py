@@ -13,7 +13,7 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 
 HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
 REPEATS = 3
@@ -58,7 +58,7 @@ def measured(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme, step: float, du
 
 def main() -> None:
     """Print the table."""
-    load()
+    compile_all()
     print("| problem | scheme | deepest [mm, mrad] | in the end [mm, mrad] | a step [us] |")
     print("|---|---|---|---|---|")
     disc = reference.sliding_in_disc(0.5, duration=50.0).problem

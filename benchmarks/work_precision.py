@@ -15,7 +15,7 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.compiled.kernel import load
+from mbvi.compiled import compile_all
 from mbvi.studies.chart.errors import errors
 
 TARGETS = (1e-4, 1e-6, 1e-8)
@@ -66,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--restitution", type=float, nargs="*", default=[0.0, 0.5, 1.0], metavar="E")
     wanted = parser.parse_args().restitution
-    load()
+    compile_all()
     head = " | ".join(f"EventDriven({target:g}) [ms] (error)" for target in TARGETS)
     names = " | ".join(f"{type(scheme).__name__} [ms]" for scheme in STEPPING)
     print(f"| problem | e | {head} | {names} | best / EventDriven({TARGETS[0]:g}) |")

@@ -6,7 +6,6 @@ import multiprocessing
 import pickle
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +13,8 @@ import pytest
 import mbvi
 from mbvi import packing, surfaces
 from mbvi.studies.shipped import robot_path
-
-EXAMPLES = Path(__file__).parents[1] / "examples"
-# steps of each example that a copy takes
-FEW = 40
+from support.paths import EXAMPLES
+from support.repeated_runs import bytes_of, every_shape, short_run, simulate_elsewhere
 
 
 class Found(Exception):
@@ -45,23 +42,6 @@ def example(name, monkeypatch):
         with pytest.raises(Found) as error:
             module.main()
     return error.value.run
-
-
-def bytes_of(run):
-    """All numbers of a run."""
-    impacts = [
-        (i.time, i.constraints, *(x.tobytes() for x in (i.percussion, i.before, i.after, i.point, i.normal)))
-        for i in run.impacts
-    ]
-    return run.t.tobytes(), run.q.tobytes(), run.v.tobytes(), run.residual.tobytes(), impacts, run.notes
-
-
-def short_run(problem, scheme=None, step=None, **_):
-    """A few steps, from the start."""
-    if isinstance(scheme, mbvi.EventDriven):
-        return mbvi.simulate(problem, scheme, duration=0.02, progress=False)
-    step = step or 1e-3
-    return mbvi.simulate(problem, scheme, step=step, duration=FEW * step, progress=False)
 
 
 COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda x: pickle.loads(pickle.dumps(x))}
@@ -97,30 +77,6 @@ def test_every_example_is_copied_and_its_copies_run_to_the_same_bytes(name, way,
         # controls are not kept
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         assert bytes_of(mbvi.load(tmp_path / "kept.h5")) == bytes_of(mbvi.load(tmp_path / "run.h5"))
-
-
-def hold(t, q, v):
-    """A control that a pickle finds by its name."""
-    return -0.1 * v
-
-
-def every_shape():
-    """One of all that can be added, of the kinds of constraints there are."""
-    scene = mbvi.Scene(restitution=0.3)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_halfspace((1, 0, 0), offset=-4.0, motion=mbvi.motion.Oscillation((0.05, 0, 0), 3.0), name="shaker")
-    scene.add_box((1, 1, 0.1), position=(0, 0, 0.05), fixed=True, name="table")
-    scene.add_box((0.2, 0.1, 0.1), position=(-0.3, 0, 0.17), angular_velocity=(1, 2, 3))
-    scene.add_ellipsoid((0.1, 0.07, 0.05), position=(0, 0, 0.2))
-    scene.add_capsule(0.05, 0.2, position=(0.3, 0, 0.3))
-    scene.add_cylinder(0.05, 0.2, position=(0.3, 0.3, 0.3))
-    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.1, 0.1, 0.1]])
-    scene.add_convex(corners, [(-0.3, 0.3, 0.2)], mass=1.0)
-    scene.add_sphere(0.05, position=(-0.3, -0.3, 0.2))
-    scene.add_urdf(robot_path("hopper"), position=(2, 0, 0.8), joints={"hip": -0.2, "knee": 0.4}, control=hold)
-    scene.add_urdf(robot_path("arm"), base="fixed", position=(-2, 0, 0.1))
-    scene.set_restitution("hopper", "floor", 0.7)
-    return scene.build()
 
 
 def crowd():
@@ -187,10 +143,6 @@ def test_copies_share_nothing_that_runs_write_to():
     walks = [mbvi.steps(copy.deepcopy(problem), mbvi.Paoli(), step=2e-3) for _ in range(2)]
     for expected in alone:
         assert [next(walk).q.tobytes() for walk in walks] == [expected, expected]
-
-
-def simulate_elsewhere(problem):
-    return bytes_of(short_run(problem, mbvi.Centered(), step=2e-3))
 
 
 def test_another_process_simulates_a_problem_that_was_sent_to_it():

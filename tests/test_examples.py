@@ -1,12 +1,12 @@
 """Each example runs, and its number is the one it gave when it was checked by other means or by hand."""
 
 import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+from support.paths import EXAMPLES
+
 G = 9.81
 # dropped from 1 m: fall, then two flights at 0.8 and 0.64 of the first speed
 THIRD_BOUNCE = np.sqrt(2 / G) * (1 + 2 * 0.8 + 2 * 0.64)

@@ -3,11 +3,11 @@
 import contextlib
 import io
 import re
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from support.paths import ROOT
+
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
 BLOCKS = [
     pytest.param(found, id=f"{path.name}-{k}")
@@ -29,7 +29,8 @@ def test_a_block_runs_and_prints_what_follows(found, tmp_path, monkeypatch):
 
 
 def test_blocks_are_found():
-    text = (ROOT / "README.md").read_text()
-    assert text.count("```python") == sum(p.id.startswith("README") for p in BLOCKS) >= 4
+    counts = {page: (ROOT / page).read_text().count("```python") for page in ("README.md", "docs/guide.md")}
+    assert {page: sum(p.id.startswith(page.rpartition("/")[2]) for p in BLOCKS) for page in counts} == counts
+    assert counts["README.md"] >= 1 and counts["docs/guide.md"] >= 5
     # whatever prints says what
     assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])

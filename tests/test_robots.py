@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import ROBOTS, real_robot
 
 import mbvi
+from support.paths import ROBOTS, real_robot
 
 REAL = {
     "UR5": ("ur_description/urdf/ur5_robot.urdf", "fixed", 0.0),

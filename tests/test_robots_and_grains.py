@@ -4,10 +4,10 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from conftest import ROBOTS
 
 import mbvi
 from mbvi import packing
+from support.paths import ROBOTS
 
 GRIPPER = """<?xml version="1.0"?>
 <robot name="gripper">

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from faults_scenes import add_robot
 from scipy.spatial.transform import Rotation
 
 import mbvi
@@ -13,6 +12,7 @@ from mbvi.scene import assembly
 from mbvi.schemes.event_driven import contact_rows as smooth
 from mbvi.system import blocks as block_systems
 from mbvi.system import bodies, planar, sparse_rows
+from support.random_scenes import add_robot
 
 SCHEMES = {
     "default": None,

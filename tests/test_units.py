@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from faults_scenes import SHAPES, add_robot, add_shape, random_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -10,6 +9,7 @@ from scipy.spatial.transform import Rotation
 import mbvi
 from mbvi.run.default_scheme import default_scheme
 from mbvi.system.lengths import are_lengths, velocity_units
+from support.random_scenes import SHAPES, add_robot, add_shape, random_scene
 
 PAIRS = [(a, b) for k, a in enumerate(SHAPES) for b in SHAPES[k:]]
 FIXED_STEP = {

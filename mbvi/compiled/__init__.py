@@ -1,5 +1,5 @@
-"""Kernels: loops that numba compiles, and the cache that keeps them."""
+"""Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
-from .kernel import KERNELS, Kernel, kernel, load, plain_array
+from .kernel import KERNELS, Kernel, compile_all, kernel, plain_array, seconds_compiling
 
-__all__ = ["KERNELS", "Kernel", "kernel", "load", "plain_array"]
+__all__ = ["KERNELS", "Kernel", "compile_all", "kernel", "plain_array", "seconds_compiling"]

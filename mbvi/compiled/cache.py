@@ -29,8 +29,6 @@ class _DamagedFile(Exception):
 class _CheckedFile(IndexDataCacheFile):
     """numba's index and data files, each behind the checksum of what was written."""
 
-    damaged = False
-
     def _load_index(self) -> dict[Any, str]:
         try:
             found = self._checked(self._index_path)
@@ -62,7 +60,6 @@ class _CheckedFile(IndexDataCacheFile):
             file.write(_MARK + sha256(data).digest() + data)
 
     def _remove(self, path: str) -> None:
-        self.damaged = True
         print(f"mbvi: {path} is damaged: its kernel is compiled again", file=sys.stderr, flush=True)
         try:
             os.unlink(path)
@@ -93,19 +90,21 @@ class _CheckedFile(IndexDataCacheFile):
 class _CheckedCache(FunctionCache):
     """numba's cache of one function; what cannot be read is compiled, and what cannot be written is not kept."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], stamp: str, before_compiling: Callable[[], None]) -> None:
         super().__init__(function)
+        self._before_compiling = before_compiling
         # files of numba's own cache, which have no checksum, bear other names
         self._cache_file = _CheckedFile(
             cache_path=self._cache_path,
             filename_base=f"{self._impl.filename_base}.checked",
-            source_stamp=self._impl.locator.get_source_stamp(),
+            source_stamp=stamp,
         )
 
-    @property
-    def damaged(self) -> bool:
-        """Whether a file was found to be damaged."""
-        return bool(self._cache_file.damaged)
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            self._before_compiling()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
@@ -117,23 +116,38 @@ class _CheckedCache(FunctionCache):
             )
 
 
-def compiled(function: Callable[..., Any], signature: str) -> tuple[Any, bool]:
-    """Return a function compiled for one signature, and whether it had to be compiled for the first time."""
+def compiled(
+    function: Callable[..., Any], signature: str, stamp: str, before_compiling: Callable[[], None]
+) -> Callable[..., Any]:
+    """Return a function compiled for one signature, from the cache where it is there.
+
+    Parameters
+    ----------
+    function : function
+        What is to be compiled.
+    signature : str
+        numba's types of result and arguments; other types are refused.
+    stamp : str
+        Hash of all that the machine code depends on; code of another stamp is not taken from the cache.
+    before_compiling : callable
+        Called where the cache does not have it.
+    """
     dispatcher: Any = njit(error_model="numpy")(function)
     if not hasattr(dispatcher, "disable_compile"):
         # with numba's own switch off (NUMBA_DISABLE_JIT) there is nothing to compile
-        return dispatcher, False
+        before_compiling()
+        return dispatcher
     try:
-        dispatcher._cache = _CheckedCache(function)
+        dispatcher._cache = _CheckedCache(function, stamp, before_compiling)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
         # nowhere to write to: the next process compiles again
+        before_compiling()
     with typeinfer.register_dispatcher(dispatcher):
         dispatcher.compile(signature)
         dispatcher.disable_compile()
-    known = sum(dispatcher.stats.cache_hits.values()) or getattr(dispatcher._cache, "damaged", False)
-    return dispatcher, not known
+    return dispatcher
 
 
 def _say_once(what: str) -> None:

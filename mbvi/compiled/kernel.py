@@ -1,4 +1,4 @@
-"""Kernels: loops that numba compiles when a run starts, each standing behind the plain numpy form it must equal."""
+"""Kernels: functions on arrays that numba compiles, or reads from its cache, when they are first called."""
 
 from __future__ import annotations
 
@@ -9,55 +9,103 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
-from pathlib import Path
-from types import CellType, FunctionType
-from typing import Any, NamedTuple, TypeVar, overload
+from types import CodeType, FunctionType
+from typing import Any, TypeVar
 
 import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-
-class Kernel(NamedTuple):
-    """One kernel: where its name is bound, what it must equal, and the loops with their types."""
-
-    name: str
-    namespace: dict[str, Any]
-    plain: Callable[..., Any]
-    loops: Callable[..., Any]
-    signature: str
-
-
-# in order of definition, so that a kernel may call those above it in its module
+# in order of definition
 KERNELS: list[Kernel] = []
-_loaded = False
+# one kernel is compiled at a time; a kernel compiles those that it calls
+_LOCK = threading.RLock()
+_announced = False
+_seconds = 0.0
 
 
-@overload
-def kernel(signature: str) -> Callable[[Function], Function]: ...
+class Kernel:
+    """A function on arrays, compiled for one signature at its first call.
+
+    Parameters
+    ----------
+    loops : function
+        Source of the kernel. It may call numpy, and other kernels by their names.
+    signature : str
+        numba's types of result and arguments; an argument of another type is refused.
+    """
+
+    def __init__(self, loops: Callable[..., Any], signature: str) -> None:
+        self.loops, self.signature = loops, signature
+        self.__name__, self.__module__, self.__doc__ = loops.__name__, loops.__module__, loops.__doc__
+        self._call: Callable[..., Any] = self._first_call
+        self._compiled: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled kernel."""
+        return self._call(*arguments)
+
+    def compiled(self) -> Any:
+        """Return numba's function, which other kernels call; compile it, or read it from the cache, if needed."""
+        with _LOCK:
+            if self._compiled is None:
+                with _interrupts_later():
+                    self._compiled = self._compile()
+                self._call = self._compiled
+        return self._compiled
+
+    def stamp(self) -> bytes:
+        """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
+        digest = sha256(self.signature.encode())
+        _add_code(digest, self.loops.__code__)
+        for name, value in sorted(self._named().items()):
+            digest.update(name.encode())
+            digest.update(value.stamp() if isinstance(value, Kernel) else _bytes_of(value))
+        return digest.digest()
+
+    def _first_call(self, *arguments: Any) -> Any:
+        global _seconds
+        start = time.perf_counter()
+        function = self.compiled()
+        _seconds += time.perf_counter() - start
+        return function(*arguments)
+
+    def _named(self) -> dict[str, Any]:
+        """Return the kernels and constants of the module that the kernel names."""
+        namespace = self.loops.__globals__
+        found = {name: namespace[name] for name in _names(self.loops.__code__) if name in namespace}
+        return {name: value for name, value in found.items() if isinstance(value, (Kernel, *_CONSTANTS))}
+
+    def _compile(self) -> Any:
+        # imported here for its weight: only runs need it
+        from .cache import compiled
+
+        # numba takes no Kernel for a function: the names of other kernels mean compiled functions here
+        namespace = dict(self.loops.__globals__)
+        others = {name: value for name, value in self._named().items() if isinstance(value, Kernel)}
+        loops = FunctionType(self.loops.__code__, namespace, self.__name__)
+        loops.__module__, loops.__doc__ = self.__module__, self.__doc__
+
+        def before_compiling() -> None:
+            _announce()
+            namespace.update({name: other.compiled() for name, other in others.items()})
+
+        return compiled(loops, self.signature, self.stamp().hex(), before_compiling)
 
 
-@overload
-def kernel(signature: str, plain: Function) -> Callable[[Callable[..., Any]], Function]: ...
-
-
-def kernel(signature: str, plain: Callable[..., Any] | None = None) -> Callable[[Callable[..., Any]], Any]:
-    """Mark loops as a kernel: until `load` the name they are defined under means the plain form, then the compiled one.
-
-    Elsewhere a kernel is called through its module: a name imported from there would keep its first meaning.
+def kernel(signature: str) -> Callable[[Function], Function]:
+    """Make a function on arrays a `Kernel`.
 
     Parameters
     ----------
     signature : str
         numba's types of result and arguments; an argument of another type is refused.
-    plain : function, optional
-        The same in numpy; by default the loops themselves, run by the interpreter.
     """
 
-    def mark(loops: Callable[..., Any]) -> Callable[..., Any]:
-        form = loops if plain is None else plain
-        KERNELS.append(Kernel(loops.__name__, loops.__globals__, form, loops, signature))
-        return form
+    def mark(loops: Function) -> Function:
+        made: Any = Kernel(loops, signature)
+        KERNELS.append(made)
+        return made
 
     return mark
 
@@ -67,66 +115,66 @@ def plain_array(values: np.ndarray) -> np.ndarray:
     return values if values.flags.carray and values.dtype == np.float64 else np.array(values, dtype=float, order="C")
 
 
-def load() -> None:
-    """Compile every kernel, or read it from numba's cache; once a process, before the first step."""
-    global _loaded
-    if _loaded:
-        return
-    start, told = time.perf_counter(), False
-    with _interrupts_later() as check:
-        stamp = _stamp()
-        for item in KERNELS:
-            compiled, new = _compile(item, stamp)
-            # where one is compiled for the first time, so are most of those that follow
-            if new and not told:
-                print(f"mbvi: compiling up to {len(KERNELS)} kernels, once on this machine ...", file=sys.stderr)
-                told = True
-            item.namespace[item.name] = compiled
-            check()
-    # only now: whoever interrupts this does not leave the rest plain for good
-    _loaded = True
-    if told:
-        print(f"mbvi: compiled in {time.perf_counter() - start:.0f} s", file=sys.stderr)
+def compile_all() -> None:
+    """Compile every kernel now, so that compiling is no part of a measurement that follows."""
+    for item in KERNELS:
+        item.compiled()
+
+
+def seconds_compiling() -> float:
+    """Return the time that this process has spent on compiling and loading kernels at their first calls [s]."""
+    return _seconds
+
+
+_CONSTANTS = (bool, int, float, str, tuple, np.generic, np.ndarray)
+
+
+def _bytes_of(value: Any) -> bytes:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape}".encode() + value.tobytes()
+    return repr(value).encode()
+
+
+def _names(code: CodeType) -> set[str]:
+    """Return the names that a function and those inside it look up."""
+    inner = [_names(const) for const in code.co_consts if isinstance(const, CodeType)]
+    return set(code.co_names).union(*inner)
+
+
+def _add_code(digest: Any, code: CodeType) -> None:
+    """Add a function's instructions, names and constants to a hash; line numbers do not count."""
+    digest.update(repr((code.co_code, code.co_names, code.co_varnames, code.co_argcount)).encode())
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            _add_code(digest, const)
+        else:
+            digest.update(repr(const).encode())
+
+
+def _announce() -> None:
+    """Say once a process that kernels are compiled."""
+    global _announced
+    if not _announced:
+        _announced = True
+        print("mbvi: compiling kernels, once on this machine ...", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _interrupts_later() -> Iterator[Callable[[], None]]:
-    """Hold back interrupts (Ctrl-C) until the function that is returned is called.
+def _interrupts_later() -> Iterator[None]:
+    """Hold back interrupts (Ctrl-C) until the end of the block.
 
     LLVM calls Python while it compiles and loads; an exception raised there is printed and lost.
     """
     before = signal.getsignal(signal.SIGINT)
     # a handler that is no Python function interrupts nothing here, and only the main thread may set one
     if before is None or isinstance(before, int) or threading.current_thread() is not threading.main_thread():
-        yield lambda: None
+        yield
         return
     handler, pending = before, list[Any]()
-
-    def check() -> None:
-        if pending:
-            handler(signal.SIGINT, pending.pop())
-
     signal.signal(signal.SIGINT, lambda _, frame: pending.append(frame))
     try:
-        yield check
+        yield
     finally:
         signal.signal(signal.SIGINT, before)
-    check()
-
-
-def _stamp() -> str:
-    """Return a hash of all the kernels' sources."""
-    sources = sorted({item.loops.__code__.co_filename for item in KERNELS})
-    return sha256(b"".join(Path(source).read_bytes() for source in sources)).hexdigest()
-
-
-def _compile(item: Kernel, stamp: str) -> tuple[Any, bool]:
-    # imported here for its weight: only runs need it
-    from .cache import compiled
-
-    # numba's cache goes by a kernel's own file; those it calls may be in others. It goes by what a function closes over
-    # as well, which is where the stamp of all files is put
-    code = item.loops.__code__.replace(co_freevars=("stamp",))
-    loops = FunctionType(code, item.namespace, item.name, None, (CellType(stamp),))
-    loops.__module__, loops.__doc__ = item.loops.__module__, item.loops.__doc__
-    return compiled(loops, item.signature)
+    if pending:
+        handler(signal.SIGINT, pending.pop())

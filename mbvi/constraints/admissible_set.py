@@ -20,7 +20,8 @@ from .rows import STILL, Array, Constraint, Rows, stacked
 _MOST_REMEMBERING = 60
 
 
-def _use_up_plain(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
+@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def _use_up(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
     """Take what was travelled from what constraints have to spare; return one bit for each that must be asked.
 
     Parameters
@@ -32,13 +33,6 @@ def _use_up_plain(moved: Array, envelope: Array, travel: Array, spare: Array) ->
     spare : ndarray, shape (n,)
         How far each is from closing; -inf where it must be asked in any case.
     """
-    travel += np.abs(moved)
-    spare -= envelope @ np.abs(moved)
-    return sum(1 << k for k in range(len(spare)) if not spare[k] >= 0.0)
-
-
-@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1])", plain=_use_up_plain)
-def _use_up(moved: Array, envelope: Array, travel: Array, spare: Array) -> int:
     n, nv = envelope.shape
     asked = 0
     for k in range(n):

@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel
-from ..geometry import support_points as standing
 from ..geometry.collinear import unique_along
 from ..geometry.shapes import HalfSpace, PlacedShape
-from ..system import System, articulated
+from ..geometry.support_points import lowest, stand
+from ..system import System
+from ..system.articulated import row
 from .pairs import Array, Contacts, Pairs
 from .rows import Rows
 
@@ -62,7 +63,11 @@ class _Selection:
     near: _Near
 
 
-def _touch_plain(
+@kernel(
+    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8, f8[::1], i8[::1], f8[::1],"
+    " f8[:,::1], f8[:,::1])"
+)
+def _touch(
     poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
     budget: Array, index: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
@@ -90,44 +95,20 @@ def _touch_plain(
     same : bool
         Whether they are those of the last time; only then are gap, point and rows written in full.
     """
-    gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
-    standing.stand_plain(poses, owners, numbers, gaps, points)
-    found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
-    budget[pair] = np.inf
-    np.minimum.at(budget, pair, gaps)
-    same = np.array_equal(index[1 : 1 + index[0]], found)
-    index[0], index[1 : 1 + len(found)] = len(found), found
-    if same:
-        gap[:], point[:] = gaps[found], points[found]
-        world = np.zeros(len(found), np.int64)
-        up = numbers[found, 12:15]
-        articulated.separation_plain(columns, support, world, owners[found, 0], point, up, rows)
-    return len(found), bool((budget[pair] > tolerance).any()), same
-
-
-@kernel(
-    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8, f8[::1], i8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1])",
-    plain=_touch_plain,
-)
-def _touch(
-    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
-    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
-) -> tuple[int, bool, bool]:  # fmt: skip
     out = np.empty(4)
     count, vain, same, room = 0, False, True, len(gap)
     for i in range(len(owners)):
         budget[owners[i, 1]] = np.inf
     for i in range(len(owners)):
         body, pair = owners[i, 0], owners[i, 1]
-        standing.lowest(poses, body, numbers, i, out)
+        lowest(poses, body, numbers, i, out)
         budget[pair] = min(budget[pair], out[3])
         if out[3] <= tolerance:
             same = same and count < room and index[1 + count] == i
             index[1 + count] = i
             if same:
                 point[count, 0], point[count, 1], point[count, 2], gap[count] = out[0], out[1], out[2], out[3]
-                articulated.row(columns, support[0], support[body], out, numbers[i, 12:15], rows[count])
+                row(columns, support[0], support[body], out, numbers[i, 12:15], rows[count])
             count += 1
     same = same and count == index[0]
     index[0] = count
@@ -255,7 +236,7 @@ class HalfSpaceContacts(Pairs):
             places = self.system.kinematics(q).poses  # type: ignore[attr-defined]
         else:
             places = self.system.placements(q, selection.bodies)
-        standing.stand(places, selection.owners, selection.numbers, gap, point)
+        stand(places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
     def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:

@@ -11,7 +11,8 @@ from .rebuilt import Rebuilt
 from .rows import NO_POINT, Array, Rows
 
 
-def _reached_plain(
+@kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])")
+def _reached(
     where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
     """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths.
@@ -34,19 +35,6 @@ def _reached_plain(
     same : bool
         Whether those reached are those of the last time.
     """
-    gaps = sign * where + offset
-    reached = np.flatnonzero(lever * gaps <= tolerance)
-    same = np.array_equal(index[1 : 1 + index[0]], reached)
-    index[0], index[1 : 1 + len(reached)] = len(reached), reached
-    if same:
-        gap[:] = gaps[reached]
-    return float((lever * gaps).min()), same
-
-
-@kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])", plain=_reached_plain)
-def _reached(
-    where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
-) -> tuple[float, bool]:
     count, nearest, same = 0, np.inf, True
     for a in range(len(sign)):
         here = sign[a] * where[a] + offset[a]

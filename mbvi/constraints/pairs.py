@@ -35,7 +35,8 @@ class Contacts(NamedTuple):
     normal: Array
 
 
-def _spend_plain(budget: Array, reach: Array, travel: Array, tolerance: float, due: Array) -> tuple[int, float]:
+@kernel("Tuple((i8, f8))(f8[::1], f8[:,::1], f8[::1], f8, i8[::1])")
+def _spend(budget: Array, reach: Array, travel: Array, tolerance: float, due: Array) -> tuple[int, float]:
     """Take the travel from the budgets; return how many are spent, and the least that another has left.
 
     Parameters
@@ -51,15 +52,6 @@ def _spend_plain(budget: Array, reach: Array, travel: Array, tolerance: float, d
     due : ndarray of int, shape (n,)
         Receives the pairs whose budgets are spent, ascending, in its first places.
     """
-    budget -= travel @ reach
-    travel[:] = 0.0
-    spent = budget <= tolerance
-    due[: spent.sum()] = spent.nonzero()[0]
-    return int(spent.sum()), float(np.where(spent, np.inf, budget - tolerance).min(initial=np.inf))
-
-
-@kernel("Tuple((i8, f8))(f8[::1], f8[:,::1], f8[::1], f8, i8[::1])", plain=_spend_plain)
-def _spend(budget: Array, reach: Array, travel: Array, tolerance: float, due: Array) -> tuple[int, float]:
     nv, n = reach.shape
     for k in range(nv):
         if travel[k] != 0.0:
@@ -76,7 +68,8 @@ def _spend(budget: Array, reach: Array, travel: Array, tolerance: float, due: Ar
     return count, spare
 
 
-def sift_plain(pair: Array, gap: Array, tolerance: float, budget: Array, near: Array) -> tuple[int, bool]:
+@kernel("Tuple((i8, b1))(i8[::1], f8[::1], f8, f8[::1], i8[::1])")
+def sift(pair: Array, gap: Array, tolerance: float, budget: Array, near: Array) -> tuple[int, bool]:
     """Find the contacts within the tolerance; the budget of a pair that has none is its least gap.
 
     Parameters
@@ -97,17 +90,6 @@ def sift_plain(pair: Array, gap: Array, tolerance: float, budget: Array, near: A
     vain : bool
         Whether some pair has none.
     """
-    inside = gap <= tolerance
-    count = int(inside.sum())
-    near[:count] = inside.nonzero()[0]
-    budget[pair] = np.inf
-    np.minimum.at(budget, pair, gap)
-    return count, bool((budget[pair] > tolerance).any())
-
-
-@kernel("Tuple((i8, b1))(i8[::1], f8[::1], f8, f8[::1], i8[::1])", plain=sift_plain)
-def sift(pair: Array, gap: Array, tolerance: float, budget: Array, near: Array) -> tuple[int, bool]:
-    """Loops of `sift_plain`."""
     count, vain = 0, False
     for i in range(len(gap)):
         budget[pair[i]] = np.inf

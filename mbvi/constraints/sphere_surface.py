@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..compiled import plain_array
-from ..geometry import triangles
 from ..geometry.shapes import PlacedShape
+from ..geometry.triangles import Cells, Surface, near_triangles, nearest_on_triangles, sorted_into_cells
 from ..system import System
 from .pairs import Contacts
 from .rows import Array, Rows
@@ -47,7 +47,7 @@ class SphereSurface:
         self,
         system: System,
         spheres: Sequence[PlacedShape],
-        surface: triangles.Surface,
+        surface: Surface,
         name: str,
         restitution: Array,
     ) -> None:
@@ -59,7 +59,7 @@ class SphereSurface:
         self._corners = surface.vertices[surface.triangles]
         self._largest = float(self._radii.max())
         self._reach, self._room = -np.inf, 4 * len(spheres)
-        self._cells: triangles.Cells | None = None
+        self._cells: Cells | None = None
 
     @property
     def size(self) -> int:
@@ -139,20 +139,20 @@ class SphereSurface:
         if not np.isfinite(tolerance):
             sphere, triangle = np.repeat(np.arange(self.size), count), np.tile(np.arange(count), self.size)
             a, b, c = self._corners[triangle].transpose(1, 0, 2)
-            foot, feature = triangles.nearest_on_triangles(a, b, c, centres[sphere])
+            foot, feature = nearest_on_triangles(a, b, c, centres[sphere])
             return sphere, triangle, feature, foot
         # all that have a feature see its nearest point at one distance but for rounding
         tolerance += _ROUNDING * (self._largest + self._surface.bound)
         if self._cells is None or tolerance > self._reach:
             # with room, for reach grows with speeds
             self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
-            self._cells = triangles.sorted_into_cells(self._corners, self._largest + self._reach)
+            self._cells = sorted_into_cells(self._corners, self._largest + self._reach)
         centres = plain_array(centres)
         while True:
             k = self._room
             sphere, triangle, feature = np.empty(k, np.int64), np.empty(k, np.int64), np.empty(k, np.int64)
             foot = np.empty((k, 3))
-            found = triangles.near_triangles(
+            found = near_triangles(
                 centres, self._radii, self._corners, *self._cells, tolerance, sphere, triangle, feature, foot
             )
             if found <= k:

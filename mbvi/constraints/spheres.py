@@ -12,7 +12,8 @@ from ..system.sparse_rows import dense
 from .rows import Array, Rows
 
 
-def _touching_plain(
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
+def _touching(
     centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
 ) -> int:
     """Write the pairs of spheres within the tolerance; return how many there are.
@@ -31,26 +32,6 @@ def _touching_plain(
         Receive, in their first places, the pair, its signed distance, the point midway between the surfaces, and the
         unit normal from i to j.
     """
-    i, j = np.divmod(pairs, len(radii))
-    apart = centres[j] - centres[i]
-    length = np.sqrt(np.vecdot(apart, apart))
-    gaps = length - radii[i] - radii[j]
-    near = gaps <= tolerance
-    count, length, i = int(near.sum()), length[near, None], i[near]
-    number[:count], gap[:count] = pairs[near], gaps[near]
-    # coinciding centres have no direction; any will do to push them apart
-    normal[:count] = np.where(length > 0.0, apart[near] / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
-    point[:count] = centres[i] + (radii[i] + 0.5 * gap[:count])[:, None] * normal[:count]
-    return count
-
-
-@kernel(
-    "i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
-    plain=_touching_plain,
-)
-def _touching(
-    centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
-) -> int:
     n, count = len(radii), 0
     for k in range(len(pairs)):
         i = pairs[k] // n

@@ -26,18 +26,9 @@ def unique_along(points: Array, line: Array) -> Array:
     return kept[: _first_of_lines(plain_array(points), plain_array(line), kept)]
 
 
-def _first_of_lines_plain(points: Array, line: Array, kept: Array) -> int:
-    """Write which points `unique_along` keeps into the first places of `kept`; return how many."""
-    flat = points - (points @ line)[:, None] * line
-    beside = np.abs(flat[:, None] - flat).max(axis=2)
-    size = np.ptp(points, axis=0).max(initial=0.0)
-    first = np.flatnonzero(~np.tril(beside <= _BESIDE * size, -1).any(axis=1))
-    kept[: len(first)] = first
-    return len(first)
-
-
-@kernel("i8(f8[:,::1], f8[::1], i8[::1])", plain=_first_of_lines_plain)
+@kernel("i8(f8[:,::1], f8[::1], i8[::1])")
 def _first_of_lines(points: Array, line: Array, kept: Array) -> int:
+    """Write which points `unique_along` keeps into the first places of `kept`; return how many."""
     size, count = 0.0, 0
     for c in range(3):
         least, most = np.inf, -np.inf

@@ -11,7 +11,8 @@ from ..compiled import kernel
 FACING = 0.1
 
 
-def _leave_plain(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
+@kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
+def _leave(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
     """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m].
 
     Parameters
@@ -21,13 +22,6 @@ def _leave_plain(points: Array, direction: Array, normals: Array, offsets: Array
     way : ndarray, shape (k,)
         Receives the result.
     """
-    slope = normals @ direction
-    met = slope > FACING
-    way[:] = ((offsets[met] - points @ normals[met].T) / slope[met]).min(axis=1, initial=np.inf)
-
-
-@kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])", plain=_leave_plain)
-def _leave(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
     for i in range(len(points)):
         way[i] = np.inf
     for f in range(len(offsets)):
@@ -39,13 +33,9 @@ def _leave(points: Array, direction: Array, normals: Array, offsets: Array, way:
                 way[i] = min(way[i], room / slope)
 
 
-def _most_facing_plain(normals: Array, direction: Array) -> int:
-    """Return the face whose normal, of those of shape (f, 3), is nearest to a direction."""
-    return int(np.argmax(normals @ direction))
-
-
-@kernel("i8(f8[:,::1], f8[::1])", plain=_most_facing_plain)
+@kernel("i8(f8[:,::1], f8[::1])")
 def _most_facing(normals: Array, direction: Array) -> int:
+    """Return the face whose normal, of those of shape (f, 3), is nearest to a direction."""
     best, largest = 0, -np.inf
     for f in range(len(normals)):
         along = normals[f, 0] * direction[0] + normals[f, 1] * direction[1] + normals[f, 2] * direction[2]

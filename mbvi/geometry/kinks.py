@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from . import normal_search as search
+from .normal_search import PARALLEL, dot, make_normal, normalise, separation_along, span, swell_along
 
 # kinks that the first active set consists of, and how far n is turned off one that it leaves [rad]
 NEAR_KINK = 1e-3
@@ -40,7 +40,7 @@ def has(kinks: Array, count: int, kind: int, who: int, vertex: int) -> bool:
 @kernel("b1(f8[:,::1])")
 def is_disk(axes: Array) -> bool:
     """Return whether half axes, shape (3, 3), are those of a disk."""
-    return search.dot(axes[2], axes[2]) == 0.0 and search.dot(axes[0], axes[0]) > 0.0
+    return dot(axes[2], axes[2]) == 0.0 and dot(axes[0], axes[0]) > 0.0
 
 
 @kernel("f8(f8[:,::1], i8, i8, f8[::1])")
@@ -85,9 +85,9 @@ def next_kink(
     """
     best, found = within, False
     for k in range(6):
-        length = np.sqrt(search.dot(edge[k], edge[k]))
+        length = np.sqrt(dot(edge[k], edge[k]))
         if length > 0.0 and not has(kinks, count, SEGMENT, k, 0):
-            angle = sign[k] * search.dot(edge[k], n) / length
+            angle = sign[k] * dot(edge[k], n) / length
             if angle < best:
                 best, found = angle, True
                 kink[0], kink[1], kink[2] = SEGMENT, k, 0
@@ -100,7 +100,7 @@ def next_kink(
                     best, found = angle, True
                     kink[0], kink[1], kink[2] = EDGE, who, v
         if disks and is_disk(swell[who]):
-            angle = search.swell_along(swell[who], n) / np.sqrt(search.dot(swell[who, 0], swell[who, 0]))
+            angle = swell_along(swell[who], n) / np.sqrt(dot(swell[who, 0], swell[who, 0]))
             if angle < best:
                 best, found = angle, True
                 kink[0], kink[1], kink[2] = DISK, who, 0
@@ -112,22 +112,22 @@ def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Arra
     """Write an orthonormal basis of what of one shape n is normal to, within rounding; return its size."""
     found, m = np.empty((8, 3)), 0
     for k in range(3 * who, 3 * who + 3):
-        length = np.sqrt(search.dot(edge[k], edge[k]))
-        if length > 0.0 and abs(search.dot(edge[k], n)) <= search.PARALLEL * length:
+        length = np.sqrt(dot(edge[k], edge[k]))
+        if length > 0.0 and abs(dot(edge[k], n)) <= PARALLEL * length:
             found[m] = edge[k]
             m += 1
     if is_disk(swell[who]):
-        radius = np.sqrt(search.dot(swell[who, 0], swell[who, 0]))
-        if search.swell_along(swell[who], n) <= search.PARALLEL * radius:
+        radius = np.sqrt(dot(swell[who, 0], swell[who, 0]))
+        if swell_along(swell[who], n) <= PARALLEL * radius:
             found[m], found[m + 1] = swell[who, 0], swell[who, 1]
             m += 2
     for v in range(len(points)):
         # a few edges tell the plane of a face
-        if m < 8 and v != base and abs(_rise(points, base, v, n)) <= search.PARALLEL:
+        if m < 8 and v != base and abs(_rise(points, base, v, n)) <= PARALLEL:
             for c in range(3):
                 found[m, c] = points[v, c] - points[base, c]
             m += 1
-    return search.span(found, m, basis)
+    return span(found, m, basis)
 
 
 @kernel("b1(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
@@ -140,7 +140,7 @@ def is_flat(n: Array, edge: Array, swell: Array, first: Array, second: Array, ba
         return False
     both[:a], both[a : a + b] = one[:a], other[:b]
     # what n is normal to has two dimensions
-    return a + b > min(search.span(both, a + b, basis), 2)
+    return a + b > min(span(both, a + b, basis), 2)
 
 
 @kernel(
@@ -159,7 +159,7 @@ def add(
     kinks[count] = kink
     m = directions(kinks, count + 1, edge, swell, first, second, base, found)
     scratch[:] = n
-    if m <= 2 and search.span(found, m, basis) == m and search.make_normal(scratch, basis, m):
+    if m <= 2 and span(found, m, basis) == m and make_normal(scratch, basis, m):
         return count + 1
     best, chosen = -np.inf, -1
     for out in range(count):
@@ -169,18 +169,18 @@ def add(
                 trial[size] = kinks[i]
                 size += 1
         m = directions(trial, size, edge, swell, first, second, base, found)
-        rank = search.span(found, m, basis)
+        rank = span(found, m, basis)
         scratch[:] = n
-        if rank < m or rank > 2 or not search.make_normal(scratch, basis, rank):
+        if rank < m or rank > 2 or not make_normal(scratch, basis, rank):
             continue
-        apart = search.separation_along(scratch, between, ball, edge, swell, first, second)
+        apart = separation_along(scratch, between, ball, edge, swell, first, second)
         if apart > best:
             best, chosen = apart, out
     if chosen < 0:
         return -1
     if kinks[chosen, 0] == SEGMENT:
         k = kinks[chosen, 1]
-        sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
+        sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
     for i in range(chosen, count):
         kinks[i] = kinks[i + 1]
     return count
@@ -190,10 +190,10 @@ def add(
 def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
     """Write the shares of at most two vectors that a slope in their span consists of."""
     if m == 1:
-        t[0] = search.dot(slope, found[0]) / search.dot(found[0], found[0])
+        t[0] = dot(slope, found[0]) / dot(found[0], found[0])
     elif m == 2:
-        aa, ab, bb = search.dot(found[0], found[0]), search.dot(found[0], found[1]), search.dot(found[1], found[1])
-        a, b = search.dot(slope, found[0]), search.dot(slope, found[1])
+        aa, ab, bb = dot(found[0], found[0]), dot(found[0], found[1]), dot(found[1], found[1])
+        a, b = dot(slope, found[0]), dot(slope, found[1])
         det = aa * bb - ab * ab
         t[0], t[1] = (bb * a - ab * b) / det, (aa * b - ab * a) / det
 
@@ -227,10 +227,10 @@ def release(
         sign[kinks[out, 1]] = 1 if t[out] > 0.0 else -1
     elif kinks[out, 0] == DISK:
         left[kinks[out, 1]] = True
-        towards = np.sqrt((t[0] ** 2 + t[1] ** 2) * search.dot(found[0], found[0]))
+        towards = np.sqrt((t[0] ** 2 + t[1] ** 2) * dot(found[0], found[0]))
         for c in range(3):
             n[c] += NEAR_KINK * (t[0] * found[0, c] + t[1] * found[1, c]) / towards
-        search.normalise(n)
+        normalise(n)
     for i in range(out, count - 1):
         kinks[i] = kinks[i + 1]
     return count - 1

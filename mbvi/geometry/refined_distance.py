@@ -12,8 +12,21 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from . import kinks as kinked
-from . import normal_search as search
+from .kinks import (
+    DISK,
+    NEAR_KINK,
+    ROUNDING,
+    SEGMENT,
+    add,
+    directions,
+    has,
+    is_disk,
+    is_flat,
+    multipliers,
+    next_kink,
+    release,
+)
+from .normal_search import climb, dot, farthest, gradient, make_normal, separation_along, span
 from .separating_axis import SeparatingAxes
 
 # active sets that are tried, and kinks for the first of them
@@ -41,7 +54,7 @@ def _outermost(points: Array, n: Array) -> int:
     """Return which of points, shape (k, 3), is farthest along n."""
     best = 0
     for k in range(1, len(points)):
-        if search.dot(points[k], n) > search.dot(points[best], n):
+        if dot(points[k], n) > dot(points[best], n):
             best = k
     return best
 
@@ -58,13 +71,13 @@ def _midpoint(
     for c in range(3):
         nearest[c] = place[3, c] + vertex[c] + at[0, c] + (sizes[3] + 0.5 * apart) * n[c]
         for k in range(3):
-            if not kinked.has(kinks, count, kinked.SEGMENT, k, 0):
+            if not has(kinks, count, SEGMENT, k, 0):
                 nearest[c] += sign[k] * edge[k, c]
     m = 0
     for i in range(count):
         kind, who, _ = kinks[i]
-        for _ in range(2 if kind == kinked.DISK else 1):
-            if who < 3 if kind == kinked.SEGMENT else who == 0:
+        for _ in range(2 if kind == DISK else 1):
+            if who < 3 if kind == SEGMENT else who == 0:
                 for c in range(3):
                     nearest[c] += t[m] * found[m, c]
             m += 1
@@ -78,17 +91,15 @@ def _first_set(
     tried, kink, near, count = np.zeros((_MOST_TRIED, 3), np.int64), np.zeros(3, np.int64), np.empty(3), 0
     found, basis = np.empty((6, 3)), np.empty((3, 3))
     for turn in range(_MOST_TRIED):
-        if not kinked.next_kink(
-            n, kinked.NEAR_KINK, count == 0, kink, tried, turn, edge, sign, swell, first, second, base
-        ):
+        if not next_kink(n, NEAR_KINK, count == 0, kink, tried, turn, edge, sign, swell, first, second, base):
             break
         tried[turn] = kink
         kinks[count] = kink
-        m = kinked.directions(kinks, count + 1, edge, swell, first, second, base, found)
+        m = directions(kinks, count + 1, edge, swell, first, second, base, found)
         near[:] = n
-        if search.span(found, m, basis) < m or m > 2 or not search.make_normal(near, basis, m):
+        if span(found, m, basis) < m or m > 2 or not make_normal(near, basis, m):
             continue
-        if search.dot(near, n) > _ABOUT:
+        if dot(near, n) > _ABOUT:
             count += 1
             if m == 2:
                 break
@@ -133,67 +144,67 @@ def _refine(
         between[c] = other_place[3, c] - place[3, c]
         size += abs(between[c])
     for k in range(6):
-        sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
-    given = search.separation_along(n, between, ball, edge, swell, first, second)
+        sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
+    given = separation_along(n, between, ball, edge, swell, first, second)
     kinks, kink, count = np.zeros((3, 3), np.int64), np.zeros(3, np.int64), 0
     found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.zeros(2, np.bool_)
     count = _first_set(n, kinks, edge, sign, swell, first, second, base)
     start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.zeros(2)
     for _ in range(_MOST_SETS):
-        m = kinked.directions(kinks, count, edge, swell, first, second, base, found)
-        rank = search.span(found, m, basis)
-        if rank < m or rank > 2 or not search.make_normal(n, basis, rank):
+        m = directions(kinks, count, edge, swell, first, second, base, found)
+        rank = span(found, m, basis)
+        if rank < m or rank > 2 or not make_normal(n, basis, rank):
             return FAILED, 0.0
         used[:] = swell
-        if count > 0 and kinks[0, 0] == kinked.DISK:
+        if count > 0 and kinks[0, 0] == DISK:
             used[kinks[0, 1]] = 0.0
         for c in range(3):
             pull[c] = between[c] - first[base[0], c] - second[base[1], c]
         for k in range(6):
-            if not kinked.has(kinks, count, kinked.SEGMENT, k, 0):
+            if not has(kinks, count, SEGMENT, k, 0):
                 for c in range(3):
                     pull[c] -= sign[k] * edge[k, c]
         start[:] = n
-        if rank < 2 and not search.climb(n, pull, used, basis, rank):
+        if rank < 2 and not climb(n, pull, used, basis, rank):
             # along the axis of a disk there is no gradient
-            who = 0 if kinked.is_disk(swell[0]) and not left[0] else 1
-            if left[who] or not kinked.is_disk(swell[who]):
+            who = 0 if is_disk(swell[0]) and not left[0] else 1
+            if left[who] or not is_disk(swell[who]):
                 return FAILED, 0.0
             left[who], count = True, 1
-            kinks[0, 0], kinks[0, 1], kinks[0, 2] = kinked.DISK, who, 0
+            kinks[0, 0], kinks[0, 1], kinks[0, 2] = DISK, who, 0
             for k in range(6):
-                sign[k] = 1 if search.dot(edge[k], n) >= 0.0 else -1
+                sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
             continue
-        if kinked.next_kink(n, -kinked.ROUNDING, False, kink, kinks, count, edge, sign, swell, first, second, base):
+        if next_kink(n, -ROUNDING, False, kink, kinks, count, edge, sign, swell, first, second, base):
             # beyond the kink there is another slope: back to it unless that is higher
-            apart = search.separation_along(n, between, ball, edge, swell, first, second)
-            if apart < search.separation_along(start, between, ball, edge, swell, first, second):
+            apart = separation_along(n, between, ball, edge, swell, first, second)
+            if apart < separation_along(start, between, ball, edge, swell, first, second):
                 n[:] = start
-            count = kinked.add(n, slope, kink, kinks, count, between, ball, edge, sign, swell, first, second, base)
+            count = add(n, slope, kink, kinks, count, between, ball, edge, sign, swell, first, second, base)
             if count < 0:
                 return FAILED, 0.0
             continue
-        apart = search.separation_along(n, between, ball, edge, swell, first, second)
-        if m > 0 and kinked.is_flat(n, edge, swell, first, second, base):
-            return (FLAT if apart >= given - kinked.ROUNDING * size else FAILED), apart
-        search.gradient(n, used, pull, at, slope)
-        along = search.dot(slope, n)
+        apart = separation_along(n, between, ball, edge, swell, first, second)
+        if m > 0 and is_flat(n, edge, swell, first, second, base):
+            return (FLAT if apart >= given - ROUNDING * size else FAILED), apart
+        gradient(n, used, pull, at, slope)
+        along = dot(slope, n)
         for c in range(3):
             slope[c] -= along * n[c]
-        kinked.multipliers(slope, found, m, t)
-        remain = kinked.release(n, t, found, kinks, count, sign, base, left)
+        multipliers(slope, found, m, t)
+        remain = release(n, t, found, kinks, count, sign, base, left)
         if remain < count:
             count = remain
             continue
         _midpoint(place, sizes, n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
         # written so that a NaN is refused too
-        return (UNIQUE if apart >= given - kinked.ROUNDING * size else FAILED), apart
+        return (UNIQUE if apart >= given - ROUNDING * size else FAILED), apart
     return FAILED, 0.0
 
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
 def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
-    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear_plain`."""
+    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear`."""
     for side in range(2):
         s = sides[side]
         for k in range(4):
@@ -210,7 +221,7 @@ def _refine_pair(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
     normal: Array, nearest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Call `_refine` for two shapes, `sides`, shape (2,); the first arguments are those of `_clear_plain`."""
+    """Call `_refine` for two shapes, `sides`, shape (2,); the first arguments are those of `_clear`."""
     world = np.empty((2, 4, 3))
     _place_pair(places, frame, fixed, sides, world)
     a, b = sides[0], sides[1]
@@ -230,8 +241,8 @@ def _separate_pair(
         s = sides[side]
         size = sizes[s]
         for k in range(3):
-            local[k] = search.dot(world[side, k], u)
-        apart -= search.dot(world[side, 3], u) + search.farthest(points[first_point[s] : first_point[s + 1]], local)
+            local[k] = dot(world[side, k], u)
+        apart -= dot(world[side, 3], u) + farthest(points[first_point[s] : first_point[s + 1]], local)
         apart -= size[3] + size[4] * np.sqrt(local[0] ** 2 + local[1] ** 2)
         apart -= np.sqrt((size[5] * local[0]) ** 2 + (size[6] * local[1]) ** 2 + (size[7] * local[2]) ** 2)
         for k in range(3):

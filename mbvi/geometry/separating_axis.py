@@ -46,7 +46,8 @@ def _support(shape: Convex) -> _Support:
     return _Support(points=shape.vertices)
 
 
-def _reach_plain(place: Array, u: Array, sizes: Array, points: Array) -> float:
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
+def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
     """Return how far a shape reaches from the world's origin along a unit vector [m].
 
     Parameters
@@ -60,13 +61,6 @@ def _reach_plain(place: Array, u: Array, sizes: Array, points: Array) -> float:
     points : ndarray, shape (k, 3)
         The points of that.
     """
-    x = place[:3] @ u
-    along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
-    return float(place[3] @ u + along + (points @ x).max())
-
-
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1])", plain=_reach_plain)
-def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
     x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
     y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
     z = place[2, 0] * u[0] + place[2, 1] * u[1] + place[2, 2] * u[2]
@@ -82,7 +76,11 @@ def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
     return far
 
 
-def _clear_plain(
+@kernel(
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8, f8[::1],"
+    " i8[::1])"
+)
+def _clear(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
     sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
 ) -> int:  # fmt: skip
@@ -117,37 +115,6 @@ def _clear_plain(
         How many these are.
     """
     count = 0
-    for pair in due:
-        a, b = sides[pair]
-        where = [fixed[s] if frame[s] < 0 else _compose(places[frame[s]], fixed[s]) for s in (a, b)]
-        n = axis[pair] if frame[a] < 0 else axis[pair] @ places[frame[a], :3]
-        shapes = [points[first_point[s] : first_point[s + 1]] for s in (a, b)]
-        gap = -_reach_plain(where[1], -n, sizes[b], shapes[1]) - _reach_plain(where[0], n, sizes[a], shapes[0])
-        if gap > tolerance:
-            budget[pair] = gap
-        else:
-            asked[count] = pair
-            count += 1
-    return count
-
-
-def _compose(outer: Array, inner: Array) -> Array:
-    """Return where a shape is whose place is `inner` in a body at `outer`, both of shape (4, 3)."""
-    place = inner @ outer[:3]
-    place[3] += outer[3]
-    return place
-
-
-@kernel(
-    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8, f8[::1],"
-    " i8[::1])",
-    plain=_clear_plain,
-)
-def _clear(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
-    sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
-) -> int:  # fmt: skip
-    count = 0
     n, back, world = np.empty(3), np.empty(3), np.empty((2, 4, 3))
     for i in range(len(due)):
         pair = due[i]
@@ -180,15 +147,9 @@ def _clear(
     return count
 
 
-def _keep_plain(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
-    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `_clear_plain`."""
-    for pair, normal in zip(pairs, normals, strict=True):
-        body = frame[sides[pair, 0]]
-        axis[pair] = normal if body < 0 else places[body, :3] @ normal
-
-
-@kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])", plain=_keep_plain)
+@kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
 def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `_clear`."""
     for i in range(len(pairs)):
         body = frame[sides[pairs[i], 0]]
         for c in range(3):
@@ -217,7 +178,7 @@ class SeparatingAxes:
     frame : ndarray of int
         For each shape where its body stands among these; -1 for the world.
     supports : tuple of ndarray
-        `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear_plain`.
+        `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear`.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], sides: Array) -> None:

@@ -11,7 +11,8 @@ from ..compiled import kernel
 from .shapes import Capsule, PlacedShape, Sphere
 
 
-def _ball_contacts_plain(
+@kernel("b1(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], i8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
+def _ball_contacts(
     places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
     normal: Array,
 ) -> bool:  # fmt: skip
@@ -34,35 +35,6 @@ def _ball_contacts_plain(
     gap, point, normal : ndarray, shapes (k,), (k, 3), (k, 3)
         Receive signed distances, points midway between the surfaces, and unit normals from the first to the second.
     """
-    for i, pair in enumerate(pairs):
-        a, b = sides[pair]
-        first, second = (
-            ends[s] if frame[s] < 0 else ends[s] @ places[frame[s], :3] + places[frame[s], 3] for s in (a, b)
-        )
-        nearest = _nearest(first, second[0]), _nearest(second, first[0])
-        apart = nearest[1] - nearest[0]
-        length = np.linalg.norm(apart)
-        normal[i] = apart / length if length > 0.0 else np.nan
-        gap[i] = length - radius[a] - radius[b]
-        point[i] = nearest[0] + (radius[a] + 0.5 * gap[i]) * normal[i]
-    return not np.isnan(normal).any()
-
-
-def _nearest(segment: Array, target: Array) -> Array:
-    """Return the point of a segment, shape (2, 3), nearest to a point."""
-    along = segment[1] - segment[0]
-    square = along @ along
-    return segment[0] + (np.clip((target - segment[0]) @ along / square, 0.0, 1.0) * along if square > 0.0 else 0.0)
-
-
-@kernel(
-    "b1(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[::1], i8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
-    plain=_ball_contacts_plain,
-)
-def _ball_contacts(
-    places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
-    normal: Array,
-) -> bool:  # fmt: skip
     fine = True
     world = np.empty((2, 2, 3))
     for i in range(len(pairs)):

@@ -14,7 +14,8 @@ from ..compiled import kernel
 _LEVEL = 1e-9
 
 
-def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
+@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])")
+def lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
     """Write contact point and gap, shape (4,), of one point of a body above a half-space.
 
     Parameters
@@ -26,18 +27,6 @@ def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -
     numbers, i
         As of `_Selection`, and which of its rows.
     """
-    P, number = places[body], numbers[i]
-    swell, up = number[3:12].reshape(3, 3), number[12:15]
-    toward = swell @ (P[:3] @ up)
-    length = np.linalg.norm(toward)
-    lowest = -toward / length if length > _LEVEL * np.abs(swell).max() else np.array([1.0, 0.0, 0.0])
-    world = (number[:3] + lowest @ swell) @ P[:3] + P[3]
-    out[:3], out[3] = world - number[15] * up, world @ up - number[16]
-
-
-@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])", plain=lowest_plain)
-def lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
-    """Loops of `lowest_plain`."""
     P, n = places, numbers
     x, y, z = n[i, 0], n[i, 1], n[i, 2]
     if n[i, 3] != 0.0 or n[i, 4] != 0.0 or n[i, 5] != 0.0:
@@ -64,7 +53,8 @@ def lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None
         out[k] = where - n[i, 15] * n[i, 12 + k]
 
 
-def stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
+@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])")
+def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
     """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
 
     Parameters
@@ -74,19 +64,6 @@ def stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point:
     owners, numbers
         As of `_Selection`.
     """
-    local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
-    R, origin = places[owners[:, 0], :3], places[owners[:, 0], 3]
-    toward = np.matvec(swell, np.matvec(R, up))
-    length = np.sqrt(np.vecdot(toward, toward))[:, None]
-    tilted = length > _LEVEL * np.abs(swell).max(axis=(1, 2), initial=0.0)[:, None]
-    lowest = np.where(tilted, -toward / np.where(tilted, length, 1.0), np.array([1.0, 0.0, 0.0]))
-    world = np.vecmat(local + np.vecmat(lowest, swell), R) + origin
-    gap[:], point[:] = np.vecdot(world, up) - numbers[:, 16], world - numbers[:, 15:16] * up
-
-
-@kernel("void(f8[:,:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1])", plain=stand_plain)
-def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
-    """Loops of `stand_plain`."""
     out = np.empty(4)
     for i in range(len(owners)):
         lowest(places, owners[i, 0], numbers, i, out)

@@ -138,7 +138,11 @@ def sorted_into_cells(corners: Array, reach: float) -> Cells:
     return Cells(low, edge, shape, start, triangle[order])
 
 
-def near_triangles_plain(
+@kernel(
+    "i8(f8[:,::1], f8[::1], f8[:,:,::1], f8[::1], f8, i8[::1], i8[::1], i8[::1], f8, i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1])"
+)
+def near_triangles(
     centres: Array, radii: Array, corners: Array, low: Array, edge: float, shape: Array, start: Array, listed: Array,
     tolerance: float, sphere: Array, triangle: Array, feature: Array, foot: Array,
 ) -> int:  # fmt: skip
@@ -158,33 +162,6 @@ def near_triangles_plain(
         Receive who they are, on which feature of the triangle its nearest point lies, and that point; in order of
         spheres, and as triangles are listed.
     """
-    place = np.floor((centres - low) / edge).astype(np.int64)
-    inside = np.flatnonzero(((place >= 0) & (place < shape)).all(axis=1))
-    x, y, z = place[inside].T
-    cell = (x * shape[1] + y) * shape[2] + z
-    number = start[cell + 1] - start[cell]
-    first = np.repeat(start[cell] - np.cumsum(number) + number, number)
-    s, t = np.repeat(inside, number), listed[first + np.arange(int(number.sum()))]
-    a, b, c = corners[t].transpose(1, 0, 2)
-    feet, features = nearest_on_triangles(a, b, c, centres[s])
-    away = centres[s] - feet
-    near = np.flatnonzero(np.sqrt(np.vecdot(away, away)) - radii[s] <= tolerance)
-    fit = near[: len(sphere)]
-    count = len(fit)
-    sphere[:count], triangle[:count], feature[:count], foot[:count] = s[fit], t[fit], features[fit], feet[fit]
-    return len(near)
-
-
-@kernel(
-    "i8(f8[:,::1], f8[::1], f8[:,:,::1], f8[::1], f8, i8[::1], i8[::1], i8[::1], f8, i8[::1], i8[::1], i8[::1],"
-    " f8[:,::1])",
-    plain=near_triangles_plain,
-)
-def near_triangles(
-    centres: Array, radii: Array, corners: Array, low: Array, edge: float, shape: Array, start: Array, listed: Array,
-    tolerance: float, sphere: Array, triangle: Array, feature: Array, foot: Array,
-) -> int:  # fmt: skip
-    """Loops of `near_triangles_plain`."""
     count = 0
     ab, ac, rest = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(radii)):

@@ -13,7 +13,8 @@ _LEVELS = 24
 _FEWEST, _MOST = 6, 20
 
 
-def _near_balls_plain(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, i8[::1])")
+def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
     """Write the pairs of balls whose gap is at most `reach`; return how many there are, more than fit or not.
 
     Parameters
@@ -31,16 +32,6 @@ def _near_balls_plain(centres: Array, radii: Array, level: Array, cell: Array, r
     pairs : ndarray of int, shape (k,)
         Receives i n + j with i < j, in no order.
     """
-    n = len(radii)
-    apart = np.linalg.norm(centres[:, None] - centres, axis=2) - radii[:, None] - radii
-    i, j = np.nonzero(np.triu(apart <= reach, 1))
-    count = min(len(i), len(pairs))
-    pairs[:count] = (i * n + j)[:count]
-    return len(i)
-
-
-@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, i8[::1])", plain=_near_balls_plain)
-def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
     n, levels = len(radii), len(cell)
     size = 16
     while size < 2 * n:

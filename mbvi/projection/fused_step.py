@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import plain_array
-from . import robot_step
 from .free_motion import FreeMotion
 from .metric import Array, Metric
+from .robot_step import law, press, tree_law
 from .scaled_qp import Projection
 from .tree import TreeFreeMotion
 
@@ -33,7 +33,7 @@ class FusedStep:
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
         A = plain_array(metric.solve_rows(J))
-        residual = robot_step.press(J, A, x, lower, last, velocity, rates)
+        residual = press(J, A, x, lower, last, velocity, rates)
         return Projection(velocity, rates[0], residual) if residual < np.inf else None
 
     def law(
@@ -42,8 +42,8 @@ class FusedStep:
         """Return what `Projector.law` does, or None if it is not at rounding."""
         velocity, rates = np.empty(len(v)), np.empty((4, len(e)))
         if type(motion) is TreeFreeMotion:
-            residual = robot_step.tree_law(*motion.told, J, e, last, velocity, rates)
+            residual = tree_law(*motion.told, J, e, last, velocity, rates)
         else:
             A = plain_array(motion.metric.solve_rows(J))
-            residual = robot_step.law(J, A, plain_array(v), e, plain_array(motion.free), last, velocity, rates)
+            residual = law(J, A, plain_array(v), e, plain_array(motion.free), last, velocity, rates)
         return (velocity, rates, residual) if residual < np.inf else None

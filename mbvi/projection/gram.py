@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from ..compiled import kernel
 from .metric import Array
 
 
-def gram_plain(
-    data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array
-) -> int:
+@kernel("i8(f8[::1], u4[::1], u4[::1], i8, u4[::1], u4[::1], f8[::1])")
+def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
     """Write U U' of sparse rows U, row after row with columns ascending; return how many entries it has.
 
     Parameters
@@ -24,21 +21,6 @@ def gram_plain(
     out_starts, out_columns, out : ndarray, shapes (m + 1,), (c,), (c,)
         Receive U U', unless it has more than c entries.
     """
-    U = csr_array((data, columns, starts), shape=(len(starts) - 1, n))
-    # by what is stored, zeros among it
-    full, stored = (U @ U.T).toarray(), abs(U).sign()
-    stored.data[:] = 1.0
-    where = np.nonzero((stored @ stored.T).toarray())
-    count = len(where[0])
-    if count <= len(out):
-        out_starts[:] = np.searchsorted(where[0], np.arange(len(out_starts)))
-        out_columns[:count], out[:count] = where[1], full[where]
-    return count
-
-
-@kernel("i8(f8[::1], u4[::1], u4[::1], i8, u4[::1], u4[::1], f8[::1])", plain=gram_plain)
-def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
-    """Loops of `gram_plain`."""
     m, room = len(starts) - 1, len(out)
     # U column after column
     first = np.zeros(n + 1, np.int64)
@@ -95,7 +77,8 @@ def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, 
     return count
 
 
-def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
+@kernel("i8(u4[::1], u4[::1], i8, b1[::1], i8[::1])")
+def islands(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
     """Write which island each row is in, of rows that share columns, numbered by first rows; return how many.
 
     Parameters
@@ -109,19 +92,6 @@ def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Arr
     label : ndarray of int, shape (m,)
         Receives the island of each row, -1 where it is not kept.
     """
-    there = csr_array((np.ones(len(columns)), columns, starts), shape=(len(kept), n))[kept]
-    found = connected_components(there @ there.T, directed=False)[1]
-    _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    label[:] = -1
-    label[kept] = rank[inverse]
-    return len(first)
-
-
-@kernel("i8(u4[::1], u4[::1], i8, b1[::1], i8[::1])", plain=islands_plain)
-def islands(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
-    """Loops of `islands_plain`."""
     parent, number = np.arange(n), np.full(n, -1)
     for a in range(len(kept)):
         if not kept[a]:

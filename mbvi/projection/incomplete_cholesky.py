@@ -11,7 +11,8 @@ from .metric import Array
 _LEAST = 1e-3
 
 
-def incomplete_cholesky_plain(
+@kernel("b1(u4[::1], u4[::1], f8[::1], f8, u4[::1], u4[::1], f8[::1])")
+def incomplete_cholesky(
     starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
 ) -> bool:
     """Write a lower triangular L with L L' near G + shift, where G has entries; or return False at a lost pivot.
@@ -27,31 +28,6 @@ def incomplete_cholesky_plain(
     places, L : ndarray, shape (c,), c >= (k + n) / 2
         Receive columns and values.
     """
-    n = len(starts) - 1
-    full, count = np.zeros((n, n)), 0
-    rows[0] = 0
-    for i in range(n):
-        for k in range(starts[i], starts[i + 1]):
-            j = columns[k]
-            if j < i:
-                full[i, j] = (G[k] - full[i, :j] @ full[j, :j]) / full[j, j]
-                places[count], L[count] = j, full[i, j]
-                count += 1
-        pivot = 1.0 + shift - full[i, :i] @ full[i, :i]
-        if not pivot > _LEAST:
-            return False
-        full[i, i] = np.sqrt(pivot)
-        places[count], L[count] = i, full[i, i]
-        count += 1
-        rows[i + 1] = count
-    return True
-
-
-@kernel("b1(u4[::1], u4[::1], f8[::1], f8, u4[::1], u4[::1], f8[::1])", plain=incomplete_cholesky_plain)
-def incomplete_cholesky(
-    starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
-) -> bool:
-    """Loops of `incomplete_cholesky_plain`."""
     n, count = len(starts) - 1, 0
     # the row that is made, in full
     row = np.zeros(n)
@@ -80,18 +56,9 @@ def incomplete_cholesky(
     return True
 
 
-def solve_factor_plain(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
-    """Write (L L')^-1 right for a factor as `incomplete_cholesky` writes it."""
-    n = len(right)
-    full = np.zeros((n, n))
-    for i in range(n):
-        full[i, places[rows[i] : rows[i + 1]]] = L[rows[i] : rows[i + 1]]
-    out[:] = np.linalg.solve(full @ full.T, right)
-
-
-@kernel("void(u4[::1], u4[::1], f8[::1], f8[::1], f8[::1])", plain=solve_factor_plain)
+@kernel("void(u4[::1], u4[::1], f8[::1], f8[::1], f8[::1])")
 def solve_factor(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
-    """Loops of `solve_factor_plain`."""
+    """Write (L L')^-1 right for a factor as `incomplete_cholesky` writes it."""
     n = len(right)
     for i in range(n):
         value, last = right[i], rows[i + 1] - 1

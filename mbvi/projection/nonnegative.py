@@ -18,7 +18,8 @@ _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
 _TIGHT, _MOST_SHARES = 1e-9, 100
 
 
-def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
+@kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])")
+def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
     """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
 
     Parameters
@@ -30,20 +31,6 @@ def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bo
     chosen : ndarray of bool, shape (m,)
         S.
     """
-    S = np.flatnonzero(chosen)
-    u[:] = 0.0
-    values, vectors = np.linalg.eigh(G[np.ix_(S, S)])
-    kept = values > _DEPENDENT * len(S)
-    if (values[kept] < _INDEPENDENT).any():
-        return False
-    missing = d[S] - G[np.ix_(S, S)] @ base[S]
-    u[S] = base[S] + vectors[:, kept] @ ((vectors[:, kept].T @ missing) / values[kept])
-    return True
-
-
-@kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])", plain=settle_plain)
-def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    """Loops of `settle_plain`."""
     m = len(d)
     # pivoted Cholesky G_SS = C C' with as many columns as G_SS has rank; y with C y = d
     C, y, rest, order = np.zeros((m, m)), np.zeros(m), np.empty(m), np.empty(m, np.int64)
@@ -117,7 +104,8 @@ def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
     return True
 
 
-def exchange_plain(G: Array, d: Array, chosen: Array) -> bool:
+@kernel("b1(f8[:,::1], f8[::1], b1[::1])")
+def exchange(G: Array, d: Array, chosen: Array) -> bool:
     """Find the rows that press by the dual active-set method; False if none was found.
 
     Parameters
@@ -133,39 +121,6 @@ def exchange_plain(G: Array, d: Array, chosen: Array) -> bool:
     -----
     min u' G u / 2 - d' u, u >= 0: D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
     """
-    m = len(d)
-    S: list[int] = []
-    u = np.zeros(m)
-    for _ in range(10 * m):
-        slack = G @ u - d
-        slack[S] = np.inf
-        entering = int(np.argmin(slack))
-        if slack[entering] >= -ROUNDING * (np.abs(d).max() + np.abs(G @ u).max()):
-            chosen[:] = False
-            chosen[S] = True
-            return True
-        while True:
-            r = np.linalg.solve(G[np.ix_(S, S)], G[S, entering])
-            curvature = G[entering, entering] - G[entering, S] @ r
-            missing = d[entering] - G[entering] @ u
-            full = missing / curvature if curvature > _INDEPENDENT else np.inf
-            ratios = [u[a] / s if s > 0.0 else np.inf for a, s in zip(S, r, strict=True)]
-            step = min([full, *ratios])
-            if not np.isfinite(step):
-                return False
-            u[S] -= step * r
-            u[entering] += step
-            if step == full:
-                break
-            del S[int(np.argmin(ratios))]
-            u[[a for a in range(m) if a not in S and a != entering]] = 0.0
-        S.append(entering)
-    return False
-
-
-@kernel("b1(f8[:,::1], f8[::1], b1[::1])", plain=exchange_plain)
-def exchange(G: Array, d: Array, chosen: Array) -> bool:
-    """Loops of `exchange_plain`."""
     m = len(d)
     S, u, r, slack, F = np.empty(m, np.int64), np.zeros(m), np.empty(m), np.empty(m), np.empty((m, m))
     scale, size = 0.0, 0

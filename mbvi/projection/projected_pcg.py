@@ -9,10 +9,9 @@ the steps short there. `mending` has what goes on where few rows are left.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from . import incomplete_cholesky as factor
+from .incomplete_cholesky import incomplete_cholesky, solve_factor
 from .metric import Array
 
 # steps of conjugate gradients a round, how much of the residual they leave
@@ -28,7 +27,8 @@ _STIFFER = 1e-2
 _SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-3, 0.2, 2.0
 
 
-def rounds_plain(
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8, i8, f8[::1], f8[::1], f8[::1])")
+def rounds(
     starts: Array,
     columns: Array,
     G: Array,
@@ -63,36 +63,6 @@ def rounds_plain(
     This form is the accelerated projected gradient with restarts, whatever is near and however many rounds there may
     be: slow, and enough to compare with.
     """
-    A = csr_array((G, columns, starts), shape=(len(d), len(d)))
-    length = float(abs(A).sum(axis=1).max(initial=1.0))
-    y, momentum = u.copy(), 1.0
-    for _ in range(200_000):
-        g[:] = A @ u - d
-        if np.abs(np.minimum(u, g)).max(initial=0.0) <= target:
-            break
-        new = np.maximum(y - (A @ y - d) / length, 0.0)
-        following = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * momentum**2))
-        back = (y - new) @ (new - u) > 0.0
-        y = new if back else new + (momentum - 1.0) / following * (new - u)
-        u[:], momentum = new, 1.0 if back else following
-    g[:] = A @ u - d
-    return float(np.abs(np.minimum(u, g)).max(initial=0.0))
-
-
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8, i8, f8[::1], f8[::1], f8[::1])", plain=rounds_plain)
-def rounds(
-    starts: Array,
-    columns: Array,
-    G: Array,
-    d: Array,
-    target: float,
-    near: float,
-    most: int,
-    state: Array,
-    g: Array,
-    u: Array,
-) -> float:
-    """Loops of the method told above."""
     m = len(d)
     way = np.empty(m)
     face, local = np.empty(m, np.uint32), np.empty(m, np.int32)
@@ -157,13 +127,13 @@ def rounds(
         least = max(_LEFT * largest, 0.3 * target)
         if n > 0 and largest > 0.3 * target:
             more = max(shift, stiffer)
-            while not factor.incomplete_cholesky(
+            while not incomplete_cholesky(
                 inner_starts[: n + 1], inner_columns[:count], inner[:count], more, rows[: n + 1], places, L
             ):
                 more = stiffer = max(3.0 * more, _STIFFER)
             last = 1.0
             for step_number in range(_STEPS):
-                factor.solve_factor(rows[: n + 1], places, L, r[:n], y[:n])
+                solve_factor(rows[: n + 1], places, L, r[:n], y[:n])
                 product = 0.0
                 for i in range(n):
                     product += r[i] * y[i]

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arguments import shown
-from ..compiled import load
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import FEW, dense_solvers, first_good_enough
@@ -45,7 +44,6 @@ class Projector:
     """
 
     def __init__(self, residual: float = 1e-6, solver: ChosenSolver | None = None) -> None:
-        load()
         self.residual = residual
         self.solver = solver
         self._fused = FusedStep() if solver is None else None

@@ -8,11 +8,10 @@ lowers the same energy.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from . import projected_pcg as free_face
 from .metric import Array
+from .projected_pcg import rounds
 
 # how often rounds are begun at most, and how many at once
 _ROUNDS, _AT_ONCE = 2000, 10
@@ -23,34 +22,17 @@ _NEAR, _OFF, _LEFT = 100.0, 0.5, 0.3
 _TRIES, _MOST, _MOST_ROUNDS = 3, 1000, 60
 
 
-def mend_plain(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
+@kernel("b1(u4[::1], u4[::1], f8[::1], f8, f8[::1], f8[::1])")
+def mend(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
     """Settle the rows that are off, and those by them, while the others stay; return False where they are too many.
 
     Parameters
     ----------
     starts, columns, G, target, u
-        As `free_face.rounds`; u is written over.
+        As `rounds`; u is written over.
     g : ndarray, shape (m,)
         G u - d.
     """
-    A = csr_array((G, columns, starts), shape=(len(u), len(u)))
-    off = np.abs(np.minimum(u, g)) > _OFF * target
-    here = np.unique(A[np.flatnonzero(off)].indices)
-    if not 0 < len(here) <= _MOST:
-        return False
-    part, inner = u[here], csr_array(A[here][:, here])
-    inner.sort_indices()
-    free_face.rounds_plain(
-        inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, inner @ part - g[here],
-        _LEFT * target, 0.0, _MOST_ROUNDS, np.zeros(6), np.empty(len(here)), part,
-    )  # fmt: skip
-    u[here] = part
-    return True
-
-
-@kernel("b1(u4[::1], u4[::1], f8[::1], f8, f8[::1], f8[::1])", plain=mend_plain)
-def mend(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
-    """Loops of `mend_plain`."""
     m, n, room = len(u), 0, 0
     local = np.full(m, -1, np.int64)
     for a in range(m):
@@ -78,37 +60,30 @@ def mend(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Ar
                     value += G[k] * u[columns[k]]
                     count += 1
             d[i], own_starts[i + 1] = value, count
-    free_face.rounds(
-        own_starts, own_columns[:count], own[:count], d, _LEFT * target, 0.0, _MOST_ROUNDS, np.zeros(6), rates, part
-    )
+    rounds(own_starts, own_columns[:count], own[:count], d, _LEFT * target, 0.0, _MOST_ROUNDS, np.zeros(6), rates, part)
     for a in range(m):
         if local[a] >= 0:
             u[a] = part[local[a]]
     return True
 
 
-def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8[::1])")
+def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
     """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached.
 
     Parameters
     ----------
     starts, columns, G, d, target, u
-        As `free_face.rounds`.
+        As `rounds`.
     """
-    return free_face.rounds_plain(starts, columns, G, d, target, 0.0, _AT_ONCE, np.zeros(6), np.empty(len(d)), u)
-
-
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8[::1])", plain=relax_plain)
-def relax(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
-    """Loops of the method told above, whose answers are those of `relax_plain`."""
     g, state, near, residual = np.empty(len(d)), np.zeros(6), 0.0, np.inf
     for _ in range(_ROUNDS):
-        residual = free_face.rounds(starts, columns, G, d, target, near, _AT_ONCE, state, g, u)
+        residual = rounds(starts, columns, G, d, target, near, _AT_ONCE, state, g, u)
         near = _NEAR * target
         for _ in range(_TRIES):
             if not target < residual <= near or not mend(starts, columns, G, target, g, u):
                 break
-            residual = free_face.rounds(starts, columns, G, d, target, near, 0, state, g, u)
+            residual = rounds(starts, columns, G, d, target, near, 0, state, g, u)
         if not residual > target:
             break
     return residual

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from . import nonnegative, tree
 from .metric import Array
-from .nonnegative import ROUNDING
+from .nonnegative import ROUNDING, exchange, settle
+from .tree import advance_by, factor, solve
 
 # the share of its terms that a sum J w cannot be told from zero at
 _LAST_DIGITS = 4e-15
@@ -19,7 +19,8 @@ _TOUCHING = 1e-9
 _REFINEMENTS = 2
 
 
-def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
     """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
 
     Parameters
@@ -40,50 +41,6 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
     float
         The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
     """
-    p, speed, reached = table
-    speed[:] = J @ x
-    w[:], p[:], reached[:] = x, 0.0, speed
-    missing, terms = lower - speed, np.abs(J) @ np.abs(x) + np.abs(lower)
-    if (missing <= ROUNDING * terms).all():
-        return 0.0
-    G = J @ A.T
-    lengths = np.sqrt(np.maximum(G.diagonal(), 0.0))
-    if not (lengths > 0.0).all():
-        return np.inf
-    largest = ((np.abs(speed) + np.abs(lower)) / lengths).max()
-    enough = max(ROUNDING, _LAST_DIGITS * (terms / lengths).max() / largest)
-    G, d = G / np.outer(lengths, lengths), missing / lengths
-    nothing, u = np.zeros(len(d)), np.empty(len(d))
-    for attempt in range(3):
-        chosen, base = d > 0.0, nothing
-        if attempt == 1:
-            if len(last) != len(d):
-                continue
-            chosen, base = last > 0.0, last * lengths
-        if attempt == 2 and not nonnegative.exchange_plain(G, d, chosen):
-            break
-        if not nonnegative.settle_plain(G, d, chosen, base, u):
-            continue
-        for _ in range(1 + _REFINEMENTS):
-            p[:] = u / lengths
-            w[:] = x + p @ A
-            reached[:] = J @ w
-            slack = (reached - lower) / lengths
-            residual = np.abs(np.minimum(u, slack)).max() / largest
-            if residual <= enough:
-                np.maximum(p, 0.0, out=p)
-                # rows that touch without pressing may share the percussion: that is settled elsewhere
-                alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
-                return float(residual) if alone else np.inf
-            correction = np.empty(len(d))
-            nonnegative.settle_plain(G, -slack, chosen, nothing, correction)
-            u += correction
-    return np.inf
-
-
-@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])", plain=_press_plain)
-def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
-    """Loops of `_press_plain`."""
     m, n = J.shape
     missing = False
     for a in range(m):
@@ -129,9 +86,9 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 continue
             for a in range(m):
                 chosen[a], base[a] = last[a] > 0.0, last[a] * lengths[a]
-        if attempt == 2 and not nonnegative.exchange(G, d, chosen):
+        if attempt == 2 and not exchange(G, d, chosen):
             break
-        if not nonnegative.settle(G, d, chosen, base, u):
+        if not settle(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
             for k in range(n):
@@ -160,13 +117,14 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 return residual if alone else np.inf
             for a in range(m):
                 base[a] = 0.0
-            nonnegative.settle(G, slack, chosen, base, correction)
+            settle(G, slack, chosen, base, correction)
             for a in range(m):
                 u[a] += correction[a]
     return np.inf
 
 
-def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
     """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
 
     Parameters
@@ -178,16 +136,6 @@ def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w:
     rates : ndarray, shape (4, m)
         Receives percussions, J x, J w and J v.
     """
-    rates[3] = J @ v
-    return _press_plain(J, A, x, -e * rates[3], last, w, rates[:3])
-
-
-@kernel(
-    "f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
-    plain=_law_plain,
-)
-def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
-    """Loops of `_law_plain`."""
     m, n = J.shape
     lower = np.empty(m)
     for a in range(m):
@@ -198,37 +146,22 @@ def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array,
     return press(J, A, x, lower, last, w, rates)
 
 
-def _tree_law_plain(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    last: Array, w: Array, rates: Array,
-) -> float:  # fmt: skip
-    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
-    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
-    if tree.advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
-        return np.inf
-    if tree.factor_plain(mass, 0.0, damping, parent, L):
-        return np.inf
-    tree.solve_plain(L, parent, J, A)
-    return _law_plain(J, A, v, e, x, last, w, rates)
-
-
 @kernel(
-    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])",
-    plain=_tree_law_plain,
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])"
 )
 def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
     last: Array, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Loops of `_tree_law_plain`."""
+    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
     L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
-    if tree.advance_by(mass, damping, parent, v, h, torque, effects, L, x):
+    if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
     damped = False
     for d in damping:
         damped = damped or d != 0.0
     # L is that of M already where there is no damping
-    if damped and tree.factor(mass, 0.0, damping, parent, L):
+    if damped and factor(mass, 0.0, damping, parent, L):
         return np.inf
-    tree.solve(L, parent, J, A)
+    solve(L, parent, J, A)
     return law(J, A, v, e, x, last, w, rates)

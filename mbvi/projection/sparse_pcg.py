@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import gram, sparse_projector
 from .cascade import dense_solvers, first_good_enough
+from .gram import gram, islands
 from .metric import Array, DiagonalMetric
 from .scaled_qp import Candidate, ScaledQP, WarmStart
+from .sparse_projector import _SMALL, _solve_islands
 
 # unit rows with a product above this are the same
 _SAME = 1.0 - 1e-13
@@ -55,7 +56,7 @@ class SparsePCG:
             if label is None:
                 label = _solve_working_set(qp, working, carried, u)
                 carried = 1.0
-                few = np.bincount(label + 1)[label + 1] <= sparse_projector._SMALL
+                few = np.bincount(label + 1)[label + 1] <= _SMALL
                 enough = np.where(few, small, qp.tolerance)
             z = qp.combine(u)
             slack = qp.slack(z)
@@ -65,12 +66,12 @@ class SparsePCG:
                 working, label = working | violated, None
                 continue
             failed = (off > enough) & (label >= 0)
-            islands = set(label[failed].tolist()) - tried if failed.any() else None
-            if not islands:
+            bad = set(label[failed].tolist()) - tried if failed.any() else None
+            if not bad:
                 return Candidate(z, u)
-            for island in islands:
+            for island in bad:
                 _solve_densely(qp, np.flatnonzero(label == island), u)
-            tried |= islands
+            tried |= bad
 
 
 def _working_set(d: Array, u: Array) -> Array:
@@ -95,9 +96,9 @@ def _solve_working_set(qp: ScaledQP, working: Array, carried: float, u: Array) -
     rows, others, G = _gram(data, columns, starts, n)
     kept, part = ~_repeated(rows, others, G, d), u[here]
     label, within = np.full(len(qp.d), -1), np.empty(len(here), np.int64)
-    count = gram.islands(columns, starts, n, kept, within)
+    count = islands(columns, starts, n, kept, within)
     target = _MARGIN * qp.tolerance
-    sparse_projector._solve_islands(rows, others, G, d, within, count, target, carried, part)
+    _solve_islands(rows, others, G, d, within, count, target, carried, part)
     u[:] = 0.0
     u[here], label[here] = part, within
     return label
@@ -125,7 +126,7 @@ def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Ar
     ends = np.concatenate([[0], np.cumsum(met)])
     room = int(np.minimum(ends[starts[1:]] - ends[starts[:-1]], len(starts) - 1).sum())
     rows, others, G = np.empty(len(starts), np.uint32), np.empty(room, np.uint32), np.empty(room)
-    count = gram.gram(data, columns, starts, n, rows, others, G)
+    count = gram(data, columns, starts, n, rows, others, G)
     return rows, others[:count], G[:count]
 
 

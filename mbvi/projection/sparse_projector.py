@@ -8,18 +8,18 @@ the residual that is asked.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from . import nonnegative
-from . import refinement as mending
 from .metric import Array
+from .nonnegative import exchange, settle
+from .refinement import relax
 
 # rows up to which an island is solved to rounding
 _SMALL = 48
 
 
-def solve_islands_plain(
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
+def _solve_islands(
     starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
 ) -> float:
     """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
@@ -39,32 +39,6 @@ def solve_islands_plain(
     carried : float
         The part of u that a large island is started from where all of it does not fit.
     """
-    A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
-    u[label < 0] = 0.0
-    for island in range(count):
-        here = np.flatnonzero(label == island)
-        inner = csr_array(A[here][:, here])
-        inner.sort_indices()
-        part = u[here]
-        if len(here) <= _SMALL:
-            full, chosen = inner.toarray(), np.zeros(len(here), bool)
-            if nonnegative.exchange_plain(full, d[here], chosen):
-                nonnegative.settle_plain(full, d[here], chosen, np.zeros(len(here)), part)
-                np.maximum(part, 0.0, out=part)
-        residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
-        if residual > target:
-            part *= carried
-            residual = mending.relax_plain(
-                inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
-            )
-        u[here], worst = part, max(worst, residual)
-    return worst
-
-
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])", plain=solve_islands_plain)
-def _solve_islands(
-    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
-) -> float:
     m, worst = len(d), 0.0
     # rows sorted by island
     first, order, local = np.zeros(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
@@ -101,7 +75,7 @@ def _solve_islands(
                 for k in range(starts[a], starts[a + 1]):
                     if label[columns[k]] >= 0:
                         full[i, local[columns[k]]] = G[k]
-            if nonnegative.exchange(full, full_d[:size], chosen[:size]) and nonnegative.settle(
+            if exchange(full, full_d[:size], chosen[:size]) and settle(
                 full, full_d[:size], chosen[:size], nothing[:size], part[:size]
             ):
                 residual = 0.0
@@ -125,7 +99,7 @@ def _solve_islands(
                         own_columns[entry], own[entry] = local[columns[k]], G[k]
                         entry += 1
                 own_starts[i + 1] = entry
-            residual = mending.relax(own_starts, own_columns, own, own_d, target, own_u)
+            residual = relax(own_starts, own_columns, own, own_d, target, own_u)
             for i in range(size):
                 u[order[begin + i]] = own_u[i]
         worst = max(worst, residual)

@@ -10,7 +10,8 @@ from ..errors import InputError
 from .metric import Array, triangular, whiten_full
 
 
-def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
+def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
     """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
 
     Parameters
@@ -28,20 +29,6 @@ def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array)
     -----
     R. Featherstone, Rigid Body Dynamics Algorithms (2008), table 6.3.
     """
-    lower = np.tril(mass)
-    M = lower + np.tril(lower, -1).T + h * np.diag(damping)
-    if not np.isfinite(M).all():
-        return 1
-    try:
-        L[:] = np.linalg.cholesky(M[::-1, ::-1]).T[::-1, ::-1]
-    except np.linalg.LinAlgError:
-        return 1
-    return 0
-
-
-@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])", plain=factor_plain)
-def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
-    """Loops of `factor_plain`."""
     n = len(parent)
     for i in range(n):
         for j in range(n):
@@ -66,13 +53,9 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
     return 0
 
 
-def _back_plain(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite x, shape (nv,), by (L'L)^-1 x."""
-    x[:] = np.linalg.solve(L, np.linalg.solve(L.T, x))
-
-
-@kernel("void(f8[:,::1], i8[::1], f8[::1])", plain=_back_plain)
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
 def _back(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by (L'L)^-1 x."""
     n = len(x)
     for k in range(n - 1, -1, -1):
         # a gradient touches the joints that carry its bodies only
@@ -91,14 +74,9 @@ def _back(L: Array, parent: Array, x: Array) -> None:
         x[k] = y / L[k, k]
 
 
-def solve_plain(L: Array, parent: Array, rows: Array, out: Array) -> None:
-    """Write (L'L)^-1 r for every row r, shapes (m, nv)."""
-    out[:] = np.linalg.solve(L, np.linalg.solve(L.T, rows.T)).T
-
-
-@kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])", plain=solve_plain)
+@kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])")
 def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
-    """Loops of `solve_plain`."""
+    """Write (L'L)^-1 r for every row r, shapes (m, nv)."""
     m, n = rows.shape
     for a in range(m):
         for k in range(n):
@@ -106,34 +84,21 @@ def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
         _back(L, parent, out[a])
 
 
-def advance_plain(
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1])")
+def advance_by(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
 ) -> int:
-    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor_plain`.
+    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor`.
 
     Parameters
     ----------
     mass, parent, L
-        As of `factor_plain`.
+        As of `factor`.
     damping, v, torque, effects, out : ndarray, shape (nv,)
         The diagonal of D, velocity, torques and nonlinear effects, and the result.
     h : float
         Time step [s].
     """
-    bad = factor_plain(mass, h, damping, parent, L)
-    if not bad:
-        out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects - damping * v)))
-    return bad
-
-
-@kernel(
-    "i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1])",
-    plain=advance_plain,
-)
-def advance_by(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
-) -> int:
-    """Loops of `advance_plain`."""
     n = len(v)
     bad = factor(mass, h, damping, parent, L)
     if bad:
@@ -174,7 +139,7 @@ class TreeFreeMotion:
     Parameters
     ----------
     mass, damping, parent, v, h, torque, effects
-        As of `advance_plain`; good as long as `mass` is not written to.
+        As of `advance_by`; good as long as `mass` is not written to.
     """
 
     __slots__ = ("told",)

@@ -14,7 +14,8 @@ from ..system import BlockSystem, FreeBodies, Spheres, System
 Array = np.ndarray
 
 
-def _raise_levels_plain(number: Array, percussion: Array, known: Array, level: Array) -> None:
+@kernel("void(i8[::1], f8[::1], i8[::1], f8[::1])")
+def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) -> None:
     """Raise the level of each known constraint to its largest percussion.
 
     Parameters
@@ -26,13 +27,6 @@ def _raise_levels_plain(number: Array, percussion: Array, known: Array, level: A
     level : ndarray, shape (n,)
         Written.
     """
-    place = np.minimum(np.searchsorted(known, number), len(known) - 1)
-    same = known[place] == number
-    np.maximum.at(level, place[same], percussion[same])
-
-
-@kernel("void(i8[::1], f8[::1], i8[::1], f8[::1])", plain=_raise_levels_plain)
-def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) -> None:
     for a in range(len(number)):
         if percussion[a] > 0.0:
             k = np.searchsorted(known, number[a])

@@ -14,7 +14,7 @@ from ..problem import Problem
 from ..results.contacts import ContactLog
 from ..results.trajectory import Array, Impact, Trajectory
 from ..schemes import Scheme, Step
-from ..schemes.step import STILL, closes
+from ..schemes.step import STILL
 from .impact_rows import exceeding, linked, parts_of
 
 # two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
@@ -27,13 +27,8 @@ _RECENT = 16
 _MOST_NOTES = 20
 
 
-def _still(number: Array, lever: Array, still: float) -> Array:
-    """Return the rate below which each row does not close; arguments as of `_note`."""
-    known = number < len(lever)
-    return np.asarray(still / np.where(known, np.append(lever, 1.0)[np.where(known, number, -1)], 1.0))
-
-
-def _note_plain(
+@kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])")
+def _note(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
     penetration: Array, residuals: Array,
 ) -> bool:  # fmt: skip
@@ -55,16 +50,6 @@ def _note_plain(
         Where these are kept.
     """
     residuals[k] = max(residuals[k], residual)
-    penetration[k] = max((-gap).max(initial=0.0), 0.0)
-    return bool(closes(rates, _still(number, lever, still)).any())
-
-
-@kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])", plain=_note_plain)
-def _note(
-    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
-    penetration: Array, residuals: Array,
-) -> bool:  # fmt: skip
-    residuals[k] = max(residuals[k], residual)
     deepest, impact = 0.0, False
     for a in range(len(gap)):
         deepest = max(deepest, -gap[a])
@@ -75,7 +60,10 @@ def _note(
     return impact
 
 
-def _struck_plain(
+@kernel(
+    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])"
+)
+def _struck(
     number: Array, point: Array, rates: Array, e: Array,
     last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
 ) -> tuple[int, float]:  # fmt: skip
@@ -104,32 +92,6 @@ def _struck_plain(
     energy : float
         Kinetic energy gained by the law (8) [J]; see `Impact`.
     """
-    percussion, free, after, before = rates
-    # every row now beside every row of the same constraint that pressed then
-    then = np.flatnonzero(last_rates[0] > 0.0)
-    then = then[np.argsort(last_number[then], kind="stable")]
-    first, end = (np.searchsorted(last_number[then], number, side) for side in ("left", "right"))
-    row = np.repeat(np.arange(len(number)), end - first)
-    other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(end - first) + end - first, end - first)]
-    shift = last_point[other] - point[row]
-    # limits have no points: NaN is near
-    near = ~(np.vecdot(shift, shift) > far**2)
-    pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
-    closing = closes(rates, _still(number, lever, still)) & (pressed == 0.0)
-    chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()
-    chosen[closing] = 2
-    pushed = (free - before) * (1.0 - e) / (1.0 + e)
-    return int(np.count_nonzero(chosen)), 0.5 * float(percussion @ (before + after + pushed))
-
-
-@kernel(
-    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])",
-    plain=_struck_plain,
-)
-def _struck(
-    number: Array, point: Array, rates: Array, e: Array,
-    last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
-) -> tuple[int, float]:  # fmt: skip
     count, energy, any_closes = 0, 0.0, False
     for a in range(len(number)):
         percussion, free, after, before = rates[0, a], rates[1, a], rates[2, a], rates[3, a]

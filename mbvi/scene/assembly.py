@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import load
 from ..constraints import (
     BroadPhasePairs,
     Constraint,
@@ -253,9 +252,6 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
     blocks = blocks_of(items, reduce)
     if not blocks.systems:
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
-    if len(blocks.spheres) > _FEW_SPHERES:
-        # the plain forms of their kernels take all pairs at once
-        load()
     system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
     q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
     blocks.leave_out_pairs(system, q0)

@@ -35,9 +35,9 @@ def robot_path(name: str) -> Path:
     InputError
         If no robot goes by that name.
     """
-    here = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     # the wheel carries the robots inside the package, a clone beside it
-    folders = [folder for folder in (here / "robots", here.parent / "robots") if folder.is_dir()]
+    folders = [folder for folder in (package / "robots", package.parent / "robots") if folder.is_dir()]
     known = {file.stem: file for folder in reversed(folders) for file in folder.glob("*/*.urdf")}
     if name not in known:
         raise InputError(f"no shipped robot {name!r}; known are {', '.join(sorted(known)) or 'none'}")

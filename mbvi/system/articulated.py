@@ -43,7 +43,8 @@ class Kinematics(NamedTuple):
     support: Array
 
 
-def row_plain(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
+def row(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
     """Write the gradient of the separation of two bodies at a point.
 
     Parameters
@@ -57,12 +58,6 @@ def row_plain(columns: Array, first: Array, second: Array, point: Array, normal:
     row : ndarray, shape (nv,)
         Receives [n, p x n]' columns, signed by which of the two bodies a velocity moves.
     """
-    row[:] = columns @ np.concatenate([normal, np.cross(point[:3], normal)]) * (second - first)
-
-
-@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", plain=row_plain)
-def row(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
-    """Loops of `row_plain`."""
     x, y, z = normal[0], normal[1], normal[2]
     u, v, w = point[1] * z - point[2] * y, point[2] * x - point[0] * z, point[0] * y - point[1] * x
     for k in range(len(row)):
@@ -73,38 +68,24 @@ def row(columns: Array, first: Array, second: Array, point: Array, normal: Array
             row[k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
 
 
-def separation_plain(
-    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
-) -> None:
-    """Write `row_plain` of several contacts: bodies of shape (m,), points and normals (m, 3), rows (m, nv)."""
-    for a in range(len(rows)):
-        row_plain(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
-
-
-@kernel(
-    "void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])",
-    plain=separation_plain,
-)
+@kernel("void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
 def separation(
     columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
 ) -> None:
-    """Loops of `separation_plain`."""
+    """Write `row` of several contacts: bodies of shape (m,), points and normals (m, 3), rows (m, nv)."""
     for a in range(len(rows)):
         row(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
-def _add_scaled_plain(v: Array, h: float, a: Array) -> None:
-    """Overwrite a by v + h a, both of shape (nv,)."""
-    a[:] = v + h * a
-
-
-@kernel("void(f8[::1], f8, f8[::1])", plain=_add_scaled_plain)
+@kernel("void(f8[::1], f8, f8[::1])")
 def _add_scaled(v: Array, h: float, a: Array) -> None:
+    """Overwrite a by v + h a, both of shape (nv,)."""
     for k in range(len(a)):
         a[k] = v[k] + h * a[k]
 
 
-def _bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     """Write the accelerations of points of moving bodies, shape (k, 3), in the world.
 
     Parameters
@@ -118,13 +99,6 @@ def _bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates
     twists, rates : ndarray, shape (k, 6)
         Spatial velocities and accelerations of the bodies, linear parts first, in their frames.
     """
-    spin = twists[:, 3:]
-    speed = twists[:, :3] + np.cross(spin, points)
-    bias[:] = np.vecmat(rates[:, :3] + np.cross(rates[:, 3:], points) + np.cross(spin, speed), poses[bodies, :3])
-
-
-@kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])", plain=_bias_plain)
-def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     for k in range(len(bodies)):
         P, p, w, r = poses[bodies[k]], points[k], twists[k], rates[k]
         x = w[0] + w[4] * p[2] - w[5] * p[1]

@@ -7,9 +7,10 @@ from scipy.sparse import csr_array
 
 from ..compiled import plain_array
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
-from . import rotations, turning
+from . import rotations
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
+from .turning import accelerations, chart_rates, moved, placed, pulled
 
 
 class Spheres:
@@ -145,7 +146,7 @@ class FreeBodies:
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = np.empty(self.nq)
-        turning.moved(plain_array(q), plain_array(dv), new)
+        moved(plain_array(q), plain_array(dv), new)
         return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
@@ -176,12 +177,12 @@ class FreeBodies:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         out = np.empty(self.nv)
-        turning.accelerations(plain_array(v), self._pull, self._inertias, self._inverses, out)
+        accelerations(plain_array(v), self._pull, self._inertias, self._inverses, out)
         return out
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         rate = np.empty(self.nv)
-        turning.chart_rates(plain_array(dv), plain_array(v), rate)
+        chart_rates(plain_array(dv), plain_array(v), rate)
         return rate
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
@@ -192,14 +193,14 @@ class FreeBodies:
 
     def placements(self, q: Array, bodies: Array) -> Array:
         places = np.empty((len(bodies), 4, 3))
-        turning.placed(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
+        placed(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         pulls, told = np.empty((2, len(point), 6)), (plain_array(point), plain_array(normal))
         place = plain_array(q)
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            turning.pulled(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
+            pulled(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
         return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:

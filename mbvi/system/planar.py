@@ -13,10 +13,10 @@ from scipy.sparse import csr_array
 
 from ..compiled import plain_array
 from ..projection import DiagonalMetric
-from . import turning
 from .bodies import FreeBodies, Spheres
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
+from .turning import pulled_in_plane
 
 
 class PlanarSpheres(Spheres):
@@ -131,7 +131,7 @@ class PlanarBodies(FreeBodies):
         pulls, told = np.empty((2, len(point), 3)), (self._ways, plain_array(point), plain_array(normal))
         place = plain_array(q)
         for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            turning.pulled_in_plane(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
+            pulled_in_plane(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
         return rows_of_two(self.nv, self.sparse, first, second, *pulls)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:

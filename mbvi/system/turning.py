@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from . import rotations
 
 Array = np.ndarray
 
@@ -13,7 +12,8 @@ Array = np.ndarray
 _SMALL = 0.05
 
 
-def moved_plain(q: Array, dv: Array, new: Array) -> None:
+@kernel("void(f8[::1], f8[::1], f8[::1])")
+def moved(q: Array, dv: Array, new: Array) -> None:
     """Write where a tangent vector leads: centres straight on, rotations about a fixed axis.
 
     Parameters
@@ -23,15 +23,6 @@ def moved_plain(q: Array, dv: Array, new: Array) -> None:
     new : ndarray, shape (7 n,)
         Receives what `q` is after it, quaternions of unit length.
     """
-    old, step, out = q.reshape(-1, 7), dv.reshape(-1, 6), new.reshape(-1, 7)
-    out[:, :3] = old[:, :3] + step[:, :3]
-    turned = rotations.compose(old[:, 3:], rotations.exp(step[:, 3:]))
-    out[:, 3:] = turned / np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
-
-
-@kernel("void(f8[::1], f8[::1], f8[::1])", plain=moved_plain)
-def moved(q: Array, dv: Array, new: Array) -> None:
-    """Loops of `moved_plain`."""
     for body in range(len(q) // 7):
         i, j = 7 * body, 6 * body
         for c in range(3):
@@ -47,7 +38,8 @@ def moved(q: Array, dv: Array, new: Array) -> None:
         new[i + 3], new[i + 4], new[i + 5], new[i + 6] = a / length, b / length, c / length, d / length
 
 
-def chart_rates_plain(dv: Array, v: Array, rate: Array) -> None:
+@kernel("void(f8[::1], f8[::1], f8[::1])")
+def chart_rates(dv: Array, v: Array, rate: Array) -> None:
     """Write how fast tangent vectors change along a motion.
 
     Parameters
@@ -57,14 +49,6 @@ def chart_rates_plain(dv: Array, v: Array, rate: Array) -> None:
     rate : ndarray, shape (6 n,)
         Receives d(dv)/dt.
     """
-    out, here = rate.reshape(-1, 6), v.reshape(-1, 6)
-    out[:, :3] = here[:, :3]
-    out[:, 3:] = rotations.chart_rate(dv.reshape(-1, 6)[:, 3:], here[:, 3:])
-
-
-@kernel("void(f8[::1], f8[::1], f8[::1])", plain=chart_rates_plain)
-def chart_rates(dv: Array, v: Array, rate: Array) -> None:
-    """Loops of `chart_rates_plain`."""
     for j in range(0, len(dv), 6):
         for c in range(3):
             rate[j + c] = v[j + c]
@@ -81,7 +65,8 @@ def chart_rates(dv: Array, v: Array, rate: Array) -> None:
         rate[j + 5] = c + 0.5 * f + 0.25 * bend * (x * e - y * d)
 
 
-def accelerations_plain(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
+@kernel("void(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1])")
+def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
     """Write the accelerations of bodies that nothing touches.
 
     Parameters
@@ -95,14 +80,6 @@ def accelerations_plain(v: Array, pull: Array, inertias: Array, inverses: Array,
     out : ndarray, shape (6 n,)
         Receives dv/dt.
     """
-    spin, there = v.reshape(-1, 6)[:, 3:], out.reshape(-1, 6)
-    there[:, :3] = pull
-    there[:, 3:] = np.matvec(inverses, np.cross(np.matvec(inertias, spin), spin))
-
-
-@kernel("void(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1])", plain=accelerations_plain)
-def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
-    """Loops of `accelerations_plain`."""
     for body in range(len(pull)):
         j, J, A = 6 * body, inertias[body], inverses[body]
         for c in range(3):
@@ -116,7 +93,8 @@ def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: 
             out[j + 3 + k] = A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
 
 
-def placed_plain(q: Array, bodies: Array, places: Array) -> None:
+@kernel("void(f8[::1], i8[::1], f8[:,:,::1])")
+def placed(q: Array, bodies: Array, places: Array) -> None:
     """Write where bodies are.
 
     Parameters
@@ -128,14 +106,6 @@ def placed_plain(q: Array, bodies: Array, places: Array) -> None:
     places : ndarray, shape (k, 4, 3)
         Receives the columns of the rotation, then the centre.
     """
-    poses = q.reshape(-1, 7)[bodies - 1]
-    places[:, :3] = rotations.matrices(poses[:, 3:]).transpose(0, 2, 1)
-    places[:, 3] = poses[:, :3]
-
-
-@kernel("void(f8[::1], i8[::1], f8[:,:,::1])", plain=placed_plain)
-def placed(q: Array, bodies: Array, places: Array) -> None:
-    """Loops of `placed_plain`."""
     for k in range(len(bodies)):
         i, place = 7 * (bodies[k] - 1), places[k]
         x, y, z, w = q[i + 3], q[i + 4], q[i + 5], q[i + 6]
@@ -148,7 +118,8 @@ def placed(q: Array, bodies: Array, places: Array) -> None:
             place[3, c] = q[i + c]
 
 
-def pulled_plain(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
+@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1])")
+def pulled(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
     """Write how fast points of bodies move along normals with each velocity.
 
     Parameters
@@ -164,17 +135,6 @@ def pulled_plain(q: Array, bodies: Array, sign: float, points: Array, normals: A
     pulls : ndarray, shape (k, 6)
         Receives the rows.
     """
-    here = np.flatnonzero(bodies)
-    poses = q.reshape(-1, 7)[bodies[here] - 1]
-    torque = np.cross(points[here] - poses[:, :3], normals[here])
-    pulls[:] = 0.0
-    pulls[here, :3] = sign * normals[here]
-    pulls[here, 3:] = sign * np.vecmat(torque, rotations.matrices(poses[:, 3:]))
-
-
-@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1])", plain=pulled_plain)
-def pulled(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
-    """Loops of `pulled_plain`."""
     for k in range(len(bodies)):
         if bodies[k] == 0:
             for c in range(6):
@@ -193,7 +153,8 @@ def pulled(q: Array, bodies: Array, sign: float, points: Array, normals: Array, 
         pulls[k, 5] = c + w * f + x * e - y * d
 
 
-def pulled_in_plane_plain(
+@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def pulled_in_plane(
     q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, pulls: Array
 ) -> None:
     """Write what `pulled` does for bodies that move in a plane.
@@ -207,17 +168,6 @@ def pulled_in_plane_plain(
     pulls : ndarray, shape (k, 3)
         Receives the rows.
     """
-    here = np.flatnonzero(bodies)
-    torque = np.cross(points[here] - q.reshape(-1, 7)[bodies[here] - 1, :3], normals[here])
-    pulls[:] = 0.0
-    pulls[here, :2], pulls[here, 2] = sign * normals[here] @ axes[:2].T, sign * torque @ axes[2]
-
-
-@kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])", plain=pulled_in_plane_plain)
-def pulled_in_plane(
-    q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, pulls: Array
-) -> None:
-    """Loops of `pulled_in_plane_plain`."""
     for k in range(len(bodies)):
         if bodies[k] == 0:
             pulls[k, 0] = pulls[k, 1] = pulls[k, 2] = 0.0

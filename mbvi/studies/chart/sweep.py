@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...compiled.kernel import load
+from ...compiled import compile_all
 from ...errors import MbviWarning
 from ...problem import Problem
 from ...results.trajectory import Trajectory, energies
@@ -136,7 +136,7 @@ def sweep(
     tuple of Record
         One for each setting.
     """
-    load()
+    compile_all()
     if settings is None:
         settings = TOLERANCES if isinstance(scheme, EventDriven) else case.steps
     # what is made once, and what the processor has to learn, is no part of the first time

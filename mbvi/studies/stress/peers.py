@@ -9,7 +9,7 @@ from importlib import import_module
 from itertools import product
 from typing import Any
 
-from ...compiled.kernel import load
+from ...compiled import compile_all
 from ...results.trajectory import Trajectory, energies
 from ..chart.workers import worker
 from ..engines import Peer
@@ -55,7 +55,7 @@ def sweep_peer(peer: Peer, scenes: Sequence[StressScene], steps: Sequence[float]
 
 def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
     """Run one scene in an engine at one step, as `cell` does in ours; the engine's setting stands in the cell."""
-    load()
+    compile_all()
     engine, asked = _engine(module), next(s for s in SCENES if s.name == scene)
     problem, setting, peer = asked.make(h), "", None
     try:

@@ -1,0 +1,301 @@
+"""The command line: what it prints, what it writes, and one line on anything the user can put right."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.cli.main import main
+from mbvi.cli.scheme_names import SchemeName
+from mbvi.studies.shipped import robot_path
+from support.paths import ROBOTS
+
+HOPPER = ROBOTS / "hopper/hopper.urdf"
+ARM = ROBOTS / "arm/arm.urdf"
+NAMES = sorted(p.name for p in ROBOTS.iterdir())
+
+
+@pytest.fixture
+def run(capfd, tmp_path, monkeypatch):
+    """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as leave:
+            main([str(a) for a in arguments])
+        text = capfd.readouterr()
+        return leave.value.code, text.out, text.err
+
+    return call
+
+
+def lowest_gap(problem):
+    floor = next(c for c in problem.constraints.constraints if isinstance(c, mbvi.constraints.HalfSpaceContacts))
+    return floor.gap(0.0, problem.q0).min()
+
+
+def test_simulate_prints_and_writes(run):
+    code, out, err = run(
+        *("simulate", HOPPER, "--base", "free", "--height", 0.2, "--restitution", 0.4, "--step", 1e-3),
+        *("--duration", 0.3, "--out", "run.h5", "--replay", "run.html"),
+    )
+    assert (code, err) == (0, "")
+    trajectory = mbvi.load("run.h5")
+    first = trajectory.impacts[0]
+    fall = np.sqrt(2 * 0.2 / 9.81)
+    assert fall < first.time < fall + 2e-3
+    np.testing.assert_allclose(first.after, -0.4 * first.before, rtol=1e-9)
+    assert trajectory.impact_table() in out
+    start, end = trajectory.energy()[[0, -1]]
+    assert f"{start:.6g} J at the start, {end:.6g} J at the end" in out
+    assert f"{trajectory.penetration().max():.3g} m at most" in out
+    assert "for 300 steps" in out and "8 degrees of freedom" in out and "7 pairs" in out
+    assert f"{len(trajectory.problem.scene.omitted)} things left out" in out
+    assert "run.h5" in out and "run.html" in out
+    assert "Centered, h = 0.001 s" in out and "default at a given step" in out
+    assert Path("run.html").read_text().lstrip().lower().startswith("<!doctype html")
+
+
+@pytest.mark.parametrize(
+    ("words", "scheme", "step"),
+    [
+        ((), "Centered", 1e-3),
+        (("--scheme", "paoli"), "Paoli", 1e-3),
+        (("--scheme", "moreau-jean", "--step", 2e-3), "MoreauJean", 2e-3),
+        (("--scheme", "centered"), "Centered", 1e-3),
+        (("--scheme", "schatzman-paoli"), "SchatzmanPaoli", 1e-3),
+        (("--scheme", "event-driven"), "EventDriven", 0.0),
+        (("--scheme", "event-driven", "--tolerance", 1e-4), "EventDriven", 0.0),
+        (("--tolerance", 1e-4), "EventDriven", 0.0),
+    ],
+)
+def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
+    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--duration", 0.1, *words, "--out", "run.h5")
+    assert (code, err) == (0, "")
+    trajectory = mbvi.load("run.h5")
+    assert (trajectory.scheme, trajectory.step) == (scheme, step)
+    assert f"scheme       {scheme}" in out
+    if scheme == "EventDriven":
+        assert trajectory._scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
+    # the reason stands there where nothing was named
+    assert ("was chosen: the gradient of hopper/trunk_0 | hopper/shin_1 jumps" in out) == (not words)
+
+
+@pytest.mark.parametrize("word", SchemeName)
+def test_every_word_of_a_scheme_runs_or_says_that_it_does_not_suit(run, word):
+    words = ("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
+    code, out, err = run(*words)
+    if code:
+        assert code == 2 and "is for e = 0" in err and word == "stewart-trinkle"
+        code, out, err = run(*words, "--restitution", 0)
+    assert (code, err) == (0, "") and f"scheme       {type(word.make()).__name__}" in out
+
+
+@pytest.mark.parametrize("height", [0.0, 0.3])
+def test_height_of_a_free_robot_is_its_clearance_in_its_starting_pose(run, height):
+    code, *_ = run(
+        *("simulate", HOPPER, "--height", height, "--joint", "hip=-0.5", "--joint", "knee=1"),
+        *("--step", 1e-3, "--duration", 0.01, "--every", 5, "--out", "run.h5"),
+    )
+    trajectory = mbvi.load("run.h5")
+    assert code == 0
+    assert lowest_gap(trajectory.problem) == pytest.approx(height, abs=1e-12)
+    np.testing.assert_array_equal(trajectory.q[0, 7:], [-0.5, 1.0])
+    np.testing.assert_allclose(trajectory.t, [0.0, 5e-3, 1e-2])
+
+
+@pytest.mark.parametrize("height", [None, 0.2])
+def test_height_of_a_fixed_robot_is_its_base(run, height):
+    given = () if height is None else ("--height", height)
+    code, *_ = run("simulate", ARM, "--base", "fixed", *given, "--duration", 0.01, "--out", "run.h5")
+    position = mbvi.load("run.h5").problem.scene.items.robots[0].position
+    assert code == 0
+    np.testing.assert_array_equal(position, [0.0, 0.0, height or 0.0])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_command_in_each_robots_readme_runs(run, name):
+    text = (ROBOTS / name / "README.md").read_text()
+    command = (
+        text.split("```\nmbvi ")[1].split("```")[0].replace("\\\n", " ").replace("--duration 2", "--duration 0.05")
+    )
+    words = [str(ROBOTS.parent / w) if w.startswith("robots/") else w for w in shlex.split(command)]
+    code, _, err = run(*words)
+    assert (code, err) == (0, "")
+    assert Path("run.h5").is_file() and Path("run.html").is_file()
+
+
+def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(run):
+    code, out, err = run("inspect", ARM, "--base", "fixed")
+    assert (code, err) == (0, "")
+    lines = [line.split() for line in out.splitlines()]
+    assert ["joint3", "revolute", "1", "-2.4", "to", "0.9", "rad"] in lines
+    assert ["left_finger_joint", "prismatic", "1", "0", "to", "0.04", "m"] in lines
+    assert ["left_finger", "box", "0.065", "x", "0.012", "x", "0.024", "left_finger_joint"] in lines
+    assert ["elbow", "cylinder", "radius", "0.045,", "length", "0.1", "joint3"] in lines
+    assert "8 degrees of freedom" in out and "42 pairs of shapes" in out
+    assert "pair arm/elbow | arm/forearm: adjacent links" in out
+
+
+def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(run, tmp_path):
+    srdf = tmp_path / "double.srdf"
+    srdf.write_text('<robot name="arm"><disable_collisions link1="elbow" link2="hand_1"/></robot>')
+    _, out, _ = run("inspect", ARM, "--base", "fixed", "--srdf", srdf)
+    assert "disabled by the SRDF" in out
+    pendulum = tmp_path / "pendulum.urdf"
+    pendulum.write_text(PENDULUM)
+    code, out, _ = run("inspect", pendulum, "--base", "fixed")
+    assert code == 0 and "would start it, the initial configuration is not admissible" in out
+    assert ["turn", "continuous", "1", "none"] in [line.split() for line in out.splitlines()]
+
+
+PENDULUM = """<robot name="pendulum"><link name="base"/>
+<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="bob"><inertial><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>
+<joint name="slide" type="prismatic"><parent link="arm"/><child link="bob"/><origin xyz="0 0 -1"/><axis xyz="0 0 1"/>
+<limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_robot_without_shapes_touches_nothing(run, tmp_path):
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(re.sub("<collision>.*?</collision>", "", PENDULUM))
+    code, out, err = run("simulate", bare, "--base", "fixed", "--duration", 0.1)
+    assert (code, err) == (0, "") and "it touches nothing" in out and "no impact" in out
+    code, out, _ = run("inspect", bare, "--base", "fixed")
+    assert code == 0 and "none: it touches nothing" in out
+
+
+def test_inspect_names_a_free_base(run):
+    _, out, _ = run("inspect", HOPPER)
+    assert ["root_joint", "free", "6", "none"] in [line.split() for line in out.splitlines()]
+
+
+def test_demo_and_replay(run):
+    code, out, err = run("demo")
+    assert (code, err) == (0, "")
+    page = Path("out/demo.html")
+    assert page.is_file() and str(page) in out and "opens in any browser" in out
+    with pytest.warns(mbvi.MbviWarning, match="control of robot 'quadruped'"):
+        trajectory = mbvi.load("out/demo.h5")
+    names = {n for impact in trajectory.impacts for n in impact.constraints}
+    assert any("ball" in n and "quadruped" in n for n in names) and any("foot | floor" in n for n in names)
+    assert trajectory.t[-1] == 2.0 and trajectory.penetration().max() < 0.01
+    code, out, _ = run("replay", "out/demo.h5", "--html", "again.html")
+    assert code == 0 and "again.html" in out
+    assert Path("again.html").stat().st_size == pytest.approx(page.stat().st_size, rel=0.01)
+
+
+def test_replay_plays_live(run, monkeypatch):
+    run("simulate", HOPPER, "--duration", 0.01, "--out", "run.h5")
+    played = []
+    monkeypatch.setattr(mbvi.Trajectory, "replay", lambda self, shapes: played.append((self.t[-1], shapes)))
+    for options in ((), ("--shapes", "collision")):
+        code, *_ = run("replay", "run.h5", *options)
+        assert code == 0
+    assert played == [(0.01, "visual"), (0.01, "collision")]
+
+
+def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mbvi.run.recorder.Recorder._impact", interrupt)
+    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--out", "run.h5")
+    assert (code, err) == (130, "mbvi: interrupted\n") and "run.h5 (interrupted at t = " in out
+    code, out, _ = run("replay", "run.h5", "--html", "run.html")
+    assert code == 0 and "cut off" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("simulate", "missing.urdf"), "no such file: missing.urdf"),
+        (("simulate", "text.urdf"), "text.urdf is no XML"),
+        (("inspect", "empty.urdf"), "no <link>"),
+        (("simulate", "orphan.urdf"), "orphan.urdf: "),
+        (("simulate", HOPPER, "--restitution", 1.5), "restitution e must lie in [0, 1]; got 1.5"),
+        (("simulate", HOPPER, "--step", 0), "step must be positive"),
+        (("simulate", HOPPER, "--step", "abc"), "'--step'"),
+        (("simulate", HOPPER, "--scheme", "euler"), "'euler' is not one of"),
+        (("simulate", HOPPER, "--scheme", "paoli", "--tolerance", 1e-6), "--tolerance is for event-driven"),
+        (("simulate", HOPPER, "--tolerance", 1e-6, "--step", 1e-3), "leave out step"),
+        (("simulate", HOPPER, "--base", "flying"), "'flying' is not one of"),
+        (("simulate", HOPPER, "--joint", "knee"), "--joint takes NAME=VALUE"),
+        (("simulate", HOPPER, "--joint", "knee=bent"), "--joint takes NAME=VALUE"),
+        (("simulate", HOPPER, "--joint", "elbow=1"), "known are hip, knee"),
+        (("simulate", HOPPER, "--joint", "knee=3"), "hopper/knee upper limit"),
+        (("simulate", HOPPER, "--height", -0.1), "hopper/foot | floor penetrates by 0.1"),
+        (("simulate", ARM, "--base", "fixed", "--height", -0.5), "--height raises the base"),
+        (("simulate", HOPPER, "--out", "nowhere/run.h5"), "there is no folder nowhere"),
+        (("simulate", HOPPER, "--replay", "."), "it is a folder"),
+        (("simulate", "text.urdf", "--out", "text.urdf"), "must be different files"),
+        (("simulate", HOPPER, "--duration", 1e9), "not enough memory"),
+        (("replay", "missing.h5"), "no such file"),
+        (("replay", "text.urdf"), "truncated or no HDF5 file"),
+        (("demo", "--out-dir", "text.urdf"), "cannot be made"),
+        (("bounce",), "No such command 'bounce'"),
+        (("simulate",), "Missing argument"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, arguments, said):
+    (tmp_path / "text.urdf").write_text("a robot")
+    (tmp_path / "empty.urdf").write_text("<robot name='none'/>")
+    (tmp_path / "orphan.urdf").write_text(PENDULUM.replace('<parent link="base"/>', '<parent link="stand"/>'))
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert err.startswith("mbvi: ") and err.count("\n") == 1 and said in err
+
+
+def test_help_and_version(run):
+    for arguments in ((), ("--help",)):
+        code, out, _ = run(*arguments)
+        assert code == 0 and all(name in out for name in ("demo", "simulate", "inspect", "replay"))
+    assert run("--version")[:2] == (0, f"mbvi {mbvi.__version__}\n")
+
+
+def test_the_installed_command_runs():
+    done = subprocess.run(
+        [Path(sys.executable).parent / "mbvi", "--version"], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout) == (0, f"mbvi {mbvi.__version__}\n")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shipped_robot_is_found(name):
+    assert robot_path(name).read_bytes() == (ROBOTS / name / f"{name}.urdf").read_bytes()
+
+
+def test_an_unknown_robot_is_refused_with_the_known_ones():
+    with pytest.raises(mbvi.InputError, match=f"known are {', '.join(NAMES)}"):
+        robot_path("unicycle")
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
+    wheel = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"]
+    subprocess.run([*wheel, "--wheel-dir", tmp_path, ROBOTS.parent], check=True, timeout=300)
+    site, work = tmp_path / "site", tmp_path / "work"
+    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
+        archive.extractall(site)
+    work.mkdir()
+    program = "import mbvi, mbvi.studies.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
+    program += "from mbvi.cli.main import main; main(['demo'])"
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=work, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    first = f"{site / 'mbvi/__init__.py'} {site / 'mbvi/robots/hopper/hopper.urdf'}"
+    assert done.stdout.splitlines()[0] == first
+    assert (work / "out/demo.html").is_file() and (work / "out/demo.h5").is_file()

@@ -1,0 +1,344 @@
+"""Processes of their own: when numba is imported, what the first use says, and when the cache is out of date."""
+
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from itertools import count
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.compiled import KERNELS, kernel
+from mbvi.compiled.kernel import _interrupts_later
+from support.paths import ROBOTS
+
+LANDING = """
+import sys
+import mbvi
+assert "numba" not in sys.modules
+scene = mbvi.Scene(restitution=0.5)
+scene.add_halfspace((0, 0, 1))
+scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.11))
+scene.add_sphere(0.1, position=(0, 0, 0.5))
+problem = scene.build()
+"""
+RUN = """
+run = mbvi.simulate(problem, step=1e-3, duration=0.1, progress=False)
+assert run.impacts
+print(repr(run.v[-1].tolist()))
+"""
+
+
+def process(code, package=None, **environment):
+    """What a new process that runs some code with a copy of the package prints, to both its ends."""
+    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | environment
+    if package is not None:
+        variables["PYTHONPATH"] = str(package.parent)
+        code = f"import mbvi\nassert mbvi.__path__ == [{str(package)!r}]\n{code}"
+    # without -P the working directory's package would come first
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, done.stderr
+
+
+def test_importing_mbvi_imports_no_numba():
+    process("import sys, mbvi\nassert 'numba' not in sys.modules")
+
+
+@pytest.mark.slow
+def test_a_scene_compiles_only_the_kernels_that_it_needs(tmp_path):
+    """A box that falls on a floor needs less than a third of the kernels."""
+    process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert 3 < len(list(tmp_path.rglob("*.nbc"))) < len(KERNELS) / 3
+
+
+def test_a_kernel_that_is_in_the_cache_needs_no_others_to_be_loaded(tmp_path):
+    """Machine code holds that of the kernels it calls."""
+    code = """
+import numpy as np
+from mbvi.compiled import KERNELS
+from mbvi.geometry.normal_search import normalise
+a = np.array([3.0, 0.0, 4.0])
+assert normalise(a) == 5.0
+print(sum(item._compiled is not None for item in KERNELS))
+"""
+    assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "2\n"
+    assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "1\n"
+
+
+def test_a_stamp_goes_by_code_constants_and_callees_and_not_by_lines():
+    known = len(KERNELS)
+
+    def stamp(source):
+        namespace = {"kernel": kernel, "np": np}
+        exec(compile(source, "kernels", "exec"), namespace)
+        del KERNELS[known:]
+        return namespace["f"].stamp()
+
+    called = "@kernel('f8(f8)')\ndef g(x):\n    return x\n"
+    source = f"_HALF = 0.5\n{called}@kernel('f8(f8)')\ndef f(x):\n    return g(x) * _HALF\n"
+    first = stamp(source)
+    assert stamp("\n\n# moved down\n" + source) == first
+    changes = ("0.5", "0.25"), ("return x", "return -x"), ("g(x) *", "g(x) +"), ("'f8(f8)')\ndef f", "'f4(f4)')\ndef f")
+    assert len({first, *(stamp(source.replace(*change)) for change in changes)}) == 5
+
+
+def copy_of_the_package(folder):
+    """The package's own files, without what was compiled from them."""
+    source = Path(mbvi.__file__).parent
+    shutil.copytree(source, folder / "mbvi", ignore=shutil.ignore_patterns("__pycache__", "robots"))
+    return folder / "mbvi"
+
+
+@pytest.mark.slow
+def test_the_first_run_says_that_it_compiles_and_the_second_reads_what_it_compiled(tmp_path):
+    first, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert said.startswith("mbvi: compiling")
+    assert list(tmp_path.rglob("*.nbc"))
+    again, silent = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert silent == ""
+    assert again == first
+
+
+@pytest.mark.slow
+def test_where_nothing_can_be_cached_every_process_compiles_and_runs(tmp_path):
+    """No place is left: a file stands where each folder of compiled code would be."""
+    package = copy_of_the_package(tmp_path)
+    for folder in {file.parent for file in package.rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    (tmp_path / "file").touch()
+    nowhere = {name: str(tmp_path / "file" / "cache") for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME")}
+    expected, _ = process(LANDING + RUN)
+    for _ in range(2):
+        found, said = process(LANDING + RUN, package, **nowhere)
+        assert said.startswith("mbvi: compiling")
+        assert found == expected
+    assert not [*tmp_path.rglob("*.nbc"), *tmp_path.rglob("*.nbi")]
+
+
+@pytest.mark.slow
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_elsewhere_has_changed(tmp_path):
+    """`_touch` calls `row` of another file, which a new version doubles."""
+    package, cache_ = copy_of_the_package(tmp_path), str(tmp_path / "cache")
+    code = f"""
+import numpy as np
+import mbvi
+scene = mbvi.Scene()
+scene.add_halfspace((0, 0, 1))
+scene.add_urdf({str(ROBOTS / "hopper/hopper.urdf")!r}, position=(0, 0, 2))
+problem = scene.build()
+rows = [c.active(0.0, problem.q0, 10.0, None).jacobian for c in problem.constraints.constraints if hasattr(c, "rows")]
+print(np.concatenate(rows)[:, 2].max())
+"""
+    before, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
+    file = package / "system/articulated.py"
+    text = file.read_text()
+    changed = text.replace("row[k] = sign * (", "row[k] = 2.0 * sign * (")
+    assert changed != text
+    file.write_text(changed)
+    after, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
+    assert (float(before), float(after)) == (1.0, 2.0)
+
+
+KERNEL = """
+def total(values):
+    found = 0.0
+    for value in values:
+        found += value
+    return found
+"""
+_NUMBERS = count()
+
+
+def small_kernel(folder):
+    """A kernel of a file of its own, as a new process would compile or load it."""
+    file = folder / "small.py"
+    if not file.exists():
+        file.write_text(KERNEL)
+    spec = importlib.util.spec_from_file_location(f"small_{next(_NUMBERS)}", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    compiled = mbvi.compiled.cache.compiled(module.total, "f8(f8[::1])", "the stamp", lambda: None)
+    return compiled, not sum(compiled.stats.cache_hits.values())
+
+
+@pytest.fixture
+def small_cache(tmp_path, monkeypatch):
+    import mbvi.compiled.cache
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(mbvi.compiled.cache, "_said", set())
+    return tmp_path
+
+
+def flipped(data, k):
+    return data[:k] + bytes([data[k] ^ 0x10]) + data[k + 1 :]
+
+
+DAMAGES = {
+    "empty": lambda data, rng: b"",
+    "halved": lambda data, rng: data[: len(data) // 2],
+    "cut by one byte": lambda data, rng: data[:-1],
+    "garbage": lambda data, rng: rng.bytes(len(data)),
+    "garbage behind a good head": lambda data, rng: data[:60] + rng.bytes(len(data) - 60),
+    "zeros": lambda data, rng: bytes(len(data)),
+    "longer": lambda data, rng: data + rng.bytes(100),
+    "a byte flipped": lambda data, rng: flipped(data, int(rng.integers(len(data)))),
+    "a pickle of something else": lambda data, rng: __import__("pickle").dumps({"a": 1}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=DAMAGES)
+@pytest.mark.parametrize("kinds", [("nbi",), ("nbc",), ("nbi", "nbc")], ids="+".join)
+def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, damage, kinds, rng, capfd):
+    kernel, new = small_kernel(small_cache)
+    assert new
+    assert not small_kernel(small_cache)[1]
+    assert capfd.readouterr().err == ""
+    files = [file for kind in kinds for file in small_cache.rglob(f"*.{kind}")]
+    assert len(files) == len(kinds)
+    for file in files:
+        file.write_bytes(DAMAGES[damage](file.read_bytes(), rng))
+    values = rng.random(10)
+    again, new = small_kernel(small_cache)
+    assert again(values) == kernel(values)
+    assert new
+    said = capfd.readouterr().err
+    # behind a damaged index nobody looks for the other
+    assert f"{files[0]} is damaged" in said
+    # and what was compiled is in the cache
+    last, _ = small_kernel(small_cache)
+    assert sum(last.stats.cache_hits.values()) == 1
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_in_the_place_of_a_file_does_not_stop_a_run(small_cache, capfd):
+    small_kernel(small_cache)
+    for file in [*small_cache.rglob("*.nbi")]:
+        file.unlink()
+        file.mkdir()
+    kernel, _ = small_kernel(small_cache)
+    assert kernel(np.ones(3)) == 3.0
+    said = capfd.readouterr().err
+    assert "is damaged" in said
+    assert "compiled kernels cannot be kept in" in said
+
+
+def test_a_disk_that_fills_while_the_cache_is_written_does_not_stop_a_run(small_cache, capfd):
+    """The limit on the size of files stands for the disk: it needs no other file system."""
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        kernel, _ = small_kernel(small_cache)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert kernel(np.ones(3)) == 3.0
+    assert "compiled kernels cannot be kept in" in capfd.readouterr().err
+    assert not [*small_cache.rglob("*.nbc"), *small_cache.rglob("*.tmp.*")]
+    # the index that was written names a file that is not there
+    assert small_kernel(small_cache)[0](np.ones(3)) == 3.0
+    assert sum(small_kernel(small_cache)[0].stats.cache_hits.values()) == 1
+
+
+def test_ctrl_c_is_held_back_and_never_lost():
+    """Where Python is called from compiled code the interrupt would be printed and forgotten."""
+    before = signal.getsignal(signal.SIGINT)
+    done = 0
+    # a kernel that is compiled may compile others
+    with pytest.raises(KeyboardInterrupt), _interrupts_later():
+        with _interrupts_later():
+            os.kill(os.getpid(), signal.SIGINT)
+            done = sum(range(1000))
+        done += 1
+    assert done == 499501
+    assert signal.getsignal(signal.SIGINT) is before
+    # elsewhere than in the main thread nobody may set a handler
+    found = []
+
+    def enter():
+        with _interrupts_later():
+            found.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert found == [before]
+
+
+INTERRUPTED = """
+import sys
+import mbvi.compiled
+print("loading", flush=True)
+mbvi.compiled.compile_all()
+print("loaded", flush=True)
+sys.stdin.read()
+"""
+
+
+def interrupted(delay, **environment):
+    """Send Ctrl-C a time after loading began; return what the process printed to both its ends, and how it ended."""
+    command = [sys.executable, "-c", INTERRUPTED]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=os.environ | environment
+    ) as child:  # fmt: skip
+        try:
+            assert child.stdout.readline() == "loading\n"
+            time.sleep(delay)
+            child.send_signal(signal.SIGINT)
+            out, said = child.communicate(timeout=60)
+        finally:
+            child.kill()
+    return out, said, child.returncode
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.3, 0.5, 0.7])
+def test_ctrl_c_while_kernels_load_stops_the_process(delay):
+    out, said, code = interrupted(delay)
+    # whether it comes before the end or after, the process ends with it
+    assert out in ("", "loaded\n")
+    assert "KeyboardInterrupt" in said
+    assert "ignored" not in said
+    assert code == -signal.SIGINT
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_kernels_are_compiled_leaves_a_cache_that_works(tmp_path):
+    for delay in (1.0, 2.0, 3.0):
+        out, said, code = interrupted(delay, NUMBA_CACHE_DIR=str(tmp_path))
+        assert (out, code) == ("", -signal.SIGINT)
+        assert "KeyboardInterrupt" in said
+        assert "ignored" not in said
+    kept = len([*tmp_path.rglob("*.nbc")])
+    assert kept
+    assert not [*tmp_path.rglob("*.tmp.*")]
+    expected, _ = process(LANDING + RUN)
+    found, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert found == expected
+    assert "damaged" not in said
+
+
+@pytest.mark.slow
+def test_a_run_with_damaged_kernels_is_the_same_run(tmp_path, rng):
+    expected, _ = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    files = sorted(tmp_path.rglob("*.nb?"))
+    for k in rng.choice(len(files), 9, replace=False).tolist():
+        damage = list(DAMAGES)[int(rng.integers(len(DAMAGES)))]
+        files[k].write_bytes(DAMAGES[damage](files[k].read_bytes(), rng))
+    found, said = process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path))
+    assert found == expected
+    assert said.count("is damaged") >= 5
+    assert process(LANDING + RUN, NUMBA_CACHE_DIR=str(tmp_path)) == (expected, "")

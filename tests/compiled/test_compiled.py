@@ -1,0 +1,250 @@
+"""Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.compiled import KERNELS
+from mbvi.constraints import HalfSpaceContacts
+from mbvi.projection import Projector
+from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, SEEDS, accepted, arguments, equal, specified
+from support.paths import ROBOTS
+from support.plain import PLAIN
+from support.robot_problems import path_of, problem_of
+
+
+def test_every_kernel_is_compared():
+    names = [item.__name__ for item in KERNELS]
+    assert len(set(names)) == len(names)
+    assert set(ARGUMENTS) == set(names)
+    assert set(PLAIN) <= set(names)
+
+
+def plain_form(item):
+    """A numpy form of the same where there is one, else the kernel's own loops run by the interpreter."""
+    return PLAIN.get(item.__name__, item.loops)
+
+
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
+def test_a_kernel_equals_its_plain_form(item):
+    plain = plain_form(item)
+    answers = set()
+    for seed in SEEDS:
+        first, second = arguments(item, seed), arguments(item, seed)
+        results = plain(*first), item(*second)
+        expected, found = (specified(item.__name__, *both) for both in zip(results, (first, second), strict=True))
+        for a, b in zip(expected, found, strict=True):
+            equal(a, b)
+        answers.add(item.__name__ not in IF_ACCEPTED or bool(accepted(item.__name__, results[0])))
+    # one that may refuse has done both
+    assert answers == ({True, False} if item.__name__ in IF_ACCEPTED else {True})
+
+
+@pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
+def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
+    """What it would misread or may not write to: other numbers, gaps between them, another order, read-only memory."""
+    refused = 0
+    for k, value in enumerate(arguments(item, 0)):
+        if not isinstance(value, np.ndarray):
+            continue
+        frozen = value.copy()
+        frozen.setflags(write=False)
+        narrower = value.astype({"f": np.float32, "i": np.int32, "u": np.uint16, "b": np.int64}[value.dtype.kind])
+        others = [frozen, narrower, np.repeat(value, 2, axis=-1)[..., ::2], np.asfortranarray(value), value[None]]
+        for other in others:
+            # of one row or one column any order is the same
+            if other.dtype == value.dtype and other.ndim == value.ndim and other.flags.carray:
+                continue
+            given = list(arguments(item, 0))
+            given[k] = other
+            with pytest.raises(TypeError, match="No matching definition"):
+                item(*given)
+            refused += 1
+    assert refused >= 3
+
+
+# arrays that a kernel does not take as they are
+
+
+def hopper(control=None, e=0.5):
+    """A hopper that lands with its knee at a limit within some twenty steps of a millisecond."""
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(
+        ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.56), joints={"knee": 0.4}, velocity={"hip": -1.0},
+        control=control,
+    )  # fmt: skip
+    return scene.build()
+
+
+def test_a_projection_takes_any_array(rng):
+    J, x, B = rng.normal(size=(4, 6)), rng.normal(size=6), rng.normal(size=(6, 6))
+    M = B @ B.T + np.eye(6)
+    expected = mbvi.project(x, M, J, np.full(4, 0.1))
+    assert (expected.percussion > 0.0).any()
+    frozen, spaced = np.asfortranarray(J), np.repeat(J, 2, axis=1)[:, ::2]
+    frozen.setflags(write=False)
+    others = [
+        mbvi.project(x, M, frozen, 0.1),
+        mbvi.project(np.repeat(x, 2)[::2], np.asfortranarray(M), spaced, np.broadcast_to(0.1, 4)),
+        mbvi.project(x.tolist(), M.tolist(), J.tolist(), [0.1] * 4),
+    ]  # fmt: skip
+    for other in others:
+        np.testing.assert_allclose(other.velocity, expected.velocity, rtol=1e-13)
+        np.testing.assert_allclose(other.percussion, expected.percussion, rtol=1e-12, atol=1e-14)
+    whole = np.array([[2, 0, 1], [0, 1, 0]])
+    w = mbvi.project(np.array([-1, -1, 1]), np.eye(3, dtype=int), whole, 0).velocity
+    np.testing.assert_allclose(w, mbvi.project([-1.0, -1.0, 1.0], np.eye(3), whole * 1.0).velocity)
+    assert mbvi.impact(x, M, frozen, 0.5) == pytest.approx(mbvi.impact(x, M, J, np.full(4, 0.5)))
+
+
+class Columns:
+    """A metric of someone else's, whose answers stand in memory column by column."""
+
+    def __init__(self, M):
+        self.M, self.L = M, np.linalg.cholesky(M)
+
+    def apply(self, w):
+        return self.M @ w
+
+    def whiten(self, w):
+        return np.linalg.solve(self.L, w)
+
+    def unwhiten(self, y):
+        return np.linalg.solve(self.L.T, y)
+
+    def solve_rows(self, rows):
+        return np.asfortranarray(np.linalg.solve(self.M, rows.T).T)
+
+    def dense(self):
+        return self.M
+
+
+def test_a_projection_takes_any_metric(rng):
+    J, x, B = rng.normal(size=(4, 6)), rng.normal(size=6), rng.normal(size=(6, 6))
+    M = B @ B.T + np.eye(6)
+    given, expected = mbvi.project(x, Columns(M), J), mbvi.project(x, M, J)
+    np.testing.assert_allclose(given.velocity, expected.velocity, rtol=1e-12)
+
+
+@pytest.mark.parametrize("of_a_robot", [True, False])
+def test_a_step_goes_on_from_the_read_only_states_of_a_trajectory(of_a_robot):
+    def build():
+        if of_a_robot:
+            return hopper()
+        scene = mbvi.Scene(restitution=0.5)
+        scene.add_halfspace((0, 0, 1))
+        scene.add_box((0.2, 0.2, 0.2), position=(0, 0, 0.13), angular_velocity=(1, 2, 0))
+        return scene.build()
+
+    h = 1e-3
+    problem, run = build(), mbvi.simulate(build(), mbvi.Paoli(), step=h, duration=0.15, progress=False)
+    assert run.impacts
+    assert not run.q.flags.writeable
+    pressed = 0
+    for i in range(len(run.t) - 1):
+        step = mbvi.Paoli().step(problem, run.t[i], run.q[i], run.v[i], h, Projector())
+        np.testing.assert_allclose(step.q, run.q[i + 1], atol=1e-13)
+        np.testing.assert_allclose(step.v, run.v[i + 1], atol=1e-9)
+        pressed += step.percussion.any()
+    assert pressed
+
+
+def test_a_kernel_takes_what_a_control_returns():
+    """Read-only, strided, of integers, a list, or the same array every time."""
+
+    def torque(t):
+        return np.round(20.0 * np.sin(40.0 * t + np.arange(problem.system.nv))) * (np.arange(problem.system.nv) >= 6)
+
+    problem = hopper()
+    same = np.empty(problem.system.nv)
+
+    def frozen(t, q, v):
+        tau = torque(t)
+        tau.setflags(write=False)
+        return tau
+
+    def again(t, q, v):
+        same[:] = torque(t)
+        return same
+
+    controls = [
+        frozen,
+        again,
+        lambda t, q, v: np.repeat(torque(t), 3)[::3],
+        lambda t, q, v: torque(t).astype(int),
+        lambda t, q, v: torque(t).astype(np.float32),
+        lambda t, q, v: torque(t).tolist(),
+        lambda t, q, v: np.array([torque(t)]).T[:, 0],
+    ]
+    expected = mbvi.simulate(hopper(lambda t, q, v: torque(t)), mbvi.Paoli(), duration=0.15, progress=False)
+    assert expected.impacts
+    free = mbvi.simulate(hopper(), mbvi.Paoli(), duration=0.15, progress=False)
+    assert np.abs(free.q - expected.q).max() > 1e-3
+    for control in controls:
+        run = mbvi.simulate(hopper(control), mbvi.Paoli(), duration=0.15, progress=False)
+        np.testing.assert_array_equal(run.q, expected.q)
+        np.testing.assert_array_equal(run.v, expected.v)
+
+
+# whole runs
+
+
+@pytest.fixture
+def plain_forms(monkeypatch):
+    """Call it to have every kernel run its plain form until the end of the test."""
+
+    def replace():
+        for item in KERNELS:
+            monkeypatch.setattr(item, "_call", plain_form(item))
+
+    return replace
+
+
+def swinging(name, e):
+    """A fixed robot that moves towards a wall one centimetre away."""
+    towards = {"double_pendulum": (-1, 0, 0), "ur5": (0, 0, 1)}[name]
+    velocity = {"shoulder": -3.0, "elbow": 1.0} if name == "double_pendulum" else {"elbow_joint": 1.0}
+
+    def build(offset):
+        scene = mbvi.Scene(restitution=e)
+        scene.add_halfspace(towards, offset, name="floor")
+        scene.add_urdf(path_of(name), base="fixed", velocity=velocity)
+        # far away no link meets the wall at any angle
+        return scene.build(reduce=())
+
+    far = build(-5.0)
+    wall = next(c for c in far.constraints.constraints if isinstance(c, HalfSpaceContacts))
+    return build(wall.gap(0.0, far.q0).min() - 5.01)
+
+
+def meeting(name, e):
+    """A scene in which the robot touches something within a hundred steps."""
+    if name in ("double_pendulum", "ur5"):
+        return swinging(name, e)
+    return problem_of(name, "fall" if name == "talos" else "limits", e)
+
+
+def check_whole_run(name, e, plain_forms):
+    compiled = mbvi.simulate(meeting(name, e), mbvi.Paoli(), step=1e-3, duration=0.1, progress=False)
+    plain_forms()
+    plain = mbvi.simulate(meeting(name, e), mbvi.Paoli(), step=1e-3, duration=0.1, progress=False)
+    assert plain.impacts
+    scale = max(1.0, np.abs(plain.v).max())
+    np.testing.assert_allclose(compiled.q, plain.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(compiled.v, plain.v, rtol=0, atol=1e-12 * scale)
+    assert [i.constraints for i in compiled.impacts] == [i.constraints for i in plain.impacts]
+    np.testing.assert_allclose(compiled.penetration(), plain.penetration(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("name", ["arm", "biped", "double_pendulum", "hopper", "quadruped"])
+def test_a_run_is_the_same_with_the_plain_forms(name, e, plain_forms):
+    check_whole_run(name, e, plain_forms)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("name", ["ur5", "panda", "solo12", "talos"])
+def test_a_run_of_a_real_robot_is_the_same_with_the_plain_forms(name, e, plain_forms):
+    check_whole_run(name, e, plain_forms)

@@ -1,0 +1,147 @@
+"""Signed distances are local maxima of the separation along a normal, to rounding, at any unit of length."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from mbvi.geometry import refined_distance, separating_axis
+from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined, separated
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
+from support.distance_kernel_arguments import SHAPES, rotation, unit
+
+PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
+BODIES = np.array([0, 1])
+
+
+def placed(a, b, where_a, where_b):
+    shapes = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
+    places = np.array([np.vstack([R.T, p]) for R, p in (where_a, where_b)])
+    return SeparatingAxes(shapes, BODIES[None]), places
+
+
+def touching(a, b, rng, gap):
+    """Two shapes as far apart along a direction as bounds say, then nearer until the separation is about the gap."""
+    towards, turns = unit(rng), (rotation(rng), rotation(rng))
+    low, high = 0.0, SHAPES[a].bound + SHAPES[b].bound
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        axes, places = placed(SHAPES[a], SHAPES[b], (turns[0], np.zeros(3)), (turns[1], middle * towards))
+        low, high = (low, middle) if largest(axes, places, towards) > gap else (middle, high)
+    return axes, places, towards
+
+
+def largest(axes, places, start):
+    """The largest separation near a direction by a method without derivatives."""
+
+    def lost(u):
+        n = u / np.linalg.norm(u)
+        return -separated(axes, places, BODIES, n)
+
+    best = min((start + 0.3 * d for d in DIRECTIONS), key=lost)
+    return -lost(best)
+
+
+DIRECTIONS = np.concatenate([np.zeros((1, 3)), np.random.default_rng(7).normal(size=(40, 3))])
+
+
+@pytest.mark.parametrize("gap", [0.05, 1e-9, -0.01])
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+def test_no_direction_near_it_separates_more(a, b, gap, rng):
+    found = 0
+    for _ in range(3):
+        axes, places, towards = touching(a, b, rng, gap)
+        normal = minimize(
+            lambda u, axes=axes, places=places: -separated(axes, places, BODIES, u / np.linalg.norm(u)), towards,
+            method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9},
+        ).x  # fmt: skip
+        normal /= np.linalg.norm(normal)
+        given_d = separated(axes, places, BODIES, normal)
+        result, distance, point = refined(axes, places, BODIES, normal)
+        if result == FAILED:
+            continue
+        found += 1
+        assert distance >= given_d - 1e-12
+        assert separated(axes, places, BODIES, normal) == pytest.approx(distance, abs=1e-14)
+        for size in 10.0 ** -np.arange(2, 9):
+            for _ in range(5):
+                other = normal + size * rng.normal(size=3)
+                assert separated(axes, places, BODIES, other / np.linalg.norm(other)) <= distance + 1e-14
+        if result == UNIQUE:
+            # half the distance from either surface, along the normal
+            for side, sign in ((0, 1.0), (1, -1.0)):
+                reach = reach_of(axes, places, side, sign * normal)
+                assert sign * normal @ point - reach == pytest.approx(0.5 * distance, abs=1e-13)
+    assert found >= 2
+
+
+def reach_of(axes, places, side, u):
+    _, fixed, sizes, points, first = axes.supports
+    world = separating_axis._compose(places[side], fixed[side])
+    return separating_axis._reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
+
+
+@given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))
+def test_lengths_of_a_power_of_two_give_the_same_bytes(seed, exponent):
+    rng = np.random.default_rng(seed)
+    a, b = rng.integers(len(SHAPES), size=2)
+    axes, places, towards = touching(a, b, rng, -0.01)
+    s = 2.0**exponent
+    first = towards.copy()
+    result = refined(axes, places, BODIES, first)
+    frame, fixed, sizes, points, starts = axes.supports
+    scaled = SeparatingAxes.__new__(SeparatingAxes)
+    scaled.supports = frame, fixed * np.array([1.0, 1.0, 1.0, s])[:, None], s * sizes, s * points, starts
+    second = towards.copy()
+    again = refined(scaled, places * np.array([1.0, 1.0, 1.0, s])[:, None], BODIES, second)
+    assert result[0] == again[0]
+    if result[0] != FAILED:
+        np.testing.assert_array_equal(first, second)
+        assert again[1] == s * result[1]
+
+
+def at_origin(shape):
+    return shape, (np.eye(3), np.zeros(3))
+
+
+def check_exact(a, b, where_b, distance, normal, point, start=(0.1, 0.05, 1.0)):
+    (first, where_a) = at_origin(a)
+    axes, places = placed(first, b, where_a, (np.eye(3), np.array(where_b)))
+    n = np.array(start) / np.linalg.norm(start)
+    result, found, at = refined(axes, places, BODIES, n)
+    assert result == (FLAT if point is None else UNIQUE)
+    assert found == pytest.approx(distance, abs=1e-15)
+    np.testing.assert_allclose(n, normal, rtol=0, atol=1e-15)
+    if point is not None:
+        np.testing.assert_allclose(at, point, rtol=0, atol=1e-15)
+
+
+def test_closed_forms():
+    box, ellipsoid, up = Box((1.0, 1.0, 0.2)), Ellipsoid((0.2, 0.15, 0.1)), (0.0, 0.0, 1.0)
+    check_exact(box, ellipsoid, (0.3, 0.2, 0.21), 0.01, up, (0.3, 0.2, 0.105))
+    check_exact(box, ellipsoid, (0.3, 0.2, 0.2), 0.0, up, (0.3, 0.2, 0.1))
+    check_exact(box, Sphere(0.1), (0.3, 0.2, 0.19), -0.01, up, (0.3, 0.2, 0.095))
+    check_exact(box, Capsule(0.1, 0.2), (0.0, 0.0, 0.32), 0.02, up, (0.0, 0.0, 0.11))
+    # two faces that lie on each other have no nearest points of their own
+    check_exact(box, Cylinder(0.1, 0.2), (0.0, 0.0, 0.2), 0.0, up, None)
+    check_exact(box, box, (0.1, 0.1, 0.2), 0.0, up, None)
+    # beyond the edge of the box, and a corner
+    beyond = np.array([3.0, 0.0, 4.0]) / 5.0
+    check_exact(box, Sphere(0.1), (0.8, 0.0, 0.5), 0.4, beyond, (0.5 + 0.6 * 0.2, 0.0, 0.1 + 0.8 * 0.2), beyond)
+    check_exact(Cylinder(0.5, 0.2), Sphere(0.1), (0.8, 0.0, 0.5), 0.4, beyond, (0.62, 0.0, 0.26), beyond)
+    # from a face, whose edges the nearest point is beyond
+    aslant = (1e-4, -1e-4, 1.0)
+    check_exact(box, Sphere(0.1), (0.8, 0.0, 0.5), 0.4, beyond, (0.62, 0.0, 0.26), aslant)
+    check_exact(Cylinder(0.5, 0.2), Sphere(0.1), (0.8, 0.0, 0.5), 0.4, beyond, (0.62, 0.0, 0.26), aslant)
+
+
+def test_a_wrong_start_is_told():
+    """A direction that leads nowhere ends in a refusal, not in numbers."""
+    axes, places = placed(
+        Sphere(0.1), Box((1.0, 1.0, 1.0)), (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0, 0, 2.0]))
+    )
+    for wrong in (np.zeros(3), np.full(3, np.nan)):
+        assert refined(axes, places, BODIES, wrong)[0] == FAILED
+    assert refined_distance._MOST_SETS > 10

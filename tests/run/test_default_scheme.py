@@ -1,0 +1,215 @@
+"""What runs where no scheme is named, at which step, and that the run says why."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi import reference
+from mbvi.run.default_scheme import default_scheme, time_step
+from support.paths import ROBOTS, real_robot
+
+G = 9.81
+
+
+def grains(count, e=0.5, pair=None, **more):
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    side = int(np.ceil(count ** (1 / 3) - 1e-9))
+    centres = 0.25 * np.indices((side, side, side)).reshape(3, -1).T[:count]
+    name = scene.add_spheres(centres + np.array([0, 0, 0.3]), radius=0.1, mass=1.0, **more)
+    if pair is not None:
+        scene.set_restitution(name, name, pair)
+    return scene.build()
+
+
+def boxes(count):
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    for k in range(count):
+        scene.add_box((0.2, 0.2, 0.2), position=(k, 0, 0.5))
+    return scene.build()
+
+
+def robot(path, base="fixed", **more):
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), -2.0)
+    scene.add_urdf(path, base=base, **more)
+    return scene.build()
+
+
+def oscillator(stiffness, damping=0.0):
+    """One mass on a spring: modes of sqrt(k) or, overdamped, up to about the damping [1/s]."""
+    system = mbvi.LagrangianSystem(lambda q: np.eye(1), lambda t, q, v: -stiffness * q - damping * v, 1)
+    return mbvi.Problem(system, [], [1e-9], [0.0])
+
+
+HAND = """<robot name="swing"><link name="base"/><link name="bob"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 -0.5"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.fixture
+def swing(tmp_path):
+    path = tmp_path / "swing.urdf"
+    path.write_text(HAND)
+    return path
+
+
+@pytest.mark.parametrize("count", [1, 5, 12])
+def test_few_smooth_constraints_are_for_error_control(count):
+    scheme, step, reason = default_scheme(grains(count), 1.0)
+    assert isinstance(scheme, mbvi.EventDriven) and step is None
+    rows = count + count * (count - 1) // 2
+    assert f"{rows} smooth constraint" in reason and "EventDriven(tolerance=1e-06)" in reason
+
+
+def test_one_box_is_smooth_and_two_are_not():
+    assert isinstance(default_scheme(boxes(1), 1.0)[0], mbvi.EventDriven)
+    scheme, step, reason = default_scheme(boxes(2), 1.0)
+    assert isinstance(scheme, mbvi.Centered) and scheme.project_positions
+    assert "the gradient of box | box_2 jumps" in reason and f"h = {step:g} s" in reason
+
+
+def test_many_are_stepped_without_listing_their_pairs():
+    scheme, step, reason = default_scheme(grains(1000), 1.0)
+    assert isinstance(scheme, mbvi.Centered)
+    assert f"{1000 + 1000 * 999 // 2} constraints are many" in reason
+    # the highest falls 24 times its size, and no more than a tenth of it in a step
+    speed = np.sqrt(2 * 9.81 * (0.3 + 9 * 0.25))
+    assert 0.4 * 0.01 <= speed * step <= 0.01
+
+
+def test_a_robot_is_judged_by_its_links(swing):
+    assert isinstance(default_scheme(robot(swing), 1.0)[0], mbvi.EventDriven)
+    for problem in (
+        robot(ROBOTS / "quadruped/quadruped.urdf", "free"),
+        robot(real_robot("ur_description/urdf/ur5_robot.urdf")),
+    ):
+        scheme, step, reason = default_scheme(problem, 2.0)
+        assert isinstance(scheme, mbvi.Centered) and "jumps" in reason
+        assert 1e-4 <= step <= 5e-3
+
+
+def test_a_control_may_switch_and_is_stepped(swing):
+    scheme, step, reason = default_scheme(robot(swing, control=lambda t, q, v: -np.sign(v)), 1.0)
+    assert isinstance(scheme, mbvi.Centered) and "the control of swing may switch" in reason
+    assert step >= 1e-3
+    assert time_step(robot(swing, control=lambda t, q, v: -1e5 * q), 1.0)[0] < step
+
+
+def test_damping_of_joints_is_implicit_and_asks_for_no_step(tmp_path):
+    steps = []
+    for damping in (0, 1e4):
+        path = tmp_path / f"{damping}.urdf"
+        path.write_text(HAND.replace("<limit", f'<dynamics damping="{damping}"/><limit'))
+        problem = robot(path)
+        assert problem.system.damping[0] == damping
+        steps.append(time_step(problem, 1.0))
+    assert steps[0] == steps[1]
+
+
+def test_no_constraints_are_for_error_control():
+    scheme, _, reason = default_scheme(oscillator(1.0), 1.0)
+    assert isinstance(scheme, mbvi.EventDriven) and "no constraints" in reason
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6])
+def test_the_step_resolves_the_fastest_mode(stiffness):
+    """Thirty steps or more to a period, and no ten times as many."""
+    step, scale = time_step(oscillator(stiffness), 100.0)
+    assert 30 <= 2 * np.pi / np.sqrt(stiffness) / step <= 300
+    assert "the fastest mode" in scale
+
+
+def test_the_step_is_stable_where_damping_is_strong():
+    problem = oscillator(1.0, damping=1e4)
+    step, _ = time_step(problem, 100.0)
+    assert step * 1e4 < 1
+    assert abs(mbvi.simulate(problem, step=step, duration=100 * step).v).max() < 1e-8
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_step_goes_by_the_size_of_bodies(scale):
+    """Lengths times s in the same gravity are times by sqrt(s); by speed, times s."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(radius=0.1 * scale, position=(0, 0, 0.2 * scale))
+    fall = np.sqrt(2 * 0.1 * scale / G)
+    step, why = time_step(scene.build(), 1e4)
+    assert 0.004 * fall <= step <= 0.02 * fall and "sphere" in why
+    scene.add_sphere(radius=0.1 * scale, position=(scale, 0, 0.2 * scale), velocity=(1e3 * scale, 0, 0))
+    step, why = time_step(scene.build(), 1e4)
+    assert 2e-6 <= step <= 1e-5 and "speed" in why
+
+
+def test_what_is_flat_is_not_passed_through():
+    """Thrown at a plate on the other side of which nothing would stop it."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.5)
+    scene.add_box((1, 1, 0.01), mass=1.0, name="plate")
+    scene.add_box((0.02, 0.3, 0.3), mass=1.0, position=(0, 0, 1), velocity=(0, 0, -10))
+    problem = scene.build()
+    run = mbvi.simulate(problem, duration=0.3)
+    assert 10 * run.step <= 0.005
+    assert run.v[-1, 2] < 0 < run.v[-1, 8] - run.v[-1, 2]
+
+
+def test_a_step_is_a_round_number():
+    for duration in np.geomspace(1e-3, 1e3, 40):
+        step, _ = time_step(oscillator(0.0), float(duration))
+        digit = float(f"{step:.12e}".split("e")[0])
+        assert digit in (1.0, 2.0, 5.0)
+        assert 0.4 * 0.01 * duration <= step <= 0.01 * duration * (1 + 1e-9)
+
+
+def test_the_run_says_what_was_chosen_and_its_file_too(tmp_path):
+    run = mbvi.simulate(grains(2), duration=0.3, out=tmp_path / "run.h5")
+    assert (run.scheme, run.step) == ("EventDriven", 0.0)
+    assert run.notes == (default_scheme(grains(2), 0.3)[2],)
+    assert mbvi.load(tmp_path / "run.h5").notes == run.notes
+    run = mbvi.simulate(boxes(2), duration=0.1, every=3, out=tmp_path / "run.h5")
+    _, step, reason = default_scheme(boxes(2), 0.1)
+    assert (run.scheme, run.step, run.notes) == ("Centered", step, (reason,))
+    again = mbvi.load(tmp_path / "run.h5")
+    assert again.notes == run.notes and again._scheme.project_positions
+    assert mbvi.simulate(grains(2), mbvi.Paoli(), duration=0.01).notes == ()
+
+
+def test_a_step_alone_is_for_the_default_time_stepping_scheme():
+    problem = grains(2)
+    run = mbvi.simulate(problem, step=2e-3, duration=0.5)
+    named = mbvi.simulate(problem, mbvi.Centered(project_positions=True), step=2e-3, duration=0.5)
+    assert (run.scheme, run.step) == ("Centered", 2e-3)
+    np.testing.assert_array_equal(run.q, named.q)
+    assert "default at a given step" in run.notes[0] and named.notes == ()
+    for state, q in zip(mbvi.steps(problem, step=2e-3), named.q[1:], strict=False):
+        np.testing.assert_array_equal(state.q, q)
+
+
+def test_many_bodies_without_restitution_land_on_each_other_instead_of_in_each_other():
+    scheme, step, reason = default_scheme(grains(27, e=0.0), 1.0)
+    assert isinstance(scheme, mbvi.StewartTrinkle) and reason.startswith(f"StewartTrinkle() at h = {step:g} s")
+    run = mbvi.simulate(grains(27, e=0.0), duration=1.0, every=10)
+    assert run.scheme == "StewartTrinkle" and run.penetration().max() < 1e-6
+    run = mbvi.simulate(grains(27, e=0.0), duration=0.01, step=1e-3)
+    assert (run.scheme, run.step) == ("StewartTrinkle", 1e-3)
+    assert isinstance(default_scheme(boxes(101), 1.0)[0], mbvi.StewartTrinkle)
+    for other in (grains(27, e=0.0, pair=0.1), grains(27, e=0.1), boxes(10)):
+        assert isinstance(default_scheme(other, 1.0)[0], mbvi.Centered)
+
+
+@pytest.mark.parametrize("case", reference.references(0.5), ids=lambda case: case.name)
+def test_the_default_is_right_to_its_tolerance(case):
+    run = mbvi.simulate(case.problem, duration=case.duration)
+    difference = case.problem.system.difference
+    times = np.linspace(0, case.duration, 101)
+    assert max(np.abs(difference(case.at(t)[0], run.at(t)[0])).max() for t in times) < 1e-5
+
+
+def test_a_force_that_jumps_has_no_mode():
+    """Dry friction where it sticks: its slope is infinite, and says nothing of a step."""
+    system = mbvi.LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: -np.sign(v) - [0.0, 1e4 * q[1]], 2)
+    problem = mbvi.Problem(system, [], [0.0, 0.0], [0.0, 0.0])
+    step, scale = time_step(problem, 100.0)
+    assert step == 2e-3 and "100 1/s" in scale

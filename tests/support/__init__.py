@@ -1,0 +1,1 @@
+"""What several test modules share; programs that tests start import from here too."""

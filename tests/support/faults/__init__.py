@@ -1,0 +1,1 @@
+"""Faults by seed, for tests and for `make faults`: wrong arguments, damaged files, mutated robots."""

@@ -1,0 +1,738 @@
+"""Realistic random arguments of every kernel, and what of its answers can be compared with those of its plain form."""
+
+import copy
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+from scipy.sparse import csr_array
+
+from mbvi.constraints import HalfSpaceContacts, sphere_walls
+from mbvi.geometry import triangles
+from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.sphere_capsule import Balls
+from mbvi.system import ArticulatedSystem
+from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.plain.gram import islands_plain
+from support.plain.incomplete_cholesky import incomplete_cholesky_plain
+from support.plain.refinement import relax_plain
+from support.plain.support_points import stand_plain
+from support.robot_problems import is_free, path_of
+
+SEEDS = range(20)
+SHAPES = [
+    Sphere(0.2),
+    Box((0.3, 0.4, 0.2)),
+    Ellipsoid((0.3, 0.2, 0.1)),
+    Capsule(0.1, 0.4),
+    Cylinder(0.15, 0.3),
+    Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)),
+]
+FACED = [shape for shape in SHAPES if hasattr(shape, "faces")]
+MODELS = ["quadruped", "biped", "arm", "panda", "talos"]
+
+
+# random but realistic arguments
+
+
+@cache
+def robot(name):
+    free = is_free(name)
+    model = pin.buildModelFromUrdf(str(path_of(name)), *([pin.JointModelFreeFlyer()] if free else []))
+    if name == "arm":
+        model.damping = np.linspace(0.1, 2.0, model.nv)
+    return ArticulatedSystem(model, name)
+
+
+def moving_robot(rng):
+    """One of the robots, a configuration and a velocity; its arrays are at that configuration."""
+    system = robot(rng.choice(MODELS))
+    neutral = pin.neutral(system.model)
+    q = system.integrate(neutral, rng.normal(size=system.nv))
+    system.metric(q)
+    return system, q, rng.normal(size=system.nv)
+
+
+def rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def unit(rng, *shape):
+    vectors = rng.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def place(rng):
+    return np.array([*rotation(rng), rng.normal(size=3)])
+
+
+def placed_on(rng, bodies, shapes=SHAPES):
+    """Every shape once, on random bodies."""
+    return [
+        PlacedShape(f"s{k}", shape, int(rng.choice(bodies)), rotation(rng), 0.2 * rng.normal(size=3))
+        for k, shape in enumerate(shapes)
+    ]
+
+
+def contact_rows(rng, system, q):
+    """Gradients of contacts and joint limits; every other time four points of one face stand on the same plane."""
+    m = int(rng.integers(1, 6))
+    second = rng.integers(1, len(system.bodies), m)
+    first = np.where(rng.random(m) < 0.5, 0, rng.integers(0, len(system.bodies), m))
+    point, normal = rng.normal(size=(m, 3)), unit(rng, m)
+    if rng.random() < 0.5:
+        face = rotation(rng) * 0.2
+        corners = [a * face[0] + b * face[1] for a in (-1, 1) for b in (-1, 1)]
+        second, first = np.append(second, [second[0]] * 4), np.append(first, [0] * 4)
+        point = np.vstack([point, point[0] + np.array(corners)])
+        normal = np.vstack([normal, [face[2] / 0.2] * 4])
+    rows = system.separation_rows(q, first.astype(np.int64), second.astype(np.int64), point, normal)
+    # bodies that no joint moves against each other have no row
+    rows = rows[np.abs(rows).max(axis=1) > 1e-3]
+    limit = np.zeros((1, system.nv))
+    limit[0, rng.integers(system.nv)] = rng.choice([-1.0, 1.0])
+    return np.ascontiguousarray(np.vstack([rows, limit]))
+
+
+def percussions_before(rng, m):
+    """What settled the last step: nothing, as many rows, or another number of rows."""
+    return rng.choice([0.0, 1.0], size=int(rng.choice([0, m, m + 1]))) * rng.random()
+
+
+def forces(rng, system, q, v):
+    """Mass matrix, damping, tree, velocity, step, torques and nonlinear effects."""
+    system.metric(q)
+    mass = np.array(system._memory.mass)
+    effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
+    damping = system.damping * rng.choice([0.0, 1.0])
+    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects
+
+
+def factor_of(rng):
+    system, q, _ = moving_robot(rng)
+    return system, np.array(system.metric(q).lower)
+
+
+def indefinite(rng, mass):
+    """Now and then a mass matrix that is none."""
+    mass = np.array(mass)
+    if rng.random() < 0.3:
+        k = rng.integers(len(mass))
+        mass[k, k] = rng.choice([-1.0, 0.0])
+    return mass
+
+
+def factor(rng):
+    system, _, _ = moving_robot(rng)
+    n = system.nv
+    return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
+
+
+def back(rng):
+    system, L = factor_of(rng)
+    # a gradient is zero for most joints
+    return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
+
+
+def solve(rng):
+    system, L = factor_of(rng)
+    rows = rng.normal(size=(rng.integers(0, 6), system.nv))
+    return L, system._parent, rows, np.full(rows.shape, np.nan)
+
+
+def advance_by(rng):
+    system, q, v = moving_robot(rng)
+    mass, *others = forces(rng, system, q, v)
+    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.full(len(v), np.nan)
+
+
+def scaled_cone(rng):
+    """Scaled G and missing rates that dependent rows agree on."""
+    m, n = rng.integers(1, 9, size=2)
+    J = rng.normal(size=(m, n + 1))
+    if m > 1 and rng.random() < 0.5:
+        J[1:] = rng.choice([-1.0, 1.0], size=(m - 1, 1)) * J[rng.integers(0, m, m - 1)]
+    J /= np.linalg.norm(J, axis=1)[:, None]
+    return J @ J.T, J @ rng.normal(size=n + 1)
+
+
+def settle(rng):
+    G, d = scaled_cone(rng)
+    m = len(d)
+    chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
+    if rng.random() < 0.2:
+        # neither dependent nor independent
+        J = np.array([[1.0, 0.0], [1.0, 1e-5]])
+        G, d, chosen, base = J @ J.T, np.ones(2), np.ones(2, bool), np.zeros(2)
+    return G, d, chosen, base, np.full(len(d), np.nan)
+
+
+def exchange(rng):
+    G, d = scaled_cone(rng)
+    if rng.random() < 0.4:
+        # rows may contradict each other
+        d = np.abs(d)
+    return G, d, rng.random(len(d)) < 0.5
+
+
+def cone(rng):
+    """Gradients and M^-1 times each, of a robot or of random numbers; a velocity before and one after the forces."""
+    if rng.random() < 0.7:
+        system, q, v = moving_robot(rng)
+        J, metric = contact_rows(rng, system, q), system.metric(q)
+        A = metric.solve_rows(J)
+    else:
+        m, n = rng.integers(1, 7, size=2)
+        B, J, v = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
+        if m > 1 and rng.random() < 0.5:
+            J[1] = rng.choice([1.0, 2.0, -1.0]) * J[0]
+        A = np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(n), J.T).T)
+    return J, A, v, v + 1e-2 * rng.normal(size=len(v))
+
+
+def restitution(rng, m):
+    return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
+
+
+def press(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    lower = -restitution(rng, m) * (J @ v)
+    return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
+
+
+def law(rng):
+    J, A, v, x = cone(rng)
+    m, n = J.shape
+    e, last = restitution(rng, m), percussions_before(rng, m)
+    return J, A, v, e, x, last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def tree_law(rng):
+    system, q, v = moving_robot(rng)
+    J = contact_rows(rng, system, q)
+    mass, *others = forces(rng, system, q, v)
+    if rng.random() < 0.1:
+        mass[0, 0] = -1.0
+    m, n = J.shape
+    last = percussions_before(rng, m)
+    return mass, *others, J, restitution(rng, m), last, np.full(n, np.nan), np.full((4, m), np.nan)
+
+
+def row(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    first, second = rng.integers(0, len(support), 2)
+    return np.array(columns), support[first], support[second], rng.normal(size=4), unit(rng), np.full(system.nv, np.nan)
+
+
+def separation(rng):
+    system, q, _ = moving_robot(rng)
+    _, columns, support = system.kinematics(q)
+    m = rng.integers(0, 7)
+    first, second = rng.integers(0, len(support), (2, m))
+    return (
+        np.array(columns),
+        support,
+        first,
+        second,
+        rng.normal(size=(m, 3)),
+        unit(rng, m),
+        np.full((m, system.nv), np.nan),
+    )
+
+
+def bias(rng):
+    system, q, _ = moving_robot(rng)
+    m = int(rng.integers(0, 6))
+    bodies = rng.integers(1, len(system.bodies), m)
+    return (
+        np.array(system.kinematics(q).poses), bodies, rng.normal(size=(m, 3)), rng.normal(size=(m, 6)),
+        rng.normal(size=(m, 6)), np.full((m, 3), np.nan),
+    )  # fmt: skip
+
+
+def use_up(rng):
+    n, nv = rng.integers(0, 5), rng.integers(1, 9)
+    spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), spare
+
+
+def spend(rng):
+    nv, n = rng.integers(1, 9), rng.integers(0, 12)
+    budget = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
+    travel = rng.random(nv) * (rng.random(nv) < 0.7)
+    return budget, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
+
+
+def sift(rng):
+    pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
+    gap = rng.normal(size=len(pair))
+    return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
+
+
+def shapes_on_walls(rng):
+    """Shapes of every kind on a robot above two walls, and the points of some pairs; now and then a rim is level."""
+    system, q, _ = moving_robot(rng)
+    shapes = placed_on(rng, range(1, len(system.bodies)))
+    walls = [HalfSpace(tuple(unit(rng)), rng.normal()) for _ in shapes]
+    cylinder = next(k for k, placed in enumerate(shapes) if isinstance(placed.shape, Cylinder))
+    if rng.random() < 0.3:
+        axis = shapes[cylinder].rotation[:, 2] @ system.kinematics(q).poses[shapes[cylinder].body, :3]
+        walls[cylinder] = HalfSpace(tuple(axis), 0.0)
+    names = [placed.name for placed in shapes]
+    contacts = HalfSpaceContacts(system, walls, shapes, names, np.zeros(len(shapes)))
+    asked = np.union1d(np.flatnonzero(rng.random(len(shapes)) < 0.5), [cylinder])
+    return system.kinematics(q), contacts._select(asked), len(shapes)
+
+
+def lowest(rng):
+    kinematics, selection, _ = shapes_on_walls(rng)
+    i = int(rng.integers(len(selection.pair)))
+    return kinematics.poses, int(selection.owners[i, 0]), selection.numbers, i, np.full(4, np.nan)
+
+
+def stand(rng):
+    kinematics, selection, _ = shapes_on_walls(rng)
+    k = len(selection.pair)
+    return kinematics.poses, selection.owners, selection.numbers, np.full(k, np.nan), np.full((k, 3), np.nan)
+
+
+def last_time(rng, gap, tolerance):
+    """Which gaps were within a tolerance the last time, often the same as now, and where to write these gaps to."""
+    others = rng.random(len(gap)) < rng.choice([0.0, 2.0]) / len(gap)
+    near = np.flatnonzero((gap <= tolerance) ^ others)
+    index = np.full(len(gap) + 1, -1)
+    index[0], index[1 : 1 + len(near)] = len(near), near
+    return index, np.full(len(near), np.nan)
+
+
+def touch(rng):
+    kinematics, selection, n = shapes_on_walls(rng)
+    gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
+    stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
+    index, near = last_time(rng, gap, tolerance)
+    written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
+    return *kinematics, selection.owners, selection.numbers, tolerance, rng.normal(size=n), index, *written
+
+
+def reached(rng):
+    m = rng.integers(1, 9)
+    where, sign, offset = rng.normal(size=m), rng.choice([-1.0, 1.0], size=m), rng.random(m)
+    index, gap = last_time(rng, sign * where + offset, 1e-8)
+    return where, sign, offset, np.ones(m), 1e-8, index, gap
+
+
+def shape_pairs(rng, shapes=SHAPES):
+    """Shapes on some bodies and the world, all their pairs, and where the bodies are."""
+    placed = placed_on(rng, range(4), shapes)
+    sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
+    axes = SeparatingAxes(placed, sides)
+    places = np.array([place(rng) for _ in axes.bodies]).reshape(-1, 4, 3)
+    axes._axis[:] = unit(rng, len(sides))
+    axes._axis[rng.random(len(sides)) < 0.2] = np.nan
+    return placed, axes, places
+
+
+def reach(rng):
+    _, axes, _ = shape_pairs(rng)
+    s = rng.integers(len(axes._sizes))
+    return place(rng), unit(rng), axes._sizes[s], axes._points[axes._first_point[s] : axes._first_point[s + 1]]
+
+
+def clear(rng):
+    _, axes, places = shape_pairs(rng)
+    n = len(axes._sides)
+    due = np.flatnonzero(rng.random(n) < 0.7)
+    return (
+        places, axes.frame, axes._fixed, axes._sizes, axes._points, axes._first_point,
+        axes._sides, axes._axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
+    )  # fmt: skip
+
+
+def keep(rng):
+    _, axes, places = shape_pairs(rng)
+    pairs = np.flatnonzero(rng.random(len(axes._sides)) < 0.3)
+    return places, axes.frame, axes._sides, axes._axis, pairs, unit(rng, len(pairs))
+
+
+def ball_contacts(rng):
+    round_ = [Sphere(0.2), Sphere(0.1), Capsule(0.1, 0.4), Capsule(0.05, 0.0), Capsule(0.3, 0.1)]
+    placed, axes, places = shape_pairs(rng, round_)
+    if rng.random() < 0.3:
+        # two about one centre
+        placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
+    balls = Balls(placed, axes.frame, axes._sides)
+    pairs = np.flatnonzero(balls.are)
+    k = len(pairs)
+    written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+    return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
+
+
+def leave(rng):
+    normals, offsets = rng.choice(FACED).faces
+    k = rng.integers(0, 5)
+    return 0.05 * rng.normal(size=(k, 3)), unit(rng), normals, offsets, np.full(k, np.nan)
+
+
+def most_facing(rng):
+    return rng.choice(FACED).faces[0], unit(rng)
+
+
+def note(rng):
+    m, n = rng.integers(0, 6), 4
+    percussion = rng.random(m) * (rng.random(m) < 0.5)
+    before = rng.choice([-1.0, 0.0, 1.0], size=m) * rng.random(m)
+    free = before + 0.5 * rng.normal(size=m)
+    rates = np.array([percussion, free, rng.normal(size=m), before])
+    number, lever = rng.integers(0, 5, m), rng.random(3)
+    noted = rng.random(n), rng.random(n)
+    return int(rng.integers(n)), number, 0.1 * rng.normal(size=m), rates, rng.random(), lever, 1e-12, *noted
+
+
+def struck(rng):
+    m, k = rng.integers(0, 6), rng.integers(0, 6)
+    rates, last = (rng.normal(size=(4, n)) * (rng.random((4, n)) < 0.7) for n in (m, k))
+    for r in (rates, last):
+        r[0] = np.abs(r[0])
+    point, last_point = rng.normal(size=(m, 3)), rng.normal(size=(k, 3))
+    # a limit has no point; every other contact stays near
+    point[rng.random(m) < 0.2] = np.nan
+    numbers, last_numbers = rng.integers(0, 4, m), np.sort(rng.integers(0, 4, k))
+    for a in range(min(m, k)):
+        if rng.random() < 0.5:
+            last_point[a], last_numbers[a] = point[a] + 0.01, numbers[a]
+    order = np.argsort(last_numbers, kind="stable")
+    last_numbers, last_point, last = last_numbers[order], last_point[order], np.ascontiguousarray(last[:, order])
+    before = last_numbers, last_point, last
+    return numbers, point, rates, rng.random(m), *before, 0.1, rng.random(2), 1e-12, np.zeros(m, np.int8)
+
+
+def balls_in_a_heap(rng):
+    """Centres and radii over two powers of ten; now and then two coincide."""
+    n = int(rng.integers(2, 40))
+    centres, radii = rng.normal(size=(n, 3)), 0.3 * 10.0 ** rng.uniform(-2.0, 0.0, n)
+    if rng.random() < 0.2:
+        centres[1] = centres[0]
+    return centres, radii
+
+
+def near_balls(rng):
+    centres, radii = balls_in_a_heap(rng)
+    level = np.log2(radii / radii.min()).astype(np.int64)
+    largest = np.zeros(level.max() + 1)
+    np.maximum.at(largest, level, radii)
+    reach = 0.5 * rng.random()
+    return centres, radii, level, 2.0 * largest + reach, reach, np.full(len(radii) ** 2, -1)
+
+
+def room_for(k):
+    return np.full(k, -1), np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+
+
+def touching(rng):
+    centres, radii = balls_in_a_heap(rng)
+    i, j = np.triu_indices(len(radii), 1)
+    chosen = rng.random(len(i)) < 0.5
+    pairs = (i * len(radii) + j)[chosen]
+    return centres, radii, pairs, rng.choice([0.0, 0.5, np.inf]), *room_for(len(pairs))
+
+
+def wall_contacts(rng):
+    centres, radii = balls_in_a_heap(rng)
+    shapes = [
+        HalfSpace(tuple(unit(rng)), rng.normal()),
+        *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
+    ]
+    walls = np.array([sphere_walls._numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
+    kind = np.array([sphere_walls._kind(w) for w in shapes])
+    return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
+
+
+def unit_rows(rng):
+    """Sparse unit rows between bodies of three velocities each and one of two that is dense; some stand twice."""
+    n, m = int(rng.integers(2, 7)), int(rng.integers(1, 14))
+    rows = np.zeros((m, 3 * n + 2))
+    for row in rows:
+        for body in rng.choice(n, size=2, replace=False) if rng.random() < 0.8 else rng.choice(n, size=1):
+            row[3 * body : 3 * body + 3] = rng.normal(size=3)
+        if rng.random() < 0.2:
+            row[-2:] = rng.normal(size=2)
+    for a in range(1, m):
+        if rng.random() < 0.1:
+            rows[a] = rows[a - 1]
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    U = csr_array(rows)
+    return U, U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
+
+
+def delassus_of(rng):
+    U, _, _ = unit_rows(rng)
+    G = csr_array(U @ U.T)
+    G.sort_indices()
+    return U, G, G.indptr.astype(np.uint32), G.indices.astype(np.uint32)
+
+
+def gram_of(rng):
+    U, columns, starts = unit_rows(rng)
+    room = int(rng.choice([0, 14 * 14]))
+    return (
+        U.data,
+        columns,
+        starts,
+        U.shape[1],
+        np.zeros(len(starts), np.uint32),
+        np.zeros(room, np.uint32),
+        np.zeros(room),
+    )
+
+
+def islands(rng):
+    U, columns, starts = unit_rows(rng)
+    kept = rng.random(U.shape[0]) < 0.8
+    kept[0] = True
+    return columns, starts, U.shape[1], kept, np.full(len(kept), -2)
+
+
+def missing_rates(rng, U):
+    """What some velocity can meet."""
+    return U @ rng.normal(size=U.shape[1]) - rng.random(U.shape[0])
+
+
+def incomplete_cholesky(rng):
+    _, G, starts, columns = delassus_of(rng)
+    room = (len(columns) + len(starts) - 1) // 2
+    written = np.zeros(len(starts), np.uint32), np.zeros(room, np.uint32), np.zeros(room)
+    return starts, columns, G.data, rng.choice([1e-4, 0.1]), *written
+
+
+def solve_factor(rng):
+    starts, columns, data, _, rows, places, L = incomplete_cholesky(rng)
+    assert incomplete_cholesky_plain(starts, columns, data, 3.0, rows, places, L)
+    return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
+
+
+def relax(rng):
+    U, G, starts, columns = delassus_of(rng)
+    start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return starts, columns, G.data, missing_rates(rng, U), 1e-11, start
+
+
+def rounds(rng):
+    starts, columns, data, d, target, start = relax(rng)
+    return starts, columns, data, d, target, 0.0, 2000, np.zeros(6), np.full(len(d), np.nan), start
+
+
+def mend(rng):
+    """Percussions that fit but for three."""
+    starts, columns, data, d, target, u = relax(rng)
+    relax_plain(starts, columns, data, d, 0.1 * target, u)
+    u[rng.integers(len(u), size=3)] += 0.1
+    return starts, columns, data, target, csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d, u
+
+
+def solve_islands(rng):
+    U, G, starts, columns = delassus_of(rng)
+    kept, label = rng.random(U.shape[0]) < 0.9, np.empty(U.shape[0], np.int64)
+    kept[0] = True
+    count = islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
+    start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
+
+
+def free_bodies(rng):
+    """Three bodies' q, v, and a tangent vector, of which one stands, one turns a little and one by more than a turn."""
+    q = rng.normal(size=(3, 7))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
+    dv = rng.normal(size=(3, 6))
+    dv[:, 3:] *= np.array([[0.0], [0.05], [2.0]])
+    return q.ravel(), rng.normal(size=18), dv.ravel()
+
+
+def moved(rng):
+    q, _, dv = free_bodies(rng)
+    return q, dv, np.zeros(21)
+
+
+def chart_rates(rng):
+    _, v, dv = free_bodies(rng)
+    return dv, v, np.zeros(18)
+
+
+def accelerations(rng):
+    turned = np.array([rotation(rng) for _ in range(3)])
+    inertias = turned @ (rng.uniform(0.1, 2.0, (3, 3))[:, :, None] * turned.transpose(0, 2, 1))
+    inertias = 0.5 * (inertias + inertias.transpose(0, 2, 1))
+    return rng.normal(size=18), rng.normal(size=(3, 3)), inertias, np.linalg.inv(inertias), np.zeros(18)
+
+
+def placed(rng):
+    return free_bodies(rng)[0], rng.integers(1, 4, 5), np.zeros((5, 4, 3))
+
+
+def pulled(rng):
+    points, normals = rng.normal(size=(2, 5, 3))
+    return free_bodies(rng)[0], rng.integers(0, 4, 5), rng.choice([-1.0, 1.0]), points, normals, np.full((5, 6), np.nan)
+
+
+def pulled_in_plane(rng):
+    q, bodies, sign, points, normals, _ = pulled(rng)
+    return q, bodies, sign, rotation(rng), points, normals, np.full((5, 3), np.nan)
+
+
+def first_of_lines(rng):
+    """Points of which some stand in line."""
+    line = rng.normal(size=3)
+    line /= np.linalg.norm(line)
+    points = rng.normal(size=(4, 3))[rng.integers(0, 4, 7)] + rng.normal(size=(7, 1)) * line
+    return points, line, np.full(7, -1)
+
+
+def near_triangles(rng):
+    corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
+    centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
+    room, tolerance = rng.integers(1, 40), rng.uniform(0.0, 0.2)
+    cells = triangles.sorted_into_cells(corners, radii.max() + tolerance)
+    outs = [np.zeros(room, np.int64) for _ in range(3)]
+    return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
+
+
+def raise_levels(rng):
+    number, known = rng.integers(0, 20, 12), np.unique(rng.integers(0, 20, 6))
+    return number, rng.normal(size=12), known, np.zeros(len(known))
+
+
+ARGUMENTS = {
+    **DISTANCE_ARGUMENTS,
+    "_raise_levels": raise_levels,
+    "_near_balls": near_balls,
+    "_touching": touching,
+    "_wall_contacts": wall_contacts,
+    "gram": gram_of,
+    "islands": islands,
+    "incomplete_cholesky": incomplete_cholesky,
+    "solve_factor": solve_factor,
+    "rounds": rounds,
+    "mend": mend,
+    "relax": relax,
+    "_solve_islands": solve_islands,
+    "near_triangles": near_triangles,
+    "moved": moved,
+    "chart_rates": chart_rates,
+    "accelerations": accelerations,
+    "placed": placed,
+    "pulled": pulled,
+    "pulled_in_plane": pulled_in_plane,
+    "_first_of_lines": first_of_lines,
+    "_struck": struck,
+    "factor": factor,
+    "_back": back,
+    "solve": solve,
+    "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
+    "advance_by": advance_by,
+    "settle": settle,
+    "exchange": exchange,
+    "press": press,
+    "law": law,
+    "tree_law": tree_law,
+    "row": row,
+    "separation": separation,
+    "_bias": bias,
+    "_use_up": use_up,
+    "_spend": spend,
+    "sift": sift,
+    "lowest": lowest,
+    "stand": stand,
+    "_touch": touch,
+    "_reached": reached,
+    "_reach": reach,
+    "_clear": clear,
+    "_keep": keep,
+    "_ball_contacts": ball_contacts,
+    "_leave": leave,
+    "_most_facing": most_facing,
+    "_note": note,
+}
+# how many of the last arguments mean something only where the kernel did not refuse
+IF_ACCEPTED = {
+    "factor": 1,
+    "advance_by": 2,
+    "settle": 1,
+    "exchange": 1,
+    "press": 2,
+    "law": 2,
+    "tree_law": 2,
+    "_touch": 3,
+    "_reached": 1,
+}
+
+
+def arguments(item, seed):
+    return copy.deepcopy(ARGUMENTS[item.__name__](np.random.default_rng(seed)))
+
+
+def accepted(name, result):
+    """Whether a kernel that may refuse wrote an answer."""
+    if name in ("factor", "advance_by"):
+        return result == 0
+    if name in ("press", "law", "tree_law"):
+        return result < np.inf
+    return result[-1] if isinstance(result, tuple) else result
+
+
+def specified(name, result, arguments):
+    """What the plain form's description promises of the result and of the arguments afterwards."""
+    arguments = list(arguments)
+    if name in IF_ACCEPTED:
+        yes = accepted(name, result)
+        if not yes:
+            del arguments[-IF_ACCEPTED[name] :]
+        elif name == "exchange":
+            # of dependent rows any may be chosen, but what they bring about is the same
+            G, d, chosen = arguments
+            arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
+        return [*(result if isinstance(result, tuple) else [yes]), *arguments]
+    if name == "_near_balls":
+        return [result, np.sort(arguments[-1][:result])]
+    if name in ("_touching", "_wall_contacts"):
+        # in their first places only
+        return [result, *(part[:result] for part in arguments[-4:])]
+    if name == "gram":
+        count = result[0] if isinstance(result, tuple) else result
+        return [
+            count,
+            *arguments[:4],
+            *([] if count > len(arguments[-1]) else [arguments[4], *(a[:count] for a in arguments[5:])]),
+        ]
+    if name == "incomplete_cholesky":
+        rows, places, L = arguments[-3:]
+        if not (result if isinstance(result, bool) else result[0]):
+            return [False]
+        return [True, rows, places[: rows[-1]], L[: rows[-1]]]
+    if name in ("rounds", "mend", "relax", "_solve_islands"):
+        # percussions may be shared between rows that depend on each other: what they bring about is the same
+        starts, columns, G = arguments[:3]
+        full = csr_array((G, columns, starts), shape=(len(starts) - 1, len(starts) - 1))
+        label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
+        done = result if name == "mend" else bool(result <= 1e-11)
+        return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
+    if name == "_first_of_lines":
+        return [result, arguments[-1][:result]]
+    if name in ("_spend", "sift", "_clear"):
+        # in its first places only
+        count = result if name == "_clear" else result[0]
+        arguments[-1] = arguments[-1][:count]
+    return [*(result if isinstance(result, tuple) else [result]), *arguments]
+
+
+def equal(a, b):
+    """Counts, truths and NaN exactly, numbers to rounding of the largest."""
+    if a is None or np.asarray(a).dtype.kind in "biu":
+        np.testing.assert_array_equal(a, b)
+        return
+    finite = np.abs(a)[np.isfinite(a)]
+    np.testing.assert_allclose(b, a, rtol=1e-10, atol=max(1e-10 * finite.max(initial=0.0), 1e-13))

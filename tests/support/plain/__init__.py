@@ -1,0 +1,85 @@
+"""The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
+
+from support.plain.admissible_set import _use_up_plain
+from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
+from support.plain.collinear import _first_of_lines_plain
+from support.plain.faces import _leave_plain, _most_facing_plain
+from support.plain.gram import gram_plain, islands_plain
+from support.plain.half_space import _touch_plain
+from support.plain.impact_rows import _raise_levels_plain
+from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
+from support.plain.joint_limit import _reached_plain
+from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.pairs import _spend_plain, sift_plain
+from support.plain.projected_pcg import rounds_plain
+from support.plain.recorder import _note_plain, _struck_plain
+from support.plain.refinement import mend_plain, relax_plain
+from support.plain.robot_step import _law_plain, _press_plain, _tree_law_plain
+from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
+from support.plain.sparse_projector import solve_islands_plain
+from support.plain.sphere_capsule import _ball_contacts_plain
+from support.plain.sphere_walls import _wall_contacts_plain
+from support.plain.spheres import _touching_plain
+from support.plain.support_points import lowest_plain, stand_plain
+from support.plain.tree import _back_plain, advance_plain, factor_plain, solve_plain
+from support.plain.triangles import near_triangles_plain
+from support.plain.turning import (
+    accelerations_plain,
+    chart_rates_plain,
+    moved_plain,
+    placed_plain,
+    pulled_in_plane_plain,
+    pulled_plain,
+)
+from support.plain.verlet_list import _near_balls_plain
+
+PLAIN = {
+    "_add_scaled": _add_scaled_plain,
+    "_back": _back_plain,
+    "_ball_contacts": _ball_contacts_plain,
+    "_bias": _bias_plain,
+    "_clear": _clear_plain,
+    "_first_of_lines": _first_of_lines_plain,
+    "_keep": _keep_plain,
+    "_leave": _leave_plain,
+    "_most_facing": _most_facing_plain,
+    "_near_balls": _near_balls_plain,
+    "_note": _note_plain,
+    "_raise_levels": _raise_levels_plain,
+    "_reach": _reach_plain,
+    "_reached": _reached_plain,
+    "_solve_islands": solve_islands_plain,
+    "_spend": _spend_plain,
+    "_struck": _struck_plain,
+    "_touch": _touch_plain,
+    "_touching": _touching_plain,
+    "_use_up": _use_up_plain,
+    "_wall_contacts": _wall_contacts_plain,
+    "accelerations": accelerations_plain,
+    "advance_by": advance_plain,
+    "chart_rates": chart_rates_plain,
+    "exchange": exchange_plain,
+    "factor": factor_plain,
+    "gram": gram_plain,
+    "incomplete_cholesky": incomplete_cholesky_plain,
+    "islands": islands_plain,
+    "law": _law_plain,
+    "lowest": lowest_plain,
+    "mend": mend_plain,
+    "moved": moved_plain,
+    "near_triangles": near_triangles_plain,
+    "placed": placed_plain,
+    "press": _press_plain,
+    "pulled": pulled_plain,
+    "pulled_in_plane": pulled_in_plane_plain,
+    "relax": relax_plain,
+    "rounds": rounds_plain,
+    "row": row_plain,
+    "separation": separation_plain,
+    "settle": settle_plain,
+    "sift": sift_plain,
+    "solve": solve_plain,
+    "solve_factor": solve_factor_plain,
+    "stand": stand_plain,
+    "tree_law": _tree_law_plain,
+}

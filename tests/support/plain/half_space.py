@@ -1,0 +1,52 @@
+"""Plain numpy forms of the kernels in mbvi/constraints/half_space.py."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbvi.arguments import Array
+from support.plain.articulated import separation_plain
+from support.plain.support_points import stand_plain
+
+
+def _touch_plain(
+    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
+    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
+) -> tuple[int, bool, bool]:  # fmt: skip
+    """Write gaps, points and gradients of the points within the tolerance, if they are those of the last time.
+
+    Parameters
+    ----------
+    poses, columns, support
+        As of `Kinematics`.
+    owners, numbers, index
+        As of `_Selection`; `index` is written.
+    tolerance : float
+        Gap at and below which a point is active [m].
+    budget : ndarray, shape (n,)
+        Of all pairs; the least gap is written for those here.
+    gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
+        For as many points as `index` counts.
+
+    Returns
+    -------
+    count : int
+        How many points are within the tolerance.
+    vain : bool
+        Whether a pair has none.
+    same : bool
+        Whether they are those of the last time; only then are gap, point and rows written in full.
+    """
+    gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
+    stand_plain(poses, owners, numbers, gaps, points)
+    found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
+    budget[pair] = np.inf
+    np.minimum.at(budget, pair, gaps)
+    same = np.array_equal(index[1 : 1 + index[0]], found)
+    index[0], index[1 : 1 + len(found)] = len(found), found
+    if same:
+        gap[:], point[:] = gaps[found], points[found]
+        world = np.zeros(len(found), np.int64)
+        up = numbers[found, 12:15]
+        separation_plain(columns, support, world, owners[found, 0], point, up, rows)
+    return len(found), bool((budget[pair] > tolerance).any()), same

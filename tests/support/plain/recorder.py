@@ -1,0 +1,87 @@
+"""Plain numpy forms of the kernels in mbvi/run/recorder.py."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbvi.arguments import Array
+from mbvi.schemes.step import closes
+
+
+def _still(number: Array, lever: Array, still: float) -> Array:
+    """Return the rate below which each row does not close; arguments as of `_note`."""
+    known = number < len(lever)
+    return np.asarray(still / np.where(known, np.append(lever, 1.0)[np.where(known, number, -1)], 1.0))
+
+
+def _note_plain(
+    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
+    penetration: Array, residuals: Array,
+) -> bool:  # fmt: skip
+    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
+
+    One is where a row that presses approaches faster than the forces of one step explain.
+
+    Parameters
+    ----------
+    k : int
+        Where to note it.
+    number, gap, rates, residual
+        Of a `Step`, `number` the constraints of its rows.
+    lever : ndarray, shape (c,)
+        What rates of the first constraints are multiplied by to be lengths a second; those of others are.
+    still : float
+        What closes more slowly than this does not [m/s].
+    penetration, residuals : ndarray, shape (n,)
+        Where these are kept.
+    """
+    residuals[k] = max(residuals[k], residual)
+    penetration[k] = max((-gap).max(initial=0.0), 0.0)
+    return bool(closes(rates, _still(number, lever, still)).any())
+
+
+def _struck_plain(
+    number: Array, point: Array, rates: Array, e: Array,
+    last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Choose the rows that may belong to an impact, if there is one, and add up its energy.
+
+    A row closes when it presses, approaches faster than the forces of one step explain and did not press just before.
+    Where one does, all that press more than twice as hard as the step before may take part.
+
+    Parameters
+    ----------
+    number, point, rates, e
+        Constraints, contact points, rates and restitution of a step's rows.
+    last_number, last_point, last_rates
+        Those of the step before, numbers ascending.
+    far : float
+        Points of one constraint farther apart than this are not the same [m].
+    lever, still
+        As of `_note`.
+    chosen : ndarray of int8, shape (k,)
+        Receives 2 for rows that close, 1 for those that may take part, 0 for others.
+
+    Returns
+    -------
+    count : int
+        How many rows may take part; 0 if nothing closes.
+    energy : float
+        Kinetic energy gained by the law (8) [J]; see `Impact`.
+    """
+    percussion, free, after, before = rates
+    # every row now beside every row of the same constraint that pressed then
+    then = np.flatnonzero(last_rates[0] > 0.0)
+    then = then[np.argsort(last_number[then], kind="stable")]
+    first, end = (np.searchsorted(last_number[then], number, side) for side in ("left", "right"))
+    row = np.repeat(np.arange(len(number)), end - first)
+    other = then[np.arange(len(row)) + np.repeat(first - np.cumsum(end - first) + end - first, end - first)]
+    shift = last_point[other] - point[row]
+    # limits have no points: NaN is near
+    near = ~(np.vecdot(shift, shift) > far**2)
+    pressed = np.bincount(row[near], last_rates[0, other[near]], minlength=len(number))
+    closing = closes(rates, _still(number, lever, still)) & (pressed == 0.0)
+    chosen[:] = (percussion > 0.0) & (percussion > 2.0 * pressed) & closing.any()
+    chosen[closing] = 2
+    pushed = (free - before) * (1.0 - e) / (1.0 + e)
+    return int(np.count_nonzero(chosen)), 0.5 * float(percussion @ (before + after + pushed))

@@ -1,0 +1,103 @@
+"""Plain numpy forms of the kernels in mbvi/projection/robot_step.py."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbvi.arguments import Array
+from mbvi.projection.nonnegative import ROUNDING
+from mbvi.projection.robot_step import _LAST_DIGITS, _REFINEMENTS, _TOUCHING
+from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.tree import advance_plain, factor_plain, solve_plain
+
+
+def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+    """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
+
+    Parameters
+    ----------
+    J, A : ndarray, shape (m, nv)
+        Gradients, and M^-1 times each of them.
+    x, w : ndarray, shape (nv,)
+        The velocity to project and the result.
+    lower : ndarray, shape (m,)
+        Least rates.
+    last : ndarray, shape (m,) or (0,)
+        Percussions that settled the same rows before, if any.
+    table : ndarray, shape (3, m)
+        Receives percussions, J x and J w.
+
+    Returns
+    -------
+    float
+        The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
+    """
+    p, speed, reached = table
+    speed[:] = J @ x
+    w[:], p[:], reached[:] = x, 0.0, speed
+    missing, terms = lower - speed, np.abs(J) @ np.abs(x) + np.abs(lower)
+    if (missing <= ROUNDING * terms).all():
+        return 0.0
+    G = J @ A.T
+    lengths = np.sqrt(np.maximum(G.diagonal(), 0.0))
+    if not (lengths > 0.0).all():
+        return np.inf
+    largest = ((np.abs(speed) + np.abs(lower)) / lengths).max()
+    enough = max(ROUNDING, _LAST_DIGITS * (terms / lengths).max() / largest)
+    G, d = G / np.outer(lengths, lengths), missing / lengths
+    nothing, u = np.zeros(len(d)), np.empty(len(d))
+    for attempt in range(3):
+        chosen, base = d > 0.0, nothing
+        if attempt == 1:
+            if len(last) != len(d):
+                continue
+            chosen, base = last > 0.0, last * lengths
+        if attempt == 2 and not exchange_plain(G, d, chosen):
+            break
+        if not settle_plain(G, d, chosen, base, u):
+            continue
+        for _ in range(1 + _REFINEMENTS):
+            p[:] = u / lengths
+            w[:] = x + p @ A
+            reached[:] = J @ w
+            slack = (reached - lower) / lengths
+            residual = np.abs(np.minimum(u, slack)).max() / largest
+            if residual <= enough:
+                np.maximum(p, 0.0, out=p)
+                # rows that touch without pressing may share the percussion: that is settled elsewhere
+                alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
+                return float(residual) if alone else np.inf
+            correction = np.empty(len(d))
+            settle_plain(G, -slack, chosen, nothing, correction)
+            u += correction
+    return np.inf
+
+
+def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
+    """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
+
+    Parameters
+    ----------
+    v : ndarray, shape (nv,)
+        Velocity before.
+    e : ndarray, shape (m,)
+        Restitution of each row.
+    rates : ndarray, shape (4, m)
+        Receives percussions, J x, J w and J v.
+    """
+    rates[3] = J @ v
+    return _press_plain(J, A, x, -e * rates[3], last, w, rates[:3])
+
+
+def _tree_law_plain(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
+    last: Array, w: Array, rates: Array,
+) -> float:  # fmt: skip
+    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
+    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    if advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
+        return np.inf
+    if factor_plain(mass, 0.0, damping, parent, L):
+        return np.inf
+    solve_plain(L, parent, J, A)
+    return _law_plain(J, A, v, e, x, last, w, rates)

@@ -1,0 +1,53 @@
+"""Plain numpy forms of the kernels in mbvi/projection/sparse_projector.py."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from mbvi.arguments import Array
+from mbvi.projection.sparse_projector import _SMALL
+from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.refinement import relax_plain
+
+
+def solve_islands_plain(
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
+) -> float:
+    """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
+
+    Parameters
+    ----------
+    starts, columns, G : ndarray, shapes (m + 1,), (k,), (k,)
+        Scaled Delassus matrix, row after row, columns ascending.
+    d, u : ndarray, shape (m,)
+        Missing rates; percussions to start from, which are written over.
+    label : ndarray of int, shape (m,)
+        The island of each row; -1 of one that is left out, and gets none.
+    count : int
+        How many islands there are.
+    target : float
+        The residual that is enough.
+    carried : float
+        The part of u that a large island is started from where all of it does not fit.
+    """
+    A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
+    u[label < 0] = 0.0
+    for island in range(count):
+        here = np.flatnonzero(label == island)
+        inner = csr_array(A[here][:, here])
+        inner.sort_indices()
+        part = u[here]
+        if len(here) <= _SMALL:
+            full, chosen = inner.toarray(), np.zeros(len(here), bool)
+            if exchange_plain(full, d[here], chosen):
+                settle_plain(full, d[here], chosen, np.zeros(len(here)), part)
+                np.maximum(part, 0.0, out=part)
+        residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
+        if residual > target:
+            part *= carried
+            residual = relax_plain(
+                inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
+            )
+        u[here], worst = part, max(worst, residual)
+    return worst
