@@ -10,7 +10,9 @@ from proxsuite import proxqp
 from .equalities import solve_active
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 
-_ACCURACY, _MOST_ITERATIONS = 1e-11, 1000
+_ACCURACY, _MOST_ITERATIONS = 1e-12, 1000
+# percussions below this share of the largest are those of rows that do not touch
+_NONE = 1e-11
 _FREE = 1e20
 # percussions above this share of the largest belong to active rows
 _POSITIVE = 1e-7
@@ -21,7 +23,7 @@ class ProxQP:
     """ProxSuite's primal-dual augmented Lagrangian method on min u' G u / 2 - d' u, u >= 0.
 
     An outer loop of proximal steps adds a multiple of the identity to G, so that singular and nearly singular problems
-    are as good as others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-11 of the
+    are as good as others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-12 of the
     largest violation, where ProxSuite's iterations allow it. Every projection makes an object of its own, started from
     the last percussions: what an object keeps from earlier problems would change the last digits of the answer.
 
@@ -37,6 +39,8 @@ class ProxQP:
         solver = proxqp.dense.QP(m, 0, 0, True)
         settings = solver.settings
         settings.eps_abs, settings.eps_rel, settings.max_iter = _ACCURACY, 0.0, _MOST_ITERATIONS
+        # complementarity: without this a row that does not touch may keep a percussion of 1e-9
+        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, _ACCURACY, 0.0
         settings.default_mu_in = 1e-3
         settings.compute_preconditioner = False
         solver.init(H=qp.G, g=-qp.d, l_box=np.zeros(m), u_box=np.full(m, _FREE))
@@ -48,6 +52,7 @@ class ProxQP:
         u = np.maximum(np.array(solver.results.x), 0.0)
         # at the limit of iterations it is what was reached
         u[~np.isfinite(u)] = 0.0
+        u[u <= _NONE * u.max()] = 0.0
         return Candidate(qp.combine(u), u)
 
 
