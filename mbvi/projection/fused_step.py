@@ -10,6 +10,7 @@ from .metric import Array, Metric
 from .robot_step import law, press, tree_law
 from .scaled_qp import Projection
 from .tree import TreeFreeMotion
+from .warm_start import LastPercussions
 
 
 class FusedStep:
@@ -20,30 +21,40 @@ class FusedStep:
     the set that a dual active-set method on G finds. Each is solved for its equations, refined twice, and judged by its
     own KKT residual. No answer is given unless that is at rounding: then the solvers that follow in the cascade are
     tried.
+
+    Parameters
+    ----------
+    last : LastPercussions
+        Where the percussions are read and kept.
     """
 
-    def project(self, x: Array, metric: Metric, J: Array, lower: Array, last: Array) -> Projection | None:
-        """Return the projection, or None if it is not at rounding; see `mbvi.project`.
+    __slots__ = ("_last",)
 
-        Parameters
-        ----------
-        last : ndarray, shape (m,) or other
-            Percussions of the last projection; of another number of rows they are not used.
-        """
+    def __init__(self, last: LastPercussions) -> None:
+        self._last = last
+
+    def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection | None:
+        """Return the projection, or None if it is not at rounding; see `mbvi.project`."""
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
-        velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
+        velocity, rates, last = np.empty(len(x)), np.empty((3, len(lower))), self._last
         A = plain_array(metric.solve_rows(J))
-        residual = press(J, A, x, lower, last, velocity, rates)
-        return Projection(velocity, rates[0], residual) if residual < np.inf else None
+        residual = press(J, A, x, lower, last.percussion, velocity, rates)
+        if not residual < np.inf:
+            return None
+        last.percussion, last.keys = rates[0], None
+        return Projection(velocity, last.percussion, residual)
 
     def law(
-        self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array, last: Array
+        self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array
     ) -> tuple[Array, Array, float] | None:
         """Return what `Projector.law` does, or None if it is not at rounding."""
-        velocity, rates = np.empty(len(v)), np.empty((4, len(e)))
+        velocity, rates, last = np.empty(len(v)), np.empty((4, len(e))), self._last
         if type(motion) is TreeFreeMotion:
-            residual = tree_law(*motion.told, J, e, last, velocity, rates)
+            residual = tree_law(*motion.told, J, e, last.percussion, velocity, rates)
         else:
             A = plain_array(motion.metric.solve_rows(J))
-            residual = law(J, A, plain_array(v), e, plain_array(motion.free), last, velocity, rates)
-        return (velocity, rates, residual) if residual < np.inf else None
+            residual = law(J, A, plain_array(v), e, plain_array(motion.free), last.percussion, velocity, rates)
+        if not residual < np.inf:
+            return None
+        last.percussion, last.keys = rates[0], None
+        return velocity, rates, residual

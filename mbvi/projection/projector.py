@@ -46,8 +46,8 @@ class Projector:
     def __init__(self, residual: float = 1e-6, solver: ChosenSolver | None = None) -> None:
         self.residual = residual
         self.solver = solver
-        self._fused = FusedStep() if solver is None else None
         self._last = LastPercussions()
+        self._fused = FusedStep(self._last) if solver is None else None
 
     def project(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
@@ -60,9 +60,8 @@ class Projector:
             The constraint of each sparse row, by which it finds its last percussion.
         """
         if self._fused is not None and 0 < len(lower) <= FEW and isinstance(J, np.ndarray):
-            found = self._fused.project(x, metric, J, lower, self._last.percussion)
+            found = self._fused.project(x, metric, J, lower)
             if found is not None:
-                self._last.keep(found.percussion, None)
                 return found
         return self._solve(x, metric, J, lower, contacts)
 
@@ -100,9 +99,8 @@ class Projector:
         """
         m = len(e)
         if self._fused is not None and m <= FEW and isinstance(J, np.ndarray):
-            found = self._fused.law(v, motion, J, e, self._last.percussion)
+            found = self._fused.law(v, motion, J, e)
             if found is not None:
-                self._last.keep(found[1][0], None)
                 return found
         x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)

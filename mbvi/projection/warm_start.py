@@ -18,13 +18,16 @@ class LastPercussions:
     ----------
     percussion : ndarray, shape (m,)
         Of the last projection; empty at first.
+    keys : ndarray of int, shape (m,), or None
+        Ascending keys of their contacts; None where rows have no names.
     """
+
+    __slots__ = ("_x", "keys", "percussion")
 
     def __init__(self) -> None:
         self.percussion = np.zeros(0)
-        # ascending, one a percussion; empty where rows have no names
-        self._keys = np.zeros(0, np.int64)
-        self._x = np.zeros(0)
+        self.keys: Array | None = None
+        self._x: Array | None = None
 
     def start(self, qp: ScaledQP, keys: Array | None) -> WarmStart | None:
         """Return what a projection is started from, None if there is nothing."""
@@ -33,22 +36,20 @@ class LastPercussions:
         return None if found is None else WarmStart(found * qp.lengths / qp.scale, same)
 
     def _matched(self, m: int, keys: Array | None) -> Array | None:
-        if keys is None:
-            return self.percussion if len(self.percussion) == m and not len(self._keys) else None
-        if not len(self._keys):
-            return None
-        place = np.searchsorted(self._keys, keys)
-        place[place == len(self._keys)] = 0
-        return np.where(self._keys[place] == keys, self.percussion[place], 0.0)
+        """Return the last percussion of each row, None if there is none."""
+        if keys is None or self.keys is None:
+            unnamed = keys is None and self.keys is None
+            return self.percussion if unnamed and len(self.percussion) == m else None
+        place = np.searchsorted(self.keys, keys)
+        place[place == len(self.keys)] = 0
+        return np.where(self.keys[place] == keys, self.percussion[place], 0.0)
 
     def keep(self, percussion: Array, keys: Array | None) -> None:
         """Keep the percussions of rows with these keys, or without any."""
-        if keys is None:
-            keys = np.zeros(0, np.int64)
-        elif (keys[1:] < keys[:-1]).any():
+        if keys is not None and (keys[1:] < keys[:-1]).any():
             order = np.argsort(keys, kind="stable")
             keys, percussion = keys[order], percussion[order]
-        self._keys, self.percussion = keys, percussion
+        self.keys, self.percussion = keys, percussion
 
 
 def contact_keys(constraints: Array) -> Array:
