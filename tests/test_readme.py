@@ -1,4 +1,4 @@
-"""Every block of Python in the README and in docs/ runs as it stands, and prints what follows it."""
+"""The pages: blocks of Python run and print what follows them; links, paths and names that pages mention exist."""
 
 import contextlib
 import io
@@ -7,6 +7,7 @@ import re
 
 import pytest
 
+import mbvi
 from support.paths import ROOT
 
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
@@ -77,3 +78,20 @@ def test_every_path_that_a_page_names_exists(page):
 def test_every_module_and_function_that_a_page_names_exists(page):
     for name in sorted(set(re.findall(r"`(mbvi(?:\.\w+)+)[`(]", page.read_text()))):
         assert pkgutil.resolve_name(name) is not None, name
+
+
+def test_the_files_that_contributing_names_exist():
+    """Paths with a folder, the files of the root, and the commands of make."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = set(re.findall(r"`([\w.-]+(?:/[\w.-]*)+|[A-Z]+\.\w+|pyproject\.toml)`", text))
+    assert len(named) > 20
+    assert not [path for path in named if not (ROOT / path).exists()]
+    goals = re.findall(r"^make ([\w-]+)", text, re.M)
+    makefile = (ROOT / "Makefile").read_text()
+    assert goals and all(f"\n{goal}: " in makefile for goal in goals)
+
+
+def test_versions_are_one_version():
+    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
+    project = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    assert cited == project == mbvi.__version__

@@ -129,7 +129,7 @@ def replay(
     shapes: _Shapes = Shapes.visual,
 ) -> None:
     """Play a run in the browser."""
-    from ..results.hdf5 import load
+    from ..results import load
 
     _check_targets(run, html)
     with warnings.catch_warnings():
@@ -298,7 +298,7 @@ def _run(
     shapes: Shapes = Shapes.visual,
 ) -> None:
     from ..compiled import seconds_compiling
-    from ..results.trajectory import energies
+    from ..results.energies import energies
     from ..run.simulate import simulate as run_problem
 
     # the first run on a machine compiles kernels, which is no part of its speed
@@ -316,7 +316,7 @@ def _run(
             raise
     wall = time.perf_counter() - seconds_compiling() - begin
     ends = [0, -1]
-    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
+    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run.record.timing.jump).sum(axis=1)
     # one that chooses its own keeps count of those it recorded
     steps = max(math.ceil(duration / run.step - 1e-9), 1) if run.step else len(run.t) - 1
     print(run.impact_table() if run.impacts else "no impact")

@@ -83,7 +83,7 @@ def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
     assert (trajectory.scheme, trajectory.step) == (scheme, step)
     assert f"scheme       {scheme}" in out
     if scheme == "EventDriven":
-        assert trajectory._scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
+        assert trajectory.record.scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
     # the reason stands there where nothing was named
     assert ("was chosen: the gradient of hopper/trunk_0 | hopper/shin_1 jumps" in out) == (not words)
 
