@@ -17,15 +17,15 @@ import pinocchio as pin
 from ..geometry.shapes import Array, HalfSpace, PlacedShape, length_unit
 from ..system import System
 
-# steps violate limits a little: what ranges are widened by, in radians and in sizes of the shapes
+# widening of joint ranges, because steps violate limits a little: in radians and in sizes of the shapes
 MARGIN = 0.05
 # distances to be measured, in all and for a pair, and what looking at a pair costs in such units
 _MOST, _MOST_EACH, _LOOK = 8_000, 400, 25
-# boxes looked at together
+# boxes evaluated together
 _AT_ONCE = 48
 _ONE = np.eye(3)
 _MOST_JOINTS = 4
-# part of a distance that a bound may leave unproven, so that bounds say something
+# part of a distance that a lower bound may lose
 _SURE = 0.75
 # what a distance must exceed, in sizes of the smaller shape: they are measured to some 1e-6
 _LEAST = 1e-3
@@ -58,7 +58,7 @@ class _Side(NamedTuple):
 def always_apart(
     systems: Sequence[System], shapes: Sequence[PlacedShape], walls: dict[str, HalfSpace], known: set[tuple[str, str]]
 ) -> Iterator[tuple[str, str, float]]:
-    """Yield pairs that can never meet, by name, and what their distance is at least [m].
+    """Yield the names of pairs that can never meet, and lower bounds of their distances [m].
 
     Parameters
     ----------

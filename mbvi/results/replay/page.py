@@ -1,4 +1,4 @@
-"""One page that holds the viewer, the scene and its animation."""
+"""One HTML page that holds the viewer, the scene and its animation."""
 
 from __future__ import annotations
 
