@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+import mbvi
 from support.paths import ROOT
 
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
@@ -34,3 +35,20 @@ def test_blocks_are_found():
     assert counts["README.md"] >= 1 and counts["docs/guide.md"] >= 5
     # whatever prints says what
     assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])
+
+
+def test_the_files_that_contributing_names_exist():
+    """Paths with a folder, the files of the root, and the commands of make."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = set(re.findall(r"`([\w.-]+(?:/[\w.-]*)+|[A-Z]+\.\w+|pyproject\.toml)`", text))
+    assert len(named) > 20
+    assert not [path for path in named if not (ROOT / path).exists()]
+    goals = re.findall(r"^make ([\w-]+)", text, re.M)
+    makefile = (ROOT / "Makefile").read_text()
+    assert goals and all(f"\n{goal}: " in makefile for goal in goals)
+
+
+def test_versions_are_one_version():
+    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
+    project = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    assert cited == project == mbvi.__version__

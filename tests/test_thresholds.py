@@ -24,6 +24,13 @@ SCHEMES = {
     "StewartTrinkle": mbvi.StewartTrinkle(),
 }
 STEP = 2e-3
+# how fast the fast body is [m/s]
+SPEEDS = (0.0, 5.0, 50.0)
+
+
+def every_two(names):
+    """Every name with every scheme and with every speed, and every scheme with every speed."""
+    return [(a, b, SPEEDS[(j + k) % len(SPEEDS)]) for j, a in enumerate(names) for k, b in enumerate(SCHEMES)]
 
 
 def sites(count, spacing, low):
@@ -112,7 +119,7 @@ def check_run(make, size, scheme, fast):
     assert run.penetration().max() < 0.2
 
 
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
+@pytest.mark.parametrize("fast", SPEEDS)
 @pytest.mark.parametrize("name", SIZES)
 def test_the_default_runs_above_every_threshold(name, fast):
     make, sizes = SIZES[name]
@@ -120,9 +127,7 @@ def test_the_default_runs_above_every_threshold(name, fast):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize(("name", "scheme", "fast"), every_two(SIZES))
 def test_every_scheme_runs_on_both_sides_of_every_threshold(name, scheme, fast):
     make, sizes = SIZES[name]
     for size in sizes:
@@ -210,9 +215,7 @@ def test_both_paths_find_the_same(name, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize(("name", "scheme", "fast"), every_two(PATHS))
 def test_both_paths_find_the_same_with_every_scheme(name, scheme, fast, monkeypatch):
     check_paths(name, SCHEMES[scheme], fast, monkeypatch)
 

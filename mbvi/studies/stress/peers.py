@@ -91,7 +91,7 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
 
 
 def _engine(module: str) -> Any:
-    return import_module(f"..peers.{module}", __package__)
+    return import_module(f"..engines.{module}", __package__)
 
 
 def _name(module: str) -> str:
