@@ -38,7 +38,7 @@ class Blocks:
     items : SceneItems
         What the user added.
     reduce : tuple of str
-        The kinds of reductions that are asked for.
+        The kinds of reductions that are on.
     systems, q0, v0
         One each of what moves together.
     shapes : list of PlacedShape
@@ -48,7 +48,7 @@ class Blocks:
     omitted : list of Omission
         What was left out.
     apart : set of (str, str)
-        Pairs that are not asked.
+        Pairs that are left out of contact detection.
     limits
         Of each robot: where in q and in v, lower and upper limits, and names of its joints.
     spheres : list of int

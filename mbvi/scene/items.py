@@ -145,7 +145,7 @@ class SceneItems:
         Raises
         ------
         InputError
-            If the one that is asked for is taken, or none.
+            If the wanted name is in use, or is no name.
         """
         taken = self.names()
         if name is not None:

@@ -32,7 +32,7 @@ class Simplified:
 
     def omitted(self) -> list[Omission]:
         """Return the omissions due to simpler shapes."""
-        told = []
+        omissions = []
         for hull, found, names in self._known.values():
             if found is None:
                 continue
@@ -41,8 +41,8 @@ class Simplified:
             kind = type(found.shape).__name__.lower()
             by = f"a hull of {after} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
             saved = max(before - after, 0) * len(names)
-            told.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
-        return told
+            omissions.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
+        return omissions
 
 
 def _up(distance: float) -> str:

@@ -48,7 +48,7 @@ class Robot:
     shapes : tuple of PlacedShape
         Convex collision shapes on the joints' frames; body 0 is the base of a fixed robot.
     apart : frozenset of (str, str)
-        Pairs of shapes that are not asked, in the order of `shapes`.
+        Pairs of shapes that are left out of contact detection, in the order of `shapes`.
     omitted : tuple of Omission
         What was left out, and why.
     reference : ndarray, shape (nq,)

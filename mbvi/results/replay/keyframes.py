@@ -171,7 +171,8 @@ class Arrow:
 def arrows(run: PlayableRun) -> list[Arrow]:
     """Return the percussions at contact points in order of time, the 300 strongest if there are more.
 
-    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
+    The arrow has the direction of the percussion on the second body; its length grows from 0.1 to 0.6 as the root of
+    the percussion.
     """
     found = [
         (float(p), impact.time, point, normal)
