@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints import JointLimits, admissible_set, half_space, pairs
-from mbvi.projection import active_set, projector, proxqp
+from mbvi.projection import cascade, equalities, projector
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
 from mbvi.schemes.event_driven import contact_rows as smooth
@@ -181,11 +181,10 @@ PATHS = {
     "shapes, few or many": ([(assembly, "_FEW_SHAPES")], crowd, {"boxes": 6, "mixed": 5, "spheres": 2}),
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),
     "constraints that remember": ([(admissible_set, "_MOST_REMEMBERING")], crowd, {"boxes": 6, "robot": "hopper"}),
-    "rows solved by the compiled projection": ([(projector, "_FEW")], crowd, {"boxes": 6}),
-    "rows exchanged": ([(projector, "_EXCHANGED"), (projector, "_FEW")], crowd, {"boxes": 6}),
-    "rows solved by an SVD": ([(active_set, "_MANY"), (projector, "_FEW")], crowd, {"boxes": 6}),
+    "rows solved by the compiled projection": ([(projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
+    "rows exchanged": ([(cascade, "_EXCHANGED"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
+    "rows solved by an SVD": ([(equalities, "_MANY"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "selections of points kept": ([(half_space, "_MOST_SELECTIONS")], crowd, {"boxes": 6}),
-    "solvers kept": ([(proxqp, "_MAX_KEPT"), (projector, "_FEW")], crowd, {"boxes": 6}),
 }  # fmt: skip
 
 
