@@ -1,4 +1,4 @@
-"""From the controls and forces of a scene to what acts on its system."""
+"""Turns the controls and forces of a scene into loads of its system."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .state import Place, Places
 
 
 def actuated(blocks: Blocks, system: System, length: float) -> System:
-    """Return a system with the scene's controls and forces acting on it; the same where there are none.
+    """Return a system under the scene's controls and forces; the same system where there are none.
 
     Parameters
     ----------
     blocks : Blocks
-        What the system was made of.
+        The blocks that the system was made of.
     system : System
         Robots, bodies and spheres.
     length : float
@@ -62,7 +62,7 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
 
 
 def _places(blocks: Blocks, system: System) -> Places:
-    """Return where everything that moves stands."""
+    """Return the places in q and v of everything that moves."""
     items, parts = blocks.items, located_parts(system)
     places = Places()
     for item in items.robots:
@@ -83,7 +83,7 @@ def _places(blocks: Blocks, system: System) -> Places:
 
 
 def _lift(axes: Array | None, bodies: list[BodyItem]) -> Array | None:
-    """Return the velocities in space that the velocities of bodies in a plane stand for, shape (n, 6, 3)."""
+    """Return the matrices from velocities of bodies in a plane to velocities in space, shape (n, 6, 3)."""
     if axes is None:
         return None
     lift = np.zeros((len(bodies), 6, 3))

@@ -1,4 +1,4 @@
-"""What a Problem remembers of its scene: for the report, the replay and the file."""
+"""The scene that a Problem was built from, for the report, the replay and the file."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class SceneModel:
     Attributes
     ----------
     items : SceneItems
-        What the user added.
+        The robots, bodies, spheres, walls and forces that the user added.
     shapes : tuple of PlacedShape
         Every shape on the body that carries it; 0 is the world.
     omitted : tuple of Omission
-        What was left out of the model, why, and what it saves.
+        The parts that were left out of the model, why, and how much that saves.
     reduce : tuple of str
-        The kinds of reductions that were asked for.
+        The kinds of reductions that are on.
     system : System
-        What the scene was built to.
+        The system that the scene was built to.
     constraints : tuple of ConstraintFamily
-        As `system`.
+        The constraints that the scene was built to.
     """
 
     items: SceneItems
@@ -53,18 +53,18 @@ class SceneModel:
 
     @property
     def surfaces(self) -> list[SurfaceItem]:
-        """Meshes as they are."""
+        """Meshes of the world."""
         return self.items.surfaces
 
     @property
     def motions(self) -> list[Motion]:
-        """How what stands in the world moves, each motion once."""
+        """Prescribed motions of walls, meshes and fixed bodies, each once."""
         given = [w.motion for w in self.walls.values()]
         given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
         return list({id(motion): motion for motion in given if motion is not None}.values())
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
-        """Raise `InputError` if a configuration of a planar scene's problem has something outside its plane."""
+        """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""
         if self.items.plane is not None and "plane" in self.reduce:
             check_same_plane(problem.system, problem.q0, q, self.items.plane)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -97,6 +98,9 @@ class LagrangianSystem(System):
     def check(self, t: float, q: Array, v: Array) -> None:
         self.metric(q)
         self.force(t, q, v)
+
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        return self._mass, self._force
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         g = returned(self._force(t, q, v), f"force ({called(self._force)})")

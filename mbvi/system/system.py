@@ -95,6 +95,10 @@ class System:
     def check(self, t: float, q: Array, v: Array) -> None:
         """Raise `InputError` if functions of the user return something else than they should."""
 
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """Return the functions of the user that define the system."""
+        return ()
+
     def located_parts(self) -> list[Part]:
         """Return the systems that this one consists of, in the order of q and v; itself where it has no parts."""
         return [Part(self, 0, 0, 0)]

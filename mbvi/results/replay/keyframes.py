@@ -1,4 +1,4 @@
-"""What a replay shows of a run, free of any viewer: key times, placements, percussions, and the room they take."""
+"""Key frames of a replay, independent of the viewer: key times, placements, percussion arrows, and bounds."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PlayableRun(Protocol):
 
 
 def scene_of(run: PlayableRun) -> SceneModel:
-    """Return what a run's problem remembers of its scene.
+    """Return the scene of a run.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def shapes_of(run: PlayableRun, shapes: str = "visual") -> list[PlacedShape]:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the bodies that carry shapes are at the key times.
+    """Poses of the bodies that carry shapes at the key times.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Motion:
 
 
 def motion(run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
-    """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
+    """Return the poses of bodies, at 60 frames a second and at every impact (the 2000 strongest if there are more).
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def motion(run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | 
     start, end = float(run.t[0]), float(run.t[-1])
     count = max(int(_FRAMES * (end - start) / speed), 1)
     strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
-    # whole microseconds, so that no two keys are nearer than floats of the browser can tell
+    # whole microseconds, because nearer keys are equal in the single precision of the browser
     frames = np.round(np.linspace(0.0, (end - start) / speed, count + 1), 6)
     instants = np.round([(i.time - start) / speed for i in strongest], 6)
     times = np.unique(np.concatenate([frames, instants]))
@@ -143,14 +143,14 @@ def motion(run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | 
         places = run.problem.system.placements(run.at(float(t))[0], np.array(bodies))
         position[k] = places[:, 3]
         quaternion[k] = Rotation.from_matrix(places[:, :3].transpose(0, 2, 1)).as_quat()
-    # of the two quaternions of a rotation, the one nearer to the last
+    # of the two quaternions of a rotation, the one nearer to that of the frame before
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
     quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
     return Motion(bodies, times, at, np.isin(times, frames), position, quaternion)
 
 
 def carried(drive: Drive, times: Array) -> tuple[Array, Array]:
-    """Return where a prescribed motion takes the origin, shape (n, 3) [m], and rotations (x, y, z, w), shape (n, 4)."""
+    """Return the origins of a prescribed motion, shape (n, 3) [m], and its rotations (x, y, z, w), shape (n, 4)."""
     poses = [drive.pose(float(t)) for t in times]
     quaternion = Rotation.from_matrix(np.array([turn for turn, _ in poses])).as_quat()
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0.0
@@ -171,7 +171,8 @@ class Arrow:
 def arrows(run: PlayableRun) -> list[Arrow]:
     """Return the percussions at contact points in order of time, the 300 strongest if there are more.
 
-    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
+    The arrow has the direction of the percussion on the second body; its length grows from 0.1 to 0.6 as the root of
+    the percussion.
     """
     found = [
         (float(p), impact.time, point, normal)
@@ -185,7 +186,7 @@ def arrows(run: PlayableRun) -> list[Arrow]:
 
 
 def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None = None) -> tuple[Array, Array]:
-    """Return two corners, shape (3,) [m], of a box that holds all motion, and of what is fixed what is near it.
+    """Return two corners, shape (3,) [m], of a box that holds all moving shapes, and fixed shapes near them.
 
     The shapes are those that are shown, the collision shapes by default.
     """
@@ -220,7 +221,7 @@ def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None
 
 
 def _poses(drive: Drive | None, times: Array) -> list[tuple[Array, Array]]:
-    """Return some poses of what moves on its own, the one of what does not."""
+    """Return some poses of a shape with a prescribed motion, or the pose of a fixed shape."""
     if drive is None:
         return [(np.eye(3), np.zeros(3))]
     return [drive.pose(float(t)) for t in times[:: max(1, len(times) // _MOST_POSES)]]
