@@ -11,7 +11,9 @@ from .equalities import solve_active
 from .metric import Array
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 
-_ACCURACY, _MOST_ITERATIONS = 1e-12, 1000
+_ACCURACY = 1e-12
+# an iteration costs m^3 operations: most iterations up to 100 rows, fewer beyond, and the fewest
+_ITERATIONS, _FEWEST_ITERATIONS = 1000, 50
 # percussions below this share of the largest are those of rows that do not touch
 _NONE = 1e-11
 _FREE = 1e20
@@ -55,7 +57,9 @@ def _solve(G: Array, d: Array, start: Array | None) -> Array:
     m = len(d)
     solver = proxqp.dense.QP(m, 0, 0, True)
     settings = solver.settings
-    settings.eps_abs, settings.eps_rel, settings.max_iter = _ACCURACY, 0.0, _MOST_ITERATIONS
+    settings.eps_abs, settings.eps_rel = _ACCURACY, 0.0
+    settings.max_iter = max(_FEWEST_ITERATIONS, int(_ITERATIONS * min(1.0, (100 / m) ** 3)))
+    settings.max_iter_in = max(30, settings.max_iter)
     # complementarity: without this a row that does not touch may keep a percussion of 1e-9
     settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, _ACCURACY, 0.0
     settings.default_mu_in = 1e-3
