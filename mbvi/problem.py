@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
 from .arguments import restitution as checked_restitution
-from .constraints import AdmissibleSet, Constraint
+from .constraints import AdmissibleSet, Constraint, ConstraintFamily
+from .constraints.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import System, checked_system, parts_of
 
@@ -73,7 +74,7 @@ class Problem:
     ----------
     system : System
         M(q), g(t, q, v) and the retraction.
-    constraints : sequence of Constraint
+    constraints : sequence of Constraint or ConstraintFamily
         f_a and their gradients.
     q0 : array_like, shape (nq,)
         Initial configuration, in K.
@@ -98,7 +99,7 @@ class Problem:
     def __init__(
         self,
         system: System,
-        constraints: Sequence[Constraint],
+        constraints: Sequence[Constraint | ConstraintFamily],
         q0: Array | Sequence[float],
         v0: Array | Sequence[float],
         *,
@@ -113,7 +114,7 @@ class Problem:
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
         # names of functions that a file could not keep; the problem cannot be simulated until they are given again
         self.not_kept: tuple[str, ...] = ()
-        constraints = _constraints(constraints)
+        constraints = checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
@@ -251,19 +252,6 @@ def check_kept(problem: Problem) -> None:
             'forces back by mbvi.load(path, control={"robot": f}, force={"body": f}), and build the scene again for '
             "anything else"
         )
-
-
-def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:
-    if not isinstance(constraints, list | tuple):
-        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
-    each = list(constraints)
-    for one in each:
-        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
-            raise InputError(
-                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
-                f"got {shown(one)} among them"
-            )
-    return each
 
 
 def _state(values: Array | Sequence[float], size: int, name: str) -> Array:

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import JointLimits, admissible_set, half_space, pairs
-from mbvi.projection import active_set, projector, proxqp
+from mbvi.constraints import JointLimits, cache, half_space, pairs
+from mbvi.projection import cascade, equalities, projector
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
 from mbvi.schemes.event_driven import contact_rows as smooth
@@ -148,7 +148,7 @@ def falling(count, parts):
 
 @pytest.mark.parametrize("parts", [59, 60, 61, 62])
 @pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True), mbvi.EventDriven(1e-8)])
-def test_constraints_that_remember_may_be_many(parts, scheme):
+def test_cached_constraints_may_be_many(parts, scheme):
     options = {"duration": 0.05} | ({} if isinstance(scheme, mbvi.EventDriven) else {"step": STEP})
     one, many = (mbvi.simulate(falling(62, n), scheme, **options) for n in (1, parts))
     np.testing.assert_allclose(many.v[-1], one.v[-1], rtol=0, atol=1e-12)
@@ -180,12 +180,11 @@ PATHS = {
     "spheres, few or many": ([(assembly, "_FEW_SPHERES")], crowd, {"spheres": 8, "boxes": 2, "driven": 1, "fixed": 1}),
     "shapes, few or many": ([(assembly, "_FEW_SHAPES")], crowd, {"boxes": 6, "mixed": 5, "spheres": 2}),
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),
-    "constraints that remember": ([(admissible_set, "_MOST_REMEMBERING")], crowd, {"boxes": 6, "robot": "hopper"}),
-    "rows solved by the compiled projection": ([(projector, "_FEW")], crowd, {"boxes": 6}),
-    "rows exchanged": ([(projector, "_EXCHANGED"), (projector, "_FEW")], crowd, {"boxes": 6}),
-    "rows solved by an SVD": ([(active_set, "_MANY"), (projector, "_FEW")], crowd, {"boxes": 6}),
+    "constraints in the cache": ([(cache, "_MOST_CACHED")], crowd, {"boxes": 6, "robot": "hopper"}),
+    "rows solved by the compiled projection": ([(projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
+    "rows exchanged": ([(cascade, "_EXCHANGED"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
+    "rows solved by an SVD": ([(equalities, "_MANY"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "selections of points kept": ([(half_space, "_MOST_SELECTIONS")], crowd, {"boxes": 6}),
-    "solvers kept": ([(proxqp, "_MAX_KEPT"), (projector, "_FEW")], crowd, {"boxes": 6}),
 }  # fmt: skip
 
 

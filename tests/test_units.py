@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.run.default_scheme import default_scheme
-from mbvi.system.lengths import are_lengths, velocity_units
+from mbvi.system.lengths import velocity_units
 from support.random_scenes import SHAPES, add_robot, add_shape, random_scene
 
 PAIRS = [(a, b) for k, a in enumerate(SHAPES) for b in SHAPES[k:]]
@@ -229,4 +229,4 @@ def test_which_velocities_are_lengths():
     system = scene.build().system
     turning = [True] * 3 + [False] * 3
     hopper = turning + [False] * (system.nv - 15)
-    assert are_lengths(system).tolist() == [*hopper, *turning, True, True, True]
+    assert system.are_lengths().tolist() == [*hopper, *turning, True, True, True]

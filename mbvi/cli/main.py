@@ -20,10 +20,12 @@ from ..schemes import EventDriven, Scheme
 from .chart import chart
 from .replay import Shapes, warnings_as_notes, write_page
 from .scheme_names import SchemeName
+from .solver_names import SolverName
 from .stress import stress
 
 if TYPE_CHECKING:
     from ..problem import Problem
+    from ..projection import ChosenSolver
 
 # height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
 _FAR_ABOVE = 1000.0
@@ -87,6 +89,12 @@ def simulate(
         typer.Option(help="Time step [s].", show_default="from the robot's own time scales; 1e-3 with --scheme"),
     ] = None,
     tolerance: Annotated[float | None, typer.Option(help="Error bound of event-driven, instead of a step.")] = None,
+    solver: Annotated[
+        SolverName | None,
+        typer.Option(
+            help="Solver of all projections.", show_default="several in order, until one residual is small enough"
+        ),
+    ] = None,
     duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 2.0,
     joint: _Joints = None,
     srdf: _Srdf = None,
@@ -102,7 +110,7 @@ def simulate(
     chosen = _scheme(scheme, tolerance)
     problem = _problem_on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
     _print_problem(problem)
-    _run(problem, chosen, step, duration, every, out, replay, shapes)
+    _run(problem, chosen, step, duration, every, out, replay, shapes, None if solver is None else solver.solver)
 
 
 @app.command()
@@ -296,6 +304,7 @@ def _run(
     out: Path | None,
     page: Path | None,
     shapes: Shapes = Shapes.visual,
+    solver: ChosenSolver | None = None,
 ) -> None:
     from ..compiled import seconds_compiling
     from ..results.energies import energies
@@ -307,7 +316,7 @@ def _run(
         # warnings are in the notes, too
         warnings.simplefilter("ignore", MbviWarning)
         try:
-            run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out)
+            run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out, solver=solver)
         except KeyboardInterrupt as stop:
             so_far = getattr(stop, "run", None)
             if so_far is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..constraints import SignedDistances, SphereContacts, SphereSurface
 from ..errors import DivergedError
 from ..geometry.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
@@ -77,11 +76,9 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
 
 def _against_error_control(problem: Problem) -> str | None:
     """Return the reason against error control in words, None if there is none."""
-    for constraint in problem.constraints.constraints:
-        if isinstance(constraint, SphereSurface):
-            return f"the gradient of {constraint.name(0)} jumps"
-        if isinstance(constraint, SignedDistances) and not constraint.round.all():
-            jumping = constraint.names[int(np.flatnonzero(~constraint.round)[0])]
+    for family in problem.constraints.families:
+        if family.tracked and not family.moving and not np.all(family.smooth):
+            jumping = family.name(int(np.flatnonzero(np.logical_not(family.smooth))[0]))
             return f"the gradient of {jumping} jumps"
     if problem.constraints.moving:
         return "walls move on their own"
@@ -98,12 +95,7 @@ def _against_error_control(problem: Problem) -> str | None:
 
 def _count(problem: Problem) -> int:
     """Return the number of constraints; each pair of spheres counts once."""
-    count = len(problem.constraints)
-    for constraint in problem.constraints.constraints:
-        if isinstance(constraint, SphereContacts):
-            # only pairs i < j of the n^2 numbers are used
-            count -= (constraint.size + constraint.count) // 2
-    return count
+    return sum(family.count for family in problem.constraints.families)
 
 
 def time_step(problem: Problem, duration: float) -> tuple[float, str]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments import boolean, choice, file_path, integer, optional, positive, shown
 from ..errors import InputError
 from ..problem import Problem, check_kept
-from ..projection import FreeMotion, Projector
+from ..projection import ChosenSolver, FreeMotion, Projector, checked_solver
 from ..results.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
@@ -31,7 +31,14 @@ _DEFAULT_STEP = 1e-3
 _MOST_STEPS = 1e12
 
 
-def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residual: float = 1e-6) -> Iterator[Step]:
+def steps(
+    problem: Problem,
+    scheme: Scheme | None = None,
+    *,
+    step: float,
+    residual: float = 1e-6,
+    solver: ChosenSolver | None = None,
+) -> Iterator[Step]:
     """Step a problem by hand, without end.
 
     Parameters
@@ -44,6 +51,8 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
         Time step h [s].
     residual : float
         Relative KKT residual above which a projection raises.
+    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
+        Solves every projection; by default several are tried in order.
 
     Returns
     -------
@@ -53,17 +62,17 @@ def steps(problem: Problem, scheme: Scheme | None = None, *, step: float, residu
     Raises
     ------
     InputError
-        If h is not positive and finite.
+        If h is not positive and finite, or the solver is none of those.
     UnsuitableError
         If the scheme cannot run the problem.
     ProjectionError
-        If a projection does not reach the residual.
+        If a projection does not reach the residual; where a solver was chosen the message names it.
     DivergedError
         If a step or a function of the user returns numbers that are not finite.
     """
     _problem(problem)
     check_kept(problem)
-    h, projector = positive(step, "step"), Projector(positive(residual, "residual"))
+    h, projector = positive(step, "step"), Projector(positive(residual, "residual"), checked_solver(solver))
     chosen = time_stepping(problem)[0] if scheme is None else _scheme(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
@@ -78,6 +87,7 @@ def simulate(
     step: float | None = None,
     every: int = 1,
     residual: float = 1e-6,
+    solver: ChosenSolver | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
     record: str | None = None,
@@ -104,6 +114,9 @@ def simulate(
         and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded states.
     residual : float
         Relative KKT residual above which a projection raises.
+    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
+        Solves every projection of the run, which the notes say; by default several are tried in order, and the first
+        answer that is good enough is taken.
     out : path, optional
         HDF5 file written while the run goes on.
     progress : bool, optional
@@ -120,7 +133,8 @@ def simulate(
     Raises
     ------
     InputError
-        If duration, step, every or residual is not positive and finite, or record is another word.
+        If duration, step, every or residual is not positive and finite, the solver is none of those, or record is
+        another word.
     UnsuitableError
         If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies, `StewartTrinkle` with
         e > 0.
@@ -149,7 +163,9 @@ def simulate(
     )
     optional(choice, record, "record", ("contacts",))
     scheme, h, notes = _chosen(problem, scheme, h, duration)
-    projector = Projector(residual)
+    projector = Projector(residual, checked_solver(solver))
+    if solver is not None:
+        notes.append(f"every projection was solved by {solver!r}")
     if isinstance(scheme, EventDriven):
         return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from ..constraints import BroadPhasePairs, Rows
-from ..constraints.pairs import Pairs
+from ..constraints import ConstraintFamily, Rows
 from ..constraints.rows import chosen, stacked
 from ..problem import Problem
 from ..schemes import Step
@@ -69,14 +68,14 @@ class Sleepers:
         self._still = _REST * h * self._system.pull
         self._turn, self._quiet = 0, np.zeros(self._count, bool)
         self._asleep = np.zeros(self._count, bool)
-        # the constraints that can leave out sleeping bodies, and the numbers of their rows
-        self._filtering: list[Any] = []
+        # the families that can leave out sleeping bodies, and the numbers of their rows
+        self._filtering: list[ConstraintFamily] = []
         starts, able = [], []
-        for constraint, start, _ in problem.constraints.numbered():
+        for family, start, _ in problem.constraints.numbered():
             starts.append(start)
-            able.append(isinstance(constraint, Pairs | BroadPhasePairs))
+            able.append(family.skips_resting)
             if able[-1]:
-                self._filtering.append(constraint)
+                self._filtering.append(family)
         self._starts, self._able = np.array(starts, dtype=np.int64), np.array(able, dtype=bool)
 
     def __enter__(self) -> Sleepers:
@@ -169,8 +168,8 @@ class Sleepers:
             still[0] = True
             still[1 + self._body : 1 + self._body + self._count] = self._asleep
         self._system.hold(self._asleep)
-        for constraint in self._filtering:
-            constraint.leave_out(still)
+        for family in self._filtering:
+            family.skip_resting(still)
 
 
 def _with(step: Step, kept: _Island, share: float) -> Step:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
+from ..constraints import ConstraintFamily
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector
@@ -47,11 +47,9 @@ class TunnellingGuard:
         self._problem, self._scheme = problem, scheme
         self._jump = scheme.timing.jump
         self.observe = observer(problem)
-        # no body can pass through a half-space
-        self._watched: list[Any] = [
-            c for c in problem.constraints.constraints
-            if hasattr(c, "passable") and (not hasattr(c, "thickness") or np.isfinite(c.thickness).any())
-        ]  # fmt: skip
+        # the families of which bodies can pass through something
+        least = {family: family.least_displacement() for family in problem.constraints.families}
+        self._watched = [family for family in problem.constraints.families if np.isfinite(least[family])]
         self.limit = _RUNAWAY
         # largest relative displacement of any pair per velocity in a step, in units of the smallest thickness
         self._share = np.zeros(problem.system.nv)
@@ -59,13 +57,14 @@ class TunnellingGuard:
         self._displacements: list[Array] = []
         # with many bodies there are no bounds per pair: largest entry of v with which no body travels its thickness
         self._slow = 0.0
-        for constraint in self._watched:
-            if not hasattr(constraint, "envelope"):
+        for family in self._watched:
+            share = family.passed_share()
+            if share is None:
                 self._share, self._displacements = np.full(problem.system.nv, np.inf), []
-                self._slow = min(map(_least_thick, self._watched)) / h
+                self._slow = min(least[one] for one in self._watched) / h
                 break
-            np.maximum(self._share, h * constraint.envelope / constraint.thickness.min(), out=self._share)
-            self._displacements.append(h * constraint.reach.T / constraint.thickness)
+            np.maximum(self._share, h * share.max(axis=1), out=self._share)
+            self._displacements.append(h * share)
         reach = float(self._share.dot(self._share))
         if reach > 0.0:
             self.limit = min(self.limit, 1.0 / reach)
@@ -132,18 +131,19 @@ class TunnellingGuard:
     def _first(self, q: Array, displacement: Array) -> float:
         """Return the share of a displacement at which the first body meets the body it would pass through."""
         first = 1.0
-        for constraint in self._watched:
-            for k, travel, thickness in zip(*constraint.passable(q, displacement), strict=True):
-                first = min(first, self._meets(constraint, q, displacement, np.array([k]), travel, thickness))
+        for family in self._watched:
+            for k, travel, thickness in zip(*family.passable(q, displacement), strict=True):
+                first = min(first, self._meets(family, q, displacement, np.array([k]), travel, thickness))
         return first
 
     def _meets(
-        self, constraint: Any, q: Array, displacement: Array, pair: Array, travel: float, thickness: float
+        self, family: ConstraintFamily, q: Array, displacement: Array, pair: Array, travel: float, thickness: float
     ) -> float:
-        """Return the share of a displacement at which a pair meets, 1 if it does not."""
+        """Return the share of the displacement at which a pair meets, 1 if it does not."""
 
         def gap(x: float) -> float:
-            return float(constraint.gaps(self._problem.system.integrate(q, x * displacement), pair)[0])
+            place = self._problem.system.integrate(q, x * displacement)
+            return float(family.pair_gap(self._problem.t0, place, pair)[0])
 
         tolerance, start = self._problem.tolerance, gap(0.0)
         short = min(_DEEP * thickness / travel, 1.0)
@@ -155,10 +155,3 @@ class TunnellingGuard:
                 return short if rise < -near else 1.0
         x = begin + first_root_by_slope(lambda x: gap(begin + x), 1.0 - begin, travel)
         return min(x + short, 1.0) if x < 1.0 and gap(x) <= near else 1.0
-
-
-def _least_thick(constraint: Any) -> float:
-    """Return the largest entry that a tangent vector may have before it carries a body as far as its thickness."""
-    if hasattr(constraint, "least_way"):
-        return float(constraint.least_way)
-    return float(constraint.thickness.min() / constraint.envelope.sum())

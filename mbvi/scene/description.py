@@ -40,7 +40,7 @@ def describe(problem: Problem) -> str:
     if problem.scene is None:
         system = problem.system
         functions = [getattr(system, name, None) for name in ("_mass", "_force")]
-        functions += [f for c in problem.constraints.constraints for f in (getattr(c, "_f", None),)]
+        functions += [f for family in problem.constraints.families for f in family.functions]
         sources = [_source(f) for f in functions if f is not None]
         return json.dumps({"kind": "functions", "system": type(system).__name__, "functions": sources})
     items = problem.scene.items

@@ -6,16 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..constraints import (
-    Constraint,
-    HalfSpaceContacts,
-    JointLimits,
-    MovingWalls,
-    SignedDistances,
-    SphereContacts,
-    SphereSurface,
-    SphereWalls,
-)
+from ..constraints import ConstraintFamily
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
@@ -44,7 +35,7 @@ class SceneModel:
         The kinds of reductions that were asked for.
     system : System
         What the scene was built to.
-    constraints : tuple of Constraint
+    constraints : tuple of ConstraintFamily
         As `system`.
     """
 
@@ -53,7 +44,7 @@ class SceneModel:
     omitted: tuple[Omission, ...]
     reduce: tuple[str, ...]
     system: System
-    constraints: tuple[Constraint, ...]
+    constraints: tuple[ConstraintFamily, ...]
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -83,21 +74,7 @@ class SceneModel:
         lines += [f"  {part.describe()}" for part in parts_of(problem.system)]
         planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
         lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
-        for given in problem.constraints.constraints:
-            moves = isinstance(given, MovingWalls)
-            constraint = given.constraint if isinstance(given, MovingWalls) else given
-            if isinstance(constraint, JointLimits):
-                lines.append(f"  {len(constraint.names)} joint limits")
-            elif isinstance(constraint, HalfSpaceContacts):
-                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space{' that moves' * moves}")
-            elif isinstance(constraint, SignedDistances):
-                lines.append(f"  {len(constraint.names)} pairs of shapes{', one of each moving as told' * moves}")
-            elif isinstance(constraint, SphereWalls):
-                lines.append(f"  {constraint.size} pairs of a sphere and a wall{' that moves' * moves}, in bulk")
-            elif isinstance(constraint, SphereSurface):
-                lines.append(f"  {constraint.size} spheres at a mesh{' that moves' * moves}")
-            elif isinstance(constraint, SphereContacts):
-                lines.append("  every pair of spheres, found when near")
+        lines += [f"  {family.describe()}" for family in problem.constraints.families]
         lines += [f"  a control of the scene, {called(control)}" for control in self.items.controls]
         lines += [f"  a force on {force.body}, {called(force.function)}" for force in self.items.forces]
         e = {self.items.restitution, *self.items.pair_restitution.values()}

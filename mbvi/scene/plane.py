@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import shown
-from ..constraints import Constraint, HalfSpaceContacts, MovingWalls
 from ..errors import InadmissibleStartError, InputError
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import System
@@ -142,10 +141,8 @@ def check_same_plane(system: System, known: Array, q: Array, plane: str) -> None
         raise InputError(f"q has {name} outside the plane {plane} that the problem was built for, or turned out of it")
 
 
-def in_line(constraints: Sequence[Constraint]) -> list[Omission]:
-    """Return the points of shapes over half-spaces that were left out because others stand in line with them."""
-    given = [c.constraint if isinstance(c, MovingWalls) else c for c in constraints]
-    count = sum(c.in_line for c in given if isinstance(c, HalfSpaceContacts))
+def collinear_points(count: int) -> list[Omission]:
+    """Return the omission of so many points of shapes over half-spaces, as others lie in line with them."""
     return [Omission("points in line across the plane", "their rows are the same", rows=count)] if count else []
 
 

@@ -128,7 +128,7 @@ def test_restitution_by_pair_link_before_robot():
     problem = scene.build()
     by_name = {}
     for constraint in problem.constraints.constraints:
-        if hasattr(constraint, "names"):
+        if constraint.names:
             by_name.update(zip(constraint.names, constraint.restitution, strict=True))
     assert by_name["h/foot | floor"] == 0.9
     assert by_name["h/thigh_0 | floor"] == 0.5

@@ -255,20 +255,20 @@ def bias(rng):
     )  # fmt: skip
 
 
-def use_up(rng):
+def consume_clearance(rng):
     n, nv = rng.integers(0, 5), rng.integers(1, 9)
-    spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
-    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), spare
+    clearance = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance
 
 
-def spend(rng):
+def list_candidates(rng):
     nv, n = rng.integers(1, 9), rng.integers(0, 12)
-    budget = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
+    clearance = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
     travel = rng.random(nv) * (rng.random(nv) < 0.7)
-    return budget, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
+    return clearance, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
 
 
-def sift(rng):
+def filter_active(rng):
     pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
     gap = rng.normal(size=len(pair))
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
@@ -642,9 +642,9 @@ ARGUMENTS = {
     "row": row,
     "separation": separation,
     "_bias": bias,
-    "_use_up": use_up,
-    "_spend": spend,
-    "sift": sift,
+    "consume_clearance": consume_clearance,
+    "list_candidates": list_candidates,
+    "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,
     "_touch": touch,
@@ -722,7 +722,7 @@ def specified(name, result, arguments):
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "_first_of_lines":
         return [result, arguments[-1][:result]]
-    if name in ("_spend", "sift", "_clear"):
+    if name in ("list_candidates", "filter_active", "_clear"):
         # in its first places only
         count = result if name == "_clear" else result[0]
         arguments[-1] = arguments[-1][:count]

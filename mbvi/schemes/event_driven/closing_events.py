@@ -49,7 +49,7 @@ class ClosingEvents:
             self._least = far
             return 1.0, candidates
         start = self._start(step, candidates)
-        end = self._rows.at_least(step.t + step.h, step.q, candidates)
+        end = self._rows.lower_bounds(step.t + step.h, step.q, candidates)
         far[candidates] = end
         self.depth = max(0.0, -float(end.min()))
         # from either end no gap closes faster than its bodies travel
@@ -70,7 +70,7 @@ class ClosingEvents:
         lever = self._rows.lever
         near = (self._least * lever <= gap).nonzero()[0]
         if near.size:
-            self._least[near] = least = self._rows.at_least(t, q, near)
+            self._least[near] = least = self._rows.lower_bounds(t, q, near)
             near = near[least * lever[near] <= gap]
         return near
 
@@ -83,7 +83,7 @@ class ClosingEvents:
         least = self._least[candidates]
         unknown = candidates[least == -np.inf]
         if unknown.size:
-            least[least == -np.inf] = self._least[unknown] = self._rows.at_least(step.t, step.q0, unknown)
+            least[least == -np.inf] = self._least[unknown] = self._rows.lower_bounds(step.t, step.q0, unknown)
         return least
 
     def _earliest(self, step: RungeKuttaStep, suspects: Array, end: Array, used: Array) -> tuple[float, Array]:
@@ -98,7 +98,7 @@ class ClosingEvents:
         end, used : ndarray, shape (k,)
             Lower bounds of their gaps at its end, and by how much their gaps may close within it.
         """
-        bounds = np.array([*(self._at(step, x, suspects, self._rows.at_least) for x in FEW_NODES[:-1]), end])
+        bounds = np.array([*(self._at(step, x, suspects, self._rows.lower_bounds) for x in FEW_NODES[:-1]), end])
         # between two nodes no gap closes faster than its bodies travel
         part = np.diff(FEW_NODES)[:, None] * used
         near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)

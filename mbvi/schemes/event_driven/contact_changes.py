@@ -56,7 +56,7 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     was_closed, state.closed = np.isin(touching, state.closed), NO_ROWS
     if not touching.size:
         return
-    state.rows.touch(state.t, state.q, touching)
+    state.rows.check(state.t, state.q, touching)
     state.event_rows = touching
     J, metric = state.rows.gradients(state.t, state.q, touching), state.system.metric(state.q)
     e, before = state.rows.restitution[touching], J @ state.v

@@ -40,7 +40,7 @@ def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Array,
             yield active.constraint, active.point, active.normal, fallback.percussion
     elif closed.size:
         # a projector of its own: the integrator's keeps solutions between calls, which changes rounding
-        projector = Projector(state.projector.residual)
+        projector = Projector(state.projector.residual, state.projector.solver)
         for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * step.h, strict=True):
             t, (q, v) = step.t + node * step.h, step.at(state.system, node)
             forces, _ = complementarity(state.flow, projector, t, q, v, closed)

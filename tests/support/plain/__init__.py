@@ -1,7 +1,7 @@
 """The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
 
-from support.plain.admissible_set import _use_up_plain
 from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
+from support.plain.cache import consume_clearance_plain, list_candidates_plain
 from support.plain.collinear import _first_of_lines_plain
 from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain
@@ -10,7 +10,7 @@ from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _reached_plain
 from support.plain.nonnegative import exchange_plain, settle_plain
-from support.plain.pairs import _spend_plain, sift_plain
+from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import rounds_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import mend_plain, relax_plain
@@ -49,21 +49,22 @@ PLAIN = {
     "_reach": _reach_plain,
     "_reached": _reached_plain,
     "_solve_islands": solve_islands_plain,
-    "_spend": _spend_plain,
     "_choose_rows": _struck_plain,
     "_touch": _touch_plain,
     "_touching": _touching_plain,
-    "_use_up": _use_up_plain,
     "_wall_contacts": _wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,
+    "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
     "exchange": exchange_plain,
     "factor": factor_plain,
+    "filter_active": filter_active_plain,
     "gram": gram_plain,
     "incomplete_cholesky": incomplete_cholesky_plain,
     "islands": islands_plain,
     "law": _law_plain,
+    "list_candidates": list_candidates_plain,
     "lowest": lowest_plain,
     "mend": mend_plain,
     "integrate": moved_plain,
@@ -77,7 +78,6 @@ PLAIN = {
     "row": row_plain,
     "separation": separation_plain,
     "settle": settle_plain,
-    "sift": sift_plain,
     "solve": solve_plain,
     "solve_factor": solve_factor_plain,
     "stand": stand_plain,
