@@ -55,8 +55,8 @@ def test_example(name, tmp_path, monkeypatch):
 def test_in_a_right_corner_what_starts_near_stays_near():
     """The other half of figure 1: condition (12) holds there, and both runs and the one between say so."""
     example = load("figure_1")
-    runs = [example.fly_into_corner(90.0, side) for side in (-example.HAIR, 0.0, example.HAIR)]
+    runs = [example.fly_into_corner(90.0, side) for side in (-example.OFFSET, 0.0, example.OFFSET)]
     apart = np.linalg.norm(runs[0].q[-1] - runs[-1].q[-1])
-    assert apart == pytest.approx(2 * example.HAIR, abs=4e-4)
+    assert apart == pytest.approx(2 * example.OFFSET, abs=4e-4)
     assert all(run.diagnosis().horizon == np.inf for run in runs)
     assert example.fly_into_corner(130.0, 0.0).diagnosis().horizon == pytest.approx(0.5, abs=2e-4)
