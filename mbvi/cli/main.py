@@ -108,7 +108,6 @@ def simulate(
 @app.command()
 def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     """Say what of a robot on a floor is modelled, what is left out, and why."""
-    from ..scene import REDUCTIONS
     from .tables import joint_table, shape_table
 
     try:
@@ -116,8 +115,7 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        # no pair is apart for good only because it stands there
-        problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf, set(REDUCTIONS) - {"pairs"})
+        problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf)
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
@@ -238,14 +236,15 @@ def _placed(
     srdf: Path | None,
     reduce: Collection[str] | None = None,
 ) -> Problem:
-    from ..scene import REDUCTIONS, Scene
+    from ..scene import Scene
+    from ..scene.reductions import DEFAULT_REDUCTIONS
 
     scene = Scene(restitution=restitution)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     scene.add_urdf(
         robot, base=base.value, position=(0.0, 0.0, z), joints=joints, srdf=None if srdf is None else str(srdf)
     )
-    return scene.build(REDUCTIONS if reduce is None else reduce)
+    return scene.build(DEFAULT_REDUCTIONS if reduce is None else reduce)
 
 
 def _on_floor(
