@@ -52,7 +52,7 @@ try:
 except ImportError:
     mujoco = None
 else:
-    from mujoco_peer import Peer
+    from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot
 
 Array = np.ndarray
 
@@ -93,7 +93,7 @@ def line(case: Case, count: int, repeats: int) -> str:
     if mujoco is None:
         mine = 1e6 * np.median(mbvi_times(case, count, repeats))
         return f"{case.name:34}{mine:12.1f}{'-':>16}{'-':>7}{rows:11.2f}{'-':>13}"
-    peer, others = Peer(case.problem, case.torque, STEP), []
+    peer, others = MuJoCoRobot(case.problem, case.torque, STEP), []
     peer.time(count)
     times = mbvi_times(case, count, repeats, between=lambda: others.append(peer.time(count)))
     mine, other, ratio = 1e6 * np.median(times), 1e6 * np.median(others), np.median(times / others)

@@ -19,7 +19,7 @@ from .errors import (
 from .geometry import motion, surfaces
 from .impacts import Forks, forks
 from .problem import Problem
-from .projection import Projection, impact, project
+from .projection import ActiveSet, DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
 from .results import Diagnosis, Impact, Trajectory, load
 from .run.simulate import simulate, steps
 from .scene import REDUCTIONS, Scene
@@ -34,9 +34,11 @@ __version__ = "0.1.0"
 
 __all__ = [
     "REDUCTIONS",
+    "ActiveSet",
     "Centered",
     "Diagnosis",
     "DivergedError",
+    "DualActiveSet",
     "EventDriven",
     "Forks",
     "GapFunction",
@@ -52,8 +54,10 @@ __all__ = [
     "Problem",
     "Projection",
     "ProjectionError",
+    "ProxQP",
     "Scene",
     "SchatzmanPaoli",
+    "SparsePCG",
     "StewartTrinkle",
     "Trajectory",
     "TrajectoryFileError",

@@ -20,10 +20,12 @@ from ..schemes import EventDriven, Scheme
 from .chart import chart
 from .replay import Shapes, warnings_as_notes, write_page
 from .scheme_names import SchemeName
+from .solver_names import SolverName
 from .stress import stress
 
 if TYPE_CHECKING:
     from ..problem import Problem
+    from ..projection import ChosenSolver
 
 # so high that no robot reaches the floor: its clearance is measured from there
 _HIGH = 1000.0
@@ -89,6 +91,10 @@ def simulate(
     tolerance: Annotated[
         float | None, typer.Option(help="Bound for errors by event-driven, instead of a step.")
     ] = None,
+    solver: Annotated[
+        SolverName | None,
+        typer.Option(help="Which solver projects.", show_default="several in order, until one is good enough"),
+    ] = None,
     duration: Annotated[float, typer.Option(help="How long [s].")] = 2.0,
     joint: _Joints = None,
     srdf: _Srdf = None,
@@ -102,7 +108,7 @@ def simulate(
     chosen = _scheme(scheme, tolerance)
     problem = _on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
     _print_problem(problem)
-    _run(problem, chosen, step, duration, every, out, replay, shapes)
+    _run(problem, chosen, step, duration, every, out, replay, shapes, None if solver is None else solver.solver)
 
 
 @app.command()
@@ -127,7 +133,7 @@ def replay(
     shapes: _Shapes = Shapes.visual,
 ) -> None:
     """Play a run in the browser."""
-    from ..results.hdf5 import load
+    from ..results import load
 
     _check_targets(run, html)
     with warnings.catch_warnings():
@@ -295,9 +301,10 @@ def _run(
     out: Path | None,
     page: Path | None,
     shapes: Shapes = Shapes.visual,
+    solver: ChosenSolver | None = None,
 ) -> None:
     from ..compiled import seconds_compiling
-    from ..results.trajectory import energies
+    from ..results.energies import energies
     from ..run.simulate import simulate as run_problem
 
     # the first run on a machine compiles kernels, which is no part of its speed
@@ -306,7 +313,7 @@ def _run(
         # what they say is in the notes
         warnings.simplefilter("ignore", MbviWarning)
         try:
-            run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out)
+            run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out, solver=solver)
         except KeyboardInterrupt as stop:
             so_far = getattr(stop, "run", None)
             if so_far is not None:
@@ -315,7 +322,7 @@ def _run(
             raise
     wall = time.perf_counter() - seconds_compiling() - begin
     ends = [0, -1]
-    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
+    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run.record.timing.jump).sum(axis=1)
     # one that chooses its own keeps count of those it recorded
     steps = max(math.ceil(duration / run.step - 1e-9), 1) if run.step else len(run.t) - 1
     print(run.impact_table() if run.impacts else "no impact")

@@ -6,8 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..system import ArticulatedSystem
-
 if TYPE_CHECKING:
     from ..geometry.shapes import PlacedShape
     from ..problem import Problem
@@ -15,8 +13,8 @@ if TYPE_CHECKING:
 
 def joint_table(problem: Problem) -> str:
     """Return name, type, degrees of freedom and limits of each joint of a robot alone in its scene."""
-    assert isinstance(problem.system, ArticulatedSystem)
     model = problem.system.model
+    assert model is not None
     rows = []
     for joint in range(1, model.njoints):
         kind = _joint_kind(model.joints[joint])
@@ -33,8 +31,8 @@ def joint_table(problem: Problem) -> str:
 
 def shape_table(problem: Problem) -> str:
     """Return link, kind, size and bearer of each shape of a robot alone in its scene."""
-    assert problem.scene is not None and isinstance(problem.system, ArticulatedSystem)
     model = problem.system.model
+    assert problem.scene is not None and model is not None
     rows = []
     for placed in problem.scene.shapes:
         mover = model.names[placed.body] if placed.body else "fixed"

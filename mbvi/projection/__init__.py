@@ -1,22 +1,34 @@
 """Projections in the kinetic metric: they know no robot and no time step."""
 
+from .active_set import ActiveSet
+from .dual_active_set import DualActiveSet
+from .free_motion import FreeMotion
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
-from .projector import FreeMotion, Projection, Projector
+from .projector import ChosenSolver, Projector, checked_solver
+from .proxqp import ProxQP
+from .scaled_qp import Projection
+from .sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion, TreeMetric
 
 __all__ = [
+    "ActiveSet",
     "BlockMetric",
     "BodiesMetric",
+    "ChosenSolver",
     "DenseMetric",
     "DiagonalMetric",
+    "DualActiveSet",
     "FreeMotion",
     "Metric",
     "Projection",
     "Projector",
+    "ProxQP",
+    "SparsePCG",
     "TreeFreeMotion",
     "TreeMetric",
     "as_metric",
+    "checked_solver",
     "impact",
     "project",
 ]

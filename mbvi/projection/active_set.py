@@ -1,185 +1,120 @@
-"""The least-norm problem min |z|^2, A' z >= d on a given active set: solved, judged, and the set corrected.
-
-A has unit columns, shape (nv, m); d is scaled so that its largest entry is 1; z = A p with p >= 0.
-"""
+"""Active-set solver: guesses which rows are active, solves the equations of these, and corrects the guess."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack
 
+from .equalities import solve_active
 from .metric import Array
+from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
 
-_WELL_CONDITIONED = 1e-3
-_RANK = 1e-13
-# from so many rows on, dependent ones are solved without an SVD
-_MANY = 32
-_SHIFT = 1e-9
-
-
-class Candidate(NamedTuple):
-    """A would-be solution: z, shape (nv,), is kept beside p, shape (m,), for A p loses digits where p is large."""
-
-    z: Array
-    p: Array
+# u and slack of a right guess are above minus this
+_SIGN = 1e-12
+# what is added to the diagonal of G, and the steps that take its effect away
+_SHIFT, _STEPS = 1e-8, 6
+# exchanges of all wrong rows at once that may pass without fewer wrong rows
+_PATIENCE = 10
 
 
-def kkt_residual(A: Array, d: Array, candidate: Candidate) -> float:
-    """Return the larger of max |min(p, A' z - d)| and max |z - A p|, the latter relative to the terms it sums.
+def guesses(qp: ScaledQP, start: WarmStart | None) -> Iterator[Candidate]:
+    """Yield the solutions on the violated rows and on those active in the last projection."""
+    found = solve_active(qp, qp.d > 0.0)
+    if found is not None:
+        yield found
+    if start is not None and start.u.any():
+        found = solve_active(qp, start.u > 0.0, start.u)
+        if found is not None:
+            yield found
 
-    Zero exactly at a solution.
+
+def fits(qp: ScaledQP, candidate: Candidate) -> bool:
+    """Return whether no percussion is negative and no row violated, beyond rounding."""
+    rounding = _SIGN * (1.0 + np.abs(candidate.u).max())
+    return bool(candidate.u.min() >= -rounding and qp.slack(candidate.z).min() >= -rounding)
+
+
+@dataclass(frozen=True)
+class GuessedSet:
+    """One guess at the active set, without correction.
+
+    If S is the set of rows that are active at the solution, the solution is that of the equations A_S' z = d_S,
+    z = A_S u_S. From one step to the next S rarely changes, and at impacts it mostly is the set of the violated rows.
+    Both are tried; u_S >= 0 and A' z >= d show whether a guess is right.
     """
-    z, p = candidate
-    natural = np.abs(np.minimum(p, A.T @ z - d)).max()
-    stationarity = np.abs(z - A @ p).max() / (1.0 + p.max())
-    return float(max(natural, stationarity))
 
-
-def solve_on(A: Array, G: Array, d: Array, active: Array, start: Array | None = None) -> Candidate | None:
-    """Solve A_S' z = d_S, z = A_S p_S on the set S.
-
-    Parameters
-    ----------
-    A : ndarray, shape (nv, m)
-        Unit columns.
-    G : ndarray, shape (m, m)
-        A' A.
-    d : ndarray, shape (m,)
-        Right-hand side.
-    active : ndarray of bool, shape (m,)
-        S.
-    start : ndarray, shape (m,), optional
-        Where p is not unique on S, the one nearest to this is returned; the least one by default.
-
-    Returns
-    -------
-    Candidate or None
-        Its p is zero off S and cut off at zero; None if the equations on S contradict each other.
-    """
-    p = np.zeros(len(d))
-    index = np.flatnonzero(active)
-    if not index.size:
-        return Candidate(np.zeros(len(A)), p)
-    full = index.size == len(d)
-    right = d if full else d[index]
-    factor, solution, info = lapack.dposv(G if full else G[np.ix_(index, index)], right)
-    if info == 0 and factor.diagonal().min() > _WELL_CONDITIONED:
-        p[index] = np.maximum(solution, 0.0)
-        return Candidate(A @ p, p)
-    columns = A if full else A[:, index]
-    base = np.zeros(index.size) if start is None else start[index]
-    if index.size > _MANY:
-        p[index] = np.maximum(_refined(G if full else G[np.ix_(index, index)], right, base), 0.0)
-        return Candidate(A @ p, p)
-    U, s, Vt = np.linalg.svd(columns, full_matrices=False)
-    rank = int((s > _RANK * s[0]).sum())
-    U, s, Vt = U[:, :rank], s[:rank], Vt[:rank]
-    w = (Vt @ right) / s
-    z = U @ w
-    if np.abs(columns.T @ z - right).max() > 1e-12 * (1.0 + np.abs(w).max()):
+    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
+        """Return the solution on the first right guess; see `Solver`."""
+        for candidate in guesses(qp, start):
+            if fits(qp, candidate):
+                return Candidate(candidate.z, np.maximum(candidate.u, 0.0))
         return None
-    p[index] = np.maximum(base + Vt.T @ ((w - U.T @ (columns @ base)) / s), 0.0)
-    return Candidate(z, p)
 
 
-def _refined(G: Array, right: Array, base: Array) -> Array:
-    """Return p near `base` with G p = right, G singular or nearly so: proximal steps on one Cholesky factor."""
-    factor = lapack.dpotrf(G + _SHIFT * np.eye(len(G)), 0, 0)[0]
-    p = base
-    for _ in range(4):
-        p = p + lapack.dpotrs(factor, right - G @ p)[0]
-    return p
+@dataclass(frozen=True)
+class ActiveSet:
+    """Primal-dual active set: solve the equations of a guessed active set, exchange the rows of wrong sign, repeat.
 
-
-def press_what_is_missing(G: Array, missing: Array, lengths: Array) -> Array | None:
-    """Return the percussions, of any sign, that bring just the violated rows to their bounds, if these are independent.
-
-    Of many rows, too, it is mostly those that the forces violate that press. The residual is the judge.
-
-    Parameters
-    ----------
-    G : ndarray, shape (m, m)
-        Delassus matrix.
-    missing : ndarray, shape (m,)
-        Missing rates.
-    lengths : ndarray, shape (m,)
-        Roots of the diagonal of G.
-    """
-    if (missing > 0.0).all():
-        factor, p, info = lapack.dposv(G, missing)
-        pivots = factor.diagonal() / lengths
-    else:
-        index = (missing > 0.0).nonzero()[0]
-        factor, part, info = lapack.dposv(G[index[:, None], index], missing[index])
-        pivots = factor.diagonal() / lengths[index]
-        p = np.zeros(len(missing))
-        p[index] = part
-    # of dependent rows some would get all: their share is settled elsewhere
-    return None if info or pivots.min() < _WELL_CONDITIONED else p
-
-
-def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:
-    """Solve min |z|^2, A' z >= d by the dual active-set method, on QR factors made anew at each exchange.
-
-    The active columns stay independent and |z| grows with every exchange, so that it ends, thin and nearly
-    contradictory cones included; it is slower than ProxQP and is asked only where that stops short.
-
-    Parameters
-    ----------
-    A : ndarray, shape (nv, m)
-        Unit columns.
-    d : ndarray, shape (m,)
-        Right-hand side.
-    rounding : float
-        The violation, relative to 1 + |z|, that counts as none.
-
-    Returns
-    -------
-    Candidate or None
-        None if the constraints contradict each other.
+    A row is wrong if it is active with a negative percussion or inactive and violated. All wrong rows are exchanged at
+    once; where that does not lower their number for some exchanges, only the last wrong row is, which ends for every
+    positive definite G. Dependent rows make G singular, so that G + s, s small, takes its place, and proximal steps
+    (the last u times s is added to d) bring the solution to that of G.
 
     Notes
     -----
-    D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
+    J. J. Judice and F. M. Pires, Computers & Operations Research 21 (1994), 587-596; the rule of one row at a time is
+    K. G. Murty's, Opsearch 11 (1974), 59-68.
     """
-    active: list[int] = []
-    u = np.zeros(0)
-    z = np.zeros(len(A))
-    for _ in range(10 * len(d) + 50):
-        violation = d - A.T @ z
-        violation[active] = -np.inf
-        entering = int(np.argmax(violation))
-        if violation[entering] <= rounding * (1.0 + np.sqrt(z @ z)):
-            break
-        column, gained = A[:, entering], 0.0
-        while True:
-            Q, R = np.linalg.qr(A[:, active])
-            along = Q.T @ column
-            across = column - Q @ along
-            correction = Q.T @ across
-            across -= Q @ correction
-            r = np.linalg.solve(R, along + correction) if active else u
-            independent = np.sqrt(across @ across) > _RANK
-            full = (d[entering] - column @ z) / (across @ across) if independent else np.inf
-            ratios = np.where(r > 0.0, u / np.where(r > 0.0, r, 1.0), np.inf)
-            step = min(full, ratios.min(initial=np.inf))
-            if not np.isfinite(step):
+
+    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
+        """Return the solution on the set that was found; see `Solver`."""
+        guessed = GuessedSet().solve(qp, start)
+        if guessed is not None:
+            return guessed
+        shifted = qp.G + _SHIFT * np.eye(len(qp.d))
+        active, u = qp.d > 0.0, np.zeros(len(qp.d))
+        for _ in range(_STEPS):
+            found = _pivoted(shifted, qp.d + _SHIFT * u, active)
+            if found is None:
                 return None
-            gained += step
-            u = u - step * r
-            if independent:
-                z = z + step * across
-            if step == full:
+            before, (active, u) = u, found
+            if np.abs(u - before).max() <= ROUNDING * (1.0 + u.max()):
                 break
-            leaving = int(np.argmin(ratios))
-            u = np.delete(u, leaving)
-            del active[leaving]
-        active.append(entering)
-        Q, R = np.linalg.qr(A[:, active])
-        y = np.linalg.solve(R.T, d[active])
-        z, u = Q @ y, np.maximum(np.linalg.solve(R, y), 0.0)
-    p = np.zeros(len(d))
-    p[active] = u
-    return Candidate(z, p)
+        return Candidate(qp.combine(u), u)
+
+
+def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:
+    """Return the active set and solution of min u' G u / 2 - d' u, u >= 0, by principal pivoting from a first set.
+
+    Parameters
+    ----------
+    G : ndarray, shape (m, m)
+        Positive definite.
+    d : ndarray, shape (m,)
+        Right-hand side.
+    active : ndarray of bool, shape (m,)
+        The first set.
+    """
+    fewest, patience = len(d) + 1, _PATIENCE
+    for _ in range(20 * len(d) + 100):
+        u, index = np.zeros(len(d)), np.flatnonzero(active)
+        if index.size:
+            _, u[index], info = lapack.dposv(G[np.ix_(index, index)], d[index])
+            if info:
+                return None
+        rounding = ROUNDING * (1.0 + np.abs(u).max())
+        wrong = np.where(active, u < -rounding, G @ u - d < -rounding)
+        count = int(np.count_nonzero(wrong))
+        if not count:
+            return active, np.maximum(u, 0.0)
+        if count < fewest:
+            fewest, patience = count, _PATIENCE
+        elif patience:
+            patience -= 1
+        else:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        active = active ^ wrong
+    return None

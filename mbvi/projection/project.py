@@ -8,7 +8,8 @@ from scipy.sparse import csr_array, issparse
 from ..arguments import array, shown
 from ..errors import InputError
 from .metric import Array, Metric, as_metric
-from .projector import Projection, Projector
+from .projector import Projector
+from .scaled_qp import Projection
 
 
 def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | float = 0.0) -> Projection:

@@ -1,105 +1,77 @@
-"""The projection min |w - x|_M subject to J w >= c, one after the other.
-
-With M = L L', A = L^-1 J' scaled to unit columns and z = L'(w - x), this is the point of least norm of a
-polyhedron: min |z|^2 subject to A' z >= d. A guess at the active set is tried first, then ProxQP finds it; either
-way the result is solved anew on that set and judged by its own residual, so its accuracy is that of the linear
-algebra and not of a stopping test.
-"""
+"""The projection min |w - x|_M subject to J w >= c: scales it, tries solvers in order, and checks the residual."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..compiled import plain_array
-from ..errors import InfeasibleError, ProjectionError
-from .active_set import Candidate, dual_active_set, kkt_residual, press_what_is_missing, solve_on
+from ..arguments import shown
+from ..errors import InfeasibleError, InputError, ProjectionError
+from .active_set import ActiveSet
+from .cascade import FEW, dense_solvers, first_good_enough
+from .dual_active_set import DualActiveSet, dual_active_set
+from .free_motion import FreeMotion
+from .fused_step import FusedStep
 from .metric import Array, Metric
-from .nonnegative import ROUNDING
-from .nonnegative import shared as nonnegative_shared
 from .proxqp import ProxQP
-from .robot_step import law as robot_step_law
-from .robot_step import press, tree_law
-from .sparse_projector import Large, contradictory
+from .scaled_qp import ROUNDING, Candidate, Projection, ScaledQP, Solver
+from .sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion
+from .warm_start import LastPercussions, contact_keys
 
-# up to so many rows the compiled projection comes first and all are taken to rounding, beyond to a thousandth of the
-# residual that is asked
-_FEW, _POSITIVE = 32, 1e-7
-# rows up to which those that press are exchanged one by one before ProxQP is asked
-_EXCHANGED = 64
+SOLVERS = (ProxQP, ActiveSet, DualActiveSet, SparsePCG)
+# rows up to which a failed problem is checked for rows that contradict each other by the dual active-set method
+_MOST_CHECKED = 400
 
-
-class Projection(NamedTuple):
-    """The nearest velocity, the percussions that lead to it, and how well both fit.
-
-    Attributes
-    ----------
-    velocity : ndarray, shape (nv,)
-        w = argmin |w - x|_M with J w >= lower.
-    percussion : ndarray, shape (m,)
-        p >= 0 with M (w - x) = J' p [N s, N m s] (Lemma 3.3 with the sign turned).
-    residual : float
-        max |min(p, J w - lower)| over the rows scaled to a unit gradient in the metric, relative to the largest of
-        the speeds J x and lower so scaled.
-    """
-
-    velocity: Array
-    percussion: Array
-    residual: float
-
-
-class FreeMotion(NamedTuple):
-    """What forces do within a step: v + h M^-1 g, shape (nv,), and M."""
-
-    free: Array
-    metric: Metric
-
-    def of(self, v: Array, at: Array) -> FreeMotion:
-        """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
-        return FreeMotion(self.free + (v - at), self.metric)
+ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
 
 
 class Projector:
-    """Projections in a row: the QP solvers are kept, one per number of rows, and started from their last result.
+    """Projections one after the other, each started from the last percussions.
 
-    Making one loads the kernels, so that every projection of a process is compiled.
+    Without a chosen solver they are tried in order, and the first whose KKT residual is good enough is taken: for a few
+    dense rows `FusedStep`, then `GuessedSet`, `NonnegativeLeastSquares`, `RefinedProxQP` and `DualActiveSet`; for
+    sparse rows `SparsePCG`.
 
     Parameters
     ----------
     residual : float
         The relative KKT residual above which a projection raises.
+    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
+        Solves every projection alone.
     """
 
-    def __init__(self, residual: float = 1e-6) -> None:
+    def __init__(self, residual: float = 1e-6, solver: ChosenSolver | None = None) -> None:
         self.residual = residual
-        self._solver = ProxQP()
-        self._large: Large | None = None
-        self._contradiction = False
-        # percussions of the last projection
-        self._last = np.zeros(0)
+        self.solver = solver
+        self._last = LastPercussions()
+        self._fused = FusedStep(self._last) if solver is None else None
 
     def project(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
     ) -> Projection:
-        """Project x; see `project`, whose checks this leaves out; `contacts`, shape (m,), name sparse rows."""
-        if not isinstance(J, np.ndarray):
-            return self._many(x, metric, J, lower, contacts)
-        x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
-        if 0 < len(lower) <= _FEW:
-            velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
-            A = plain_array(metric.solve_rows(J))
-            residual = press(J, A, x, lower, self._last, velocity, rates)
-            if residual < np.inf:
-                self._last = rates[0]
-                return Projection(velocity, rates[0], residual)
-        return self._many(x, metric, J, lower)
+        """Project x; see `project`, whose checks this leaves out.
+
+        Parameters
+        ----------
+        contacts : ndarray of int, shape (m,), optional
+            The constraint of each sparse row, by which it finds its last percussion.
+        """
+        if self._fused is not None and 0 < len(lower) <= FEW and isinstance(J, np.ndarray):
+            found = self._fused.project(x, metric, J, lower)
+            if found is not None:
+                return found
+        return self._solve(x, metric, J, lower, contacts)
 
     def law(
-        self, v: Array, push: FreeMotion | TreeFreeMotion, J: Array | csr_array, e: Array, contacts: Array | None = None
+        self,
+        v: Array,
+        motion: FreeMotion | TreeFreeMotion,
+        J: Array | csr_array,
+        e: Array,
+        contacts: Array | None = None,
     ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
@@ -107,14 +79,14 @@ class Projector:
         ----------
         v : ndarray, shape (nv,)
             Velocity before.
-        push : FreeMotion
-            The velocity x as the forces alone would leave it, and M.
+        motion : FreeMotion
+            The velocity x that forces alone lead to, and M.
         J : ndarray, shape (m, nv)
             Gradients of the active constraints.
         e : ndarray, shape (m,)
             Restitution of each.
         contacts : ndarray of int, shape (m,), optional
-            What names sparse rows from one projection to the next, so that they start from their last percussions.
+            As of `project`.
 
         Returns
         -------
@@ -126,135 +98,90 @@ class Projector:
             As of a `Projection`.
         """
         m = len(e)
-        rates = np.empty((4, m))
-        if m <= _FEW and isinstance(J, np.ndarray):
-            velocity = np.empty(len(v))
-            if type(push) is TreeFreeMotion:
-                residual = tree_law(*push.told, J, e, self._last, velocity, rates)
-            else:
-                A = plain_array(push.metric.solve_rows(J))
-                residual = robot_step_law(J, A, plain_array(v), e, plain_array(push.free), self._last, velocity, rates)
-            if residual < np.inf:
-                self._last = rates[0]
-                return velocity, rates, residual
-        x = push.free
+        if self._fused is not None and m <= FEW and isinstance(J, np.ndarray):
+            found = self._fused.law(v, motion, J, e)
+            if found is not None:
+                return found
+        x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._many(x, push.metric, J, -e * rates[3], contacts)
+        velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
 
-    def _sparse(self, x: Array, metric: Metric, J: csr_array, lower: Array, contacts: Array | None) -> Projection:
-        """Project onto rows of many bodies."""
-        sums = np.concatenate([[0.0], np.cumsum(np.abs(J.data * x[J.indices]))])
-        speeds = sums[J.indptr[1:]] - sums[J.indptr[:-1]] + np.abs(lower)
-        if (lower - J.dot(x)).max(initial=0.0) <= ROUNDING * speeds.max(initial=0.0):
-            # what is missing, if anything, is the rounding of J x
+    def _solve(
+        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None
+    ) -> Projection:
+        """Project by the chosen solver, or by the first of all that is good enough."""
+        qp = ScaledQP(x, metric, J, lower, self.residual)
+        if qp.satisfied:
             return Projection(x, np.zeros(len(lower)), 0.0)
-        if self._large is None:
-            self._large = Large(Projector(0.1 * self.residual).project)
-        found = Projection(*self._large.project(x, metric, J, lower, self.residual, contacts))
+        if not (qp.lengths > 0.0).all():
+            return self._without_zero_rows(qp, contacts)
+        keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
+        start = self._last.start(qp, keys)
+        found, residual = first_good_enough(qp, self._solvers(qp), start)
         # written so that a NaN is refused too
-        if not found.residual <= self.residual:
-            self._contradiction = contradictory(metric, J, lower, found.percussion)
-            raise self._failure(x, metric, J, lower, found.residual)
-        return found
+        if found is None or not residual <= qp.tolerance:
+            raise self._failure(qp, found, residual)
+        result = qp.result(found, residual)
+        self._last.keep(result.percussion, keys)
+        return result
 
-    def _many(
-        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
-    ) -> Projection:
-        """Project onto many rows, or onto few that are not settled yet."""
-        if not isinstance(J, np.ndarray):
-            return self._sparse(x, metric, J, lower, contacts)
-        speed = J @ x
-        missing = lower - speed
-        if (missing <= 0.0).all():
-            return Projection(x, np.zeros(len(missing)), 0.0)
-        columns = metric.whiten(J.T)
-        G = columns.T @ columns
-        lengths = np.sqrt(G.diagonal())
-        if not (lengths > 0.0).all():
-            return self._without_zero_rows(x, metric, J, lower, lengths > 0.0)
-        largest = float(((np.abs(speed) + np.abs(lower)) / lengths).max())
-        guess = press_what_is_missing(G, missing, lengths)
-        if guess is not None:
-            velocity = x + metric.unwhiten(columns @ guess)
-            slack = J @ velocity - lower
-            residual = float(np.abs(np.minimum(guess * lengths, slack / lengths)).max()) / largest
-            if residual <= ROUNDING:
-                return Projection(velocity, guess, residual)
-        return self._general(x, metric, J, lower, columns, lengths, largest)
+    def _solvers(self, qp: ScaledQP) -> Iterable[Solver]:
+        if self.solver is not None:
+            return [self.solver]
+        return [SparsePCG()] if qp.sparse else dense_solvers(len(qp.lower))
 
-    def _general(
-        self, x: Array, metric: Metric, J: Array, lower: Array, columns: Array, lengths: Array, largest: float
-    ) -> Projection:
-        """Project where the first guess at the pressing rows is wrong, or the rows depend on each other."""
-        missing = lower - J @ x
-        if (missing <= ROUNDING * (np.abs(J) @ np.abs(x) + np.abs(lower))).all():
-            # what is missing is the rounding of J x
-            return Projection(x, np.zeros(len(missing)), 0.0)
-        missing /= lengths
-        scale = missing.max()
-        last = self._last * lengths / scale if len(self._last) == len(missing) else None
-        (z, p), residual = self._solve(columns / lengths, missing / scale, last)
-        residual *= scale / max(largest, scale)
-        # written so that a NaN is refused too
-        if not residual <= self.residual:
-            raise self._failure(x, metric, J, lower, residual)
-        self._last = scale * p / lengths
-        return Projection(x + scale * metric.unwhiten(z), self._last, residual)
-
-    def _solve(self, A: Array, d: Array, last: Array | None) -> tuple[Candidate, float]:
-        """Return the best candidate for min |z|^2, A' z >= d and its residual; `last` are multipliers to start from."""
-        best, smallest = Candidate(np.zeros(len(A)), np.zeros(len(d))), np.inf
-        self._contradiction = False
-        for candidate in self._candidates(A, d, last):
-            if candidate is None:
-                continue
-            residual = kkt_residual(A, d, candidate)
-            if residual < smallest:
-                best, smallest = candidate, residual
-            # a huge z may be a wrong one, so that it does not excuse any residual
-            rounding = ROUNDING * min(1.0 + np.abs(candidate.z).max(), 1e3)
-            if residual <= (rounding if len(d) <= _FEW else 1e-3 * self.residual):
-                break
-        return best, smallest
-
-    def _candidates(self, A: Array, d: Array, last: Array | None) -> Iterator[Candidate | None]:
-        """Yield the cheapest first: the last active set or a guess at it, ProxQP's, ProxQP itself, an exact method."""
-        G = A.T @ A
-        if len(d) <= _FEW:
-            yield solve_on(A, G, d, d > 0.0) if last is None else solve_on(A, G, d, last > 0.0, last)
-        if len(d) <= _EXCHANGED:
-            shared = nonnegative_shared(np.ascontiguousarray(G), np.ascontiguousarray(d))
-            yield None if shared is None else Candidate(A @ shared, shared)
-        # what it stops at depends on where its memory begins
-        p = np.maximum(self._solver.solve(G, d), 0.0)
-        yield solve_on(A, G, d, p > _POSITIVE * p.max(), p)
-        yield Candidate(A @ p, p)
-        exact = dual_active_set(A, d, ROUNDING)
-        self._contradiction = exact is None
-        yield exact
-
-    def _without_zero_rows(self, x: Array, metric: Metric, J: Array, lower: Array, kept: Array) -> Projection:
-        """Project with the rows whose gradient vanishes left out: they ask 0 >= lower."""
-        if (lower[~kept] > 0.0).any():
+    def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None) -> Projection:
+        """Project without the rows whose gradient is zero: they demand 0 >= lower."""
+        kept = qp.lengths > 0.0
+        if (qp.lower[~kept] > 0.0).any():
             raise InfeasibleError(
-                "a constraint whose gradient vanishes asks for a positive rate: no velocity gives it",
-                {"x": x, "M": metric.dense(), "J": J, "lower": lower},
+                "a constraint whose gradient vanishes demands a positive rate: no velocity gives it", _problem(qp)
             )
-        part = self.project(x, metric, J[kept], lower[kept])
-        percussion = np.zeros(len(lower))
+        contacts = None if contacts is None else contacts[kept]
+        part = self.project(qp.x, qp.metric, qp.J[kept], qp.lower[kept], contacts)
+        percussion = np.zeros(len(qp.lower))
         percussion[kept] = part.percussion
         return Projection(part.velocity, percussion, part.residual)
 
-    def _failure(self, x: Array, metric: Metric, J: Array, lower: Array, residual: float) -> ProjectionError:
-        # of many bodies M would be too large to write out
-        problem = {"x": x, "M": metric.dense() if isinstance(J, np.ndarray) else metric, "J": J, "lower": lower}
-        if self._contradiction:
+    def _failure(self, qp: ScaledQP, found: Candidate | None, residual: float) -> ProjectionError:
+        problem = _problem(qp)
+        if _contradictory(qp, found):
             return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
+        solver = "" if self.solver is None else f" by {self.solver!r}"
+        relative = qp.relative(residual)
         return ProjectionError(
-            f"the projection onto {len(lower)} constraints stopped at the relative KKT residual {residual:.1e}, "
-            f"above {self.residual:.1e}; the problem is in `.problem`",
+            f"the projection onto {len(qp.lower)} constraints{solver} stopped at the relative KKT residual "
+            f"{relative:.1e}, above {self.residual:.1e}; the problem is in `.problem`",
             problem,
-            float(residual),
+            float(relative),
         )
+
+
+def _problem(qp: ScaledQP) -> dict[str, Array | csr_array | Metric]:
+    # of many bodies M would be too large to write out
+    return {"x": qp.x, "M": qp.metric if qp.sparse else qp.metric.dense(), "J": qp.J, "lower": qp.lower}
+
+
+def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
+    """Return whether it is certain that no velocity meets the rows.
+
+    It is if percussions add up to nothing but would do work (the lemma of Farkas), or if the dual active-set method
+    finds rows that do.
+    """
+    if found is not None and found.u.any():
+        size = np.abs(qp.combine(found.u)).max(initial=0.0)
+        terms = (abs(qp.rows).T @ found.u).max(initial=0.0)
+        lower = qp.lower / qp.lengths
+        if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
+            return True
+    return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d, ROUNDING) is None
+
+
+def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:
+    """Return the solver if it is one, or None; raise `InputError` otherwise."""
+    if solver is not None and not isinstance(solver, SOLVERS):
+        names = ", ".join(f"mbvi.{kind.__name__}()" for kind in SOLVERS)
+        raise InputError(f"solver must be None or one of {names}; got {shown(solver)}")
+    return solver

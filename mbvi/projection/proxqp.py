@@ -1,57 +1,71 @@
-"""ProxSuite on the dual box form min p' G p / 2 - d' p, p >= 0, kept warm per number of rows."""
+"""ProxQP solver: ProxSuite on the dual of the scaled QP."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from proxsuite import proxqp
 
-from .metric import Array
+from .equalities import solve_active
+from .scaled_qp import Candidate, ScaledQP, WarmStart
 
-_ACCURACY = 1e-9
-_MAX_KEPT = 64
+_ACCURACY, _MOST_ITERATIONS = 1e-12, 1000
+# percussions below this share of the largest are those of rows that do not touch
+_NONE = 1e-11
+_FREE = 1e20
+# percussions above this share of the largest belong to active rows
+_POSITIVE = 1e-7
 
 
+@dataclass(frozen=True)
 class ProxQP:
-    """One dense ProxQP object per number of rows, each started from its last result."""
+    """ProxSuite's primal-dual augmented Lagrangian method on min u' G u / 2 - d' u, u >= 0.
 
-    def __init__(self) -> None:
-        self._kept: dict[int, proxqp.dense.QP] = {}
+    An outer loop of proximal steps adds a multiple of the identity to G, so that singular and nearly singular problems
+    are as good as others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-12 of the
+    largest violation, where ProxSuite's iterations allow it. Every projection makes an object of its own, started from
+    the last percussions: what an object keeps from earlier problems would change the last digits of the answer.
 
-    def solve(self, G: Array, d: Array) -> Array:
-        """Return approximate multipliers, shape (m,), of any sign within the solver's accuracy.
+    Notes
+    -----
+    A. Bambade, S. El-Kazdadi, A. Taylor and J. Carpentier, PROX-QP: Yet another Quadratic Programming Solver for
+    Robotics and beyond, RSS (2022).
+    """
 
-        Parameters
-        ----------
-        G : ndarray, shape (m, m)
-            Delassus matrix with unit diagonal.
-        d : ndarray, shape (m,)
-            Missing rates, the largest of them 1.
-        """
-        m = len(d)
-        qp = self._kept.get(m)
-        if qp is None:
-            qp = self._new(m)
-            qp.init(H=G, g=-d, l_box=np.zeros(m), u_box=np.full(m, 1e20))
-        else:
-            qp.update(H=G, g=-d, update_preconditioner=False)
-        qp.solve()
-        p = np.array(qp.results.x)
-        if qp.results.info.status != proxqp.PROXQP_SOLVED:
-            # a failed object must not start the next problem from where it stopped
-            self._kept.pop(m, None)
-            p[~np.isfinite(p)] = 0.0
-        return p
-
-    def _new(self, m: int) -> proxqp.dense.QP:
-        if len(self._kept) >= _MAX_KEPT:
-            self._kept.clear()
-        qp = proxqp.dense.QP(m, 0, 0, True)
-        settings = qp.settings
-        settings.eps_abs = _ACCURACY
-        settings.eps_rel = 0.0
-        settings.max_iter = 1000
+    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
+        """Return ProxSuite's answer, negative percussions set to zero; see `Solver`."""
+        m = len(qp.d)
+        solver = proxqp.dense.QP(m, 0, 0, True)
+        settings = solver.settings
+        settings.eps_abs, settings.eps_rel, settings.max_iter = _ACCURACY, 0.0, _MOST_ITERATIONS
+        # complementarity: without this a row that does not touch may keep a percussion of 1e-9
+        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, _ACCURACY, 0.0
         settings.default_mu_in = 1e-3
         settings.compute_preconditioner = False
-        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        self._kept[m] = qp
-        return qp
+        solver.init(H=qp.G, g=-qp.d, l_box=np.zeros(m), u_box=np.full(m, _FREE))
+        if start is not None and start.u.any():
+            settings.initial_guess = proxqp.InitialGuess.WARM_START
+            solver.solve(start.u, None, None)
+        else:
+            solver.solve()
+        u = np.maximum(np.array(solver.results.x), 0.0)
+        # at the limit of iterations it is what was reached
+        u[~np.isfinite(u)] = 0.0
+        u[u <= _NONE * u.max()] = 0.0
+        return Candidate(qp.combine(u), u)
+
+
+@dataclass(frozen=True)
+class RefinedProxQP:
+    """ProxQP for the active set, then the equations of that set to rounding; the better of both answers."""
+
+    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
+        """Return ProxQP's answer or the solution on its active set; see `Solver`."""
+        found = ProxQP().solve(qp, start)
+        assert found is not None
+        refined = solve_active(qp, found.u > _POSITIVE * found.u.max(), found.u)
+        if refined is None:
+            return found
+        refined = Candidate(refined.z, np.maximum(refined.u, 0.0))
+        return refined if qp.residual(refined) <= qp.residual(found) else found

@@ -86,7 +86,8 @@ class Pieces:
         InputError
             If t is before 0 or after the end.
         """
-        t, slack = number(t, "t"), _PAST * self._end
+        # a float that is not finite is outside, too
+        t, slack = t if type(t) is float else number(t, "t"), _PAST * self._end
         if not -slack <= t <= self._end + slack:
             raise InputError(f"the solution is known from 0 s to {self._end:g} s; got t = {t}")
         return self._states[max(0, bisect_right(self._starts, t) - 1)](t)

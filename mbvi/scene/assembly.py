@@ -24,7 +24,6 @@ from ..errors import InputError
 from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
-from ..system.lengths import are_lengths
 from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
@@ -54,7 +53,7 @@ class _ConstraintBuilder:
     def constraints(self, system: System) -> Iterator[ConstraintFamily]:
         items = self.items
         if self.blocks.limits:
-            turns = ~are_lengths(system)
+            turns = ~system.are_lengths()
         for here, rate, lower, upper, names in self.blocks.limits:
             lever = np.where(turns[rate], self.blocks.length, 1.0)
             yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution, lever)

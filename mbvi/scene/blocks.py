@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from ..geometry.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
-from .actuation import with_centres
 from .certified_disjoint import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .link_centres import with_centres
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
 from .simplified import Simplified

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..geometry.shapes import Array, HalfSpace, PlacedShape, length_unit
-from ..system import ArticulatedSystem, System
+from ..system import System
 
 # steps violate limits a little: what ranges are widened by, in radians and in sizes of the shapes
 MARGIN = 0.05
@@ -125,7 +125,7 @@ def _chains(systems: Sequence[System], slide: float) -> list[list[tuple[int, _Jo
     """
     chains: list[list[tuple[int, _Joint | None]] | None] = [[]]
     for system in systems:
-        if not isinstance(system, ArticulatedSystem):
+        if system.model is None:
             chains += [None] * (len(system.bodies) - 1)
             continue
         first, model = len(chains), system.model

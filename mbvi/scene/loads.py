@@ -9,9 +9,10 @@ import numpy as np
 
 from ..arguments import returned, shown
 from ..errors import InputError
+from ..geometry.rotations import matrices
 from ..system import ArticulatedSystem
+from ..system.actuated import Load
 from ..system.given import called, not_finite
-from ..system.rotations import matrices
 from .items import Force, SceneControl
 from .state import Place, Places, State, Values
 
@@ -45,7 +46,7 @@ def _checked(value: Any, shapes: tuple[tuple[int, ...], ...], what: str, t: floa
     return numbers
 
 
-class SceneControls:
+class SceneControls(Load):
     """The controls of a scene, added up.
 
     Parameters
@@ -106,7 +107,7 @@ class _Once:
         return self._found
 
 
-class _Force:
+class _Force(Load):
     """An external force on one thing, or one on each of a group.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..constraints import ConstraintFamily
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
-from ..system import ArticulatedSystem, FreeBodies, Spheres, System, parts_of
+from ..system import System, parts_of
 from ..system.given import called
 from .plane import check_same_plane
 from .reductions import Omission, savings
@@ -71,7 +71,7 @@ class SceneModel:
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
-        lines += [f"  {_describe(s)}" for s in parts_of(problem.system)]
+        lines += [f"  {part.describe()}" for part in parts_of(problem.system)]
         planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
         lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
         lines += [f"  {family.describe()}" for family in problem.constraints.families]
@@ -87,20 +87,3 @@ class SceneModel:
         saved = savings(self.omitted)
         lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
-
-
-def _describe(system: System) -> str:
-    if isinstance(system, ArticulatedSystem):
-        model = system.model
-        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
-        joints = model.njoints - 1 - (base != "fixed")
-        mass = sum(i.mass for i in list(model.inertias)[1:])
-        name = system.bodies[1].split("/")[0]
-        return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
-    if isinstance(system, Spheres):
-        n = len(system.bodies) - 1
-        return f"{n} sphere{'s' * (n > 1)}, {system.nv // n} degrees of freedom each"
-    if isinstance(system, FreeBodies):
-        n = len(system.bodies) - 1
-        return f"{n} free bod{'ies' if n > 1 else 'y'}, {system.nv // n} degrees of freedom each"
-    return f"a system of {system.nv} degrees of freedom"

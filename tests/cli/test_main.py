@@ -14,6 +14,7 @@ import pytest
 import mbvi
 from mbvi.cli.main import main
 from mbvi.cli.scheme_names import SchemeName
+from mbvi.cli.solver_names import SolverName
 from mbvi.studies.shipped import robot_path
 from support.paths import ROBOTS
 
@@ -83,7 +84,7 @@ def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
     assert (trajectory.scheme, trajectory.step) == (scheme, step)
     assert f"scheme       {scheme}" in out
     if scheme == "EventDriven":
-        assert trajectory._scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
+        assert trajectory.record.scheme.tolerance == (1e-4 if 1e-4 in words else 1e-6)
     # the reason stands there where nothing was named
     assert ("was chosen: the gradient of hopper/trunk_0 | hopper/shin_1 jumps" in out) == (not words)
 
@@ -96,6 +97,14 @@ def test_every_word_of_a_scheme_runs_or_says_that_it_does_not_suit(run, word):
         assert code == 2 and "is for e = 0" in err and word == "stewart-trinkle"
         code, out, err = run(*words, "--restitution", 0)
     assert (code, err) == (0, "") and f"scheme       {type(word.make()).__name__}" in out
+
+
+@pytest.mark.parametrize("word", SolverName)
+def test_every_word_of_a_solver_runs_and_is_said(run, word):
+    words = ("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--solver", word)
+    code, out, err = run(*words)
+    assert (code, err) == (0, "")
+    assert f"note         every projection was solved by {word.solver!r}" in out
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3])
@@ -228,6 +237,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("simulate", HOPPER, "--step", 0), "step must be positive"),
         (("simulate", HOPPER, "--step", "abc"), "'--step'"),
         (("simulate", HOPPER, "--scheme", "euler"), "'euler' is not one of"),
+        (("simulate", HOPPER, "--solver", "osqp"), "'osqp' is not one of"),
         (("simulate", HOPPER, "--scheme", "paoli", "--tolerance", 1e-6), "--tolerance is for event-driven"),
         (("simulate", HOPPER, "--tolerance", 1e-6, "--step", 1e-3), "leave out step"),
         (("simulate", HOPPER, "--base", "flying"), "'flying' is not one of"),

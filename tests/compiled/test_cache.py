@@ -17,7 +17,7 @@ import pytest
 
 import mbvi
 from mbvi.compiled import KERNELS, kernel
-from mbvi.compiled.kernel import _interrupts_later
+from mbvi.compiled.kernels import _interrupts_later
 from support.paths import ROBOTS
 
 LANDING = """

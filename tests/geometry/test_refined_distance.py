@@ -11,7 +11,7 @@ from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined, separa
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 from support.distance_kernel_arguments import SHAPES, rotation, unit
-from support.plain import separating_axis as plain_forms
+from support.plain.separating_axis import _compose, _reach_plain
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
 BODIES = np.array([0, 1])
@@ -80,8 +80,8 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
 
 def reach_of(axes, places, side, u):
     _, fixed, sizes, points, first = axes.supports
-    world = plain_forms._compose(places[side], fixed[side])
-    return plain_forms._reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
+    world = _compose(places[side], fixed[side])
+    return _reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))

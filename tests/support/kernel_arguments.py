@@ -635,14 +635,14 @@ ARGUMENTS = {
     "relax": relax,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
-    "moved": moved,
+    "integrate": moved,
     "chart_rates": chart_rates,
     "accelerations": accelerations,
-    "placed": placed,
-    "pulled": pulled,
-    "pulled_in_plane": pulled_in_plane,
+    "placements": placed,
+    "separation_rows": pulled,
+    "planar_separation_rows": pulled_in_plane,
     "_first_of_lines": first_of_lines,
-    "_struck": struck,
+    "_choose_rows": struck,
     "factor": factor,
     "_back": back,
     "solve": solve,
@@ -669,7 +669,7 @@ ARGUMENTS = {
     "_ball_contacts": ball_contacts,
     "_leave": leave,
     "_most_facing": most_facing,
-    "_note": note,
+    "_record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {

@@ -5,20 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments.checks import choice
+from ...arguments import choice
 from ...errors import InputError, MbviWarning
 from ...geometry.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
 from ...scene.visuals import visual_shapes
 
 if TYPE_CHECKING:
     from ...geometry.motion import Motion as Drive
+    from ...problem import Problem
     from ...scene.model import SceneModel
-    from ..trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -28,7 +28,26 @@ _MOST_ARROWS = 300
 _MOST_POSES = 60
 
 
-def scene_of(run: Trajectory) -> SceneModel:
+class PlayableRun(Protocol):
+    """The part of a `Trajectory` that a replay needs."""
+
+    @property
+    def t(self) -> Array:
+        """Times of the states [s]."""
+
+    @property
+    def impacts(self) -> tuple[Any, ...]:
+        """Impacts in order of time."""
+
+    @property
+    def problem(self) -> Problem | None:
+        """The problem with its scene."""
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return q and v at a time."""
+
+
+def scene_of(run: PlayableRun) -> SceneModel:
     """Return what a run's problem remembers of its scene.
 
     Raises
@@ -43,15 +62,15 @@ def scene_of(run: Trajectory) -> SceneModel:
         raise InputError(
             "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
         )
-    return scene
+    return cast("SceneModel", scene)
 
 
-def shapes_of(run: Trajectory, shapes: str = "visual") -> list[PlacedShape]:
+def shapes_of(run: PlayableRun, shapes: str = "visual") -> list[PlacedShape]:
     """Return the shapes that a replay shows, on the bodies that carry them.
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     shapes : "visual" or "collision"
         Whether robots show their visual shapes or their collision shapes.
@@ -96,12 +115,12 @@ class Motion:
     quaternion: Array
 
 
-def motion(run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
+def motion(run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
     """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
@@ -149,7 +168,7 @@ class Arrow:
     length: float
 
 
-def arrows(run: Trajectory) -> list[Arrow]:
+def arrows(run: PlayableRun) -> list[Arrow]:
     """Return the percussions at contact points in order of time, the 300 strongest if there are more.
 
     The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.

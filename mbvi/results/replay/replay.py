@@ -23,7 +23,7 @@ from .page import Page
 if TYPE_CHECKING:
     from ...geometry.shapes import PlacedShape
     from ...scene.model import SceneModel
-    from ..trajectory import Trajectory
+    from .keyframes import PlayableRun
 
 # seconds an arrow takes to vanish, of which it stays whole at first
 _FADE, _WHOLE = 0.3, 0.08
@@ -36,12 +36,12 @@ _DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
 _FIELD, _ASPECT = 40.0, 1.3
 
 
-def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
+def replay(run: PlayableRun, speed: float = 1.0, shapes: str = "visual") -> None:
     """Show a run in a browser through meshcat; returns when it has played.
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         What to show; see `arrows` for the percussions.
     speed : float
         Seconds of the run per second of the replay.
@@ -72,12 +72,12 @@ def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
     time.sleep(float(run.t[-1] - run.t[0]) / speed)
 
 
-def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "visual") -> None:
+def replay_html(run: PlayableRun, path: str | os.PathLike[str], shapes: str = "visual") -> None:
     """Write one page that plays a run at true speed, with no server and no network.
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         What to show; see `arrows` for the percussions.
     path : path
         The page; an old one is replaced.
@@ -102,7 +102,7 @@ def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "vi
 
 
 def stage(
-    vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
+    vis: meshcat.Visualizer, run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
 ) -> Animation:
     """Draw the scene of a run as it starts, and return its animation.
 
@@ -110,7 +110,7 @@ def stage(
     ----------
     vis : meshcat.Visualizer
         Where to draw.
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
@@ -186,7 +186,7 @@ def _draw_shapes(
 
 
 def _draw_arrows(
-    vis: meshcat.Visualizer, run: Trajectory, length: float, speed: float, end: float, animation: Animation
+    vis: meshcat.Visualizer, run: PlayableRun, length: float, speed: float, end: float, animation: Animation
 ) -> None:
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]

@@ -62,10 +62,11 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     difference = reference.problem.system.difference
     jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
     # where the run's own velocity jumps
-    turns = np.clip(run.t[1:] - (1.0 - run._jump) * np.diff(run.t), run.t[:-1], run.t[1:])
+    turns = np.clip(run.t[1:] - (1.0 - run.record.timing.jump) * np.diff(run.t), run.t[:-1], run.t[1:])
     times = np.union1d(np.union1d(run.t, turns), jumps)
     exact = [reference.at(t) for t in times.tolist()]
-    own = {t: run.at(t)[0] for t in np.union1d(turns, jumps).tolist()} | dict(zip(run.t.tolist(), run.q, strict=True))
+    own = dict(zip(run.t.tolist(), run.q, strict=True))
+    own |= {t: run.at(t)[0] for t in np.setdiff1d(times, run.t).tolist()}
     q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
     left, length = times[:-1], np.diff(times)
     # in the order of time, for intervals are between one jump of the run and the next

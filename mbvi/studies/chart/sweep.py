@@ -14,7 +14,8 @@ import numpy as np
 from ...compiled import compile_all
 from ...errors import MbviWarning
 from ...problem import Problem
-from ...results.trajectory import Trajectory, energies
+from ...results.energies import energies
+from ...results.trajectory import Trajectory
 from ...run.simulate import simulate
 from ...schemes import EventDriven
 from .errors import Array, errors, sampled_errors
@@ -99,15 +100,15 @@ class Case:
             q, v = (np.array(x) for x in zip(*(run.at(t) for t in times.tolist()), strict=True))
         else:
             # some of the states will do
-            consistent = run.t + (run._jump - 0.5) * run.step
+            consistent = run.t + (run.record.timing.jump - 0.5) * run.step
             inside = np.flatnonzero((consistent > run.t[0]) & (consistent <= run.t[-1]))[1:]
             chosen = inside[np.unique(np.linspace(0, len(inside) - 1, _SAMPLES).astype(int))]
             times, q, v = run.t[chosen], run.q[chosen], run.v[chosen]
-        own = energies(problem, times, q, v, run.step, run._jump if run.step else 0.5).sum(axis=1)
+        own = energies(problem, times, q, v, run.step, run.record.timing.jump if run.step else 0.5).sum(axis=1)
         if solution is None:
             exact = energies(problem, run.t[:1], problem.q0[None], problem.v0[None], 0.0).sum(axis=1)
         else:
-            shifted = times + (run._jump - 0.5) * run.step
+            shifted = times + (run.record.timing.jump - 0.5) * run.step
             states = [solution.at(t) for t in shifted.tolist()]
             q, v = (np.array(x) for x in zip(*states, strict=True))
             exact = energies(problem, shifted, q, v, 0.0, 0.5).sum(axis=1)

@@ -12,7 +12,9 @@ import numpy as np
 
 from ...errors import InputError, MbviError
 from ...problem import Problem
+from ...results.run_data import RunRecord
 from ...results.trajectory import Trajectory
+from ...schemes import Timing
 from ..chart.errors import sampled_errors
 from ..chart.records import NOT, Record
 from ..chart.sweep import REPEATS, STEPS, Case, record
@@ -204,10 +206,8 @@ def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start
     t = start + h * np.arange(count + 1)
     depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
     # new velocities move the configuration through the whole step, semi-implicit, where it does not say otherwise
-    return Trajectory(
-        t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth,
-        _jump=getattr(peer, "jump", 0.0),
-    )  # fmt: skip
+    kept = RunRecord(depth, timing=Timing(jump=getattr(peer, "jump", 0.0)))
+    return Trajectory(t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, record=kept)
 
 
 def _depth(problem: Problem, t: float, q: Array) -> float:

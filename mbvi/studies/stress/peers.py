@@ -10,7 +10,8 @@ from itertools import product
 from typing import Any
 
 from ...compiled import compile_all
-from ...results.trajectory import Trajectory, energies
+from ...results.energies import energies
+from ...results.trajectory import Trajectory
 from ..chart.workers import worker
 from ..engines import Peer
 from ..engines.bodies import NoModelError
@@ -78,7 +79,8 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
             raise ModelError(f"{engine.NAME}: {error}") from error
         if peer.continuous:
             # it has q and v at the same times
-            run = replace(run, _energies=energies(problem, run.t, run.q, run.v, 0.0))
+            own = energies(problem, run.t, run.q, run.v, 0.0)
+            run = replace(run, record=replace(run.record, energies=own))
         return run
 
     found = judged(asked, engine.NAME, h, budget, run)
@@ -89,7 +91,7 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
 
 
 def _engine(module: str) -> Any:
-    return import_module(f"..peers.{module}", __package__)
+    return import_module(f"..engines.{module}", __package__)
 
 
 def _name(module: str) -> str:

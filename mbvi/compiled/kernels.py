@@ -27,6 +27,9 @@ _seconds = 0.0
 class Kernel:
     """A function on arrays, compiled for one signature at its first call.
 
+    Each kernel is the only object of a class of its own, so that later calls reach numba's function as the class's
+    `__call__`, without a Python frame between.
+
     Parameters
     ----------
     loops : function
@@ -38,12 +41,15 @@ class Kernel:
     def __init__(self, loops: Callable[..., Any], signature: str) -> None:
         self.loops, self.signature = loops, signature
         self.__name__, self.__module__, self.__doc__ = loops.__name__, loops.__module__, loops.__doc__
-        self._call: Callable[..., Any] = self._first_call
         self._compiled: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the compiled kernel."""
-        return self._call(*arguments)
+        """Compile the kernel and run it."""
+        global _seconds
+        start = time.perf_counter()
+        function = self.compiled()
+        _seconds += time.perf_counter() - start
+        return function(*arguments)
 
     def compiled(self) -> Any:
         """Return numba's function, which other kernels call; compile it, or read it from the cache, if needed."""
@@ -51,7 +57,7 @@ class Kernel:
             if self._compiled is None:
                 with _interrupts_later():
                     self._compiled = self._compile()
-                self._call = self._compiled
+                setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
         return self._compiled
 
     def stamp(self) -> bytes:
@@ -62,13 +68,6 @@ class Kernel:
             digest.update(name.encode())
             digest.update(value.stamp() if isinstance(value, Kernel) else _bytes_of(value))
         return digest.digest()
-
-    def _first_call(self, *arguments: Any) -> Any:
-        global _seconds
-        start = time.perf_counter()
-        function = self.compiled()
-        _seconds += time.perf_counter() - start
-        return function(*arguments)
 
     def _named(self) -> dict[str, Any]:
         """Return the kernels and constants of the module that the kernel names."""
@@ -103,7 +102,7 @@ def kernel(signature: str) -> Callable[[Function], Function]:
     """
 
     def mark(loops: Function) -> Function:
-        made: Any = Kernel(loops, signature)
+        made: Any = type(loops.__name__, (Kernel,), {})(loops, signature)
         KERNELS.append(made)
         return made
 

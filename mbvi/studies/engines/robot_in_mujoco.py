@@ -1,4 +1,4 @@
-"""The same robot in MuJoCo, built from what mbvi knows of it and not from its file a second time."""
+"""A robot of a scene in MuJoCo, built from mbvi's model, with MuJoCo's default contacts: for benchmarks of speed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-import mbvi
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
-
-Array = np.ndarray
+from ...arguments import Array
+from ...errors import InputError
+from ...geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from ...problem import BuiltScene, Problem
+from ...system import ArticulatedSystem
 
 # mass matrix and gravity must agree to this, relative to their largest entries
 _AGREEMENT = 1e-6
@@ -22,12 +23,12 @@ _AGREEMENT = 1e-6
 _TIME = 0.02
 
 
-class Peer:
+class MuJoCoRobot:
     """One robot, its half-spaces, start and constant torques in MuJoCo; no friction, Euler, the default solver.
 
     Parameters
     ----------
-    problem : mbvi.Problem
+    problem : Problem
         A scene of one robot and half-spaces.
     torque : ndarray, shape (nv,)
         What pushes the joints at all times [N, N m]; nothing pushes a free base.
@@ -36,13 +37,17 @@ class Peer:
 
     Raises
     ------
+    InputError
+        If the scene is not of one robot.
     RuntimeError
         If MuJoCo's mass matrix or gravity at the start is another than Pinocchio's.
     """
 
-    def __init__(self, problem: mbvi.Problem, torque: Array, step: float) -> None:
+    def __init__(self, problem: Problem, torque: Array, step: float) -> None:
+        if not isinstance(problem.system, ArticulatedSystem) or problem.scene is None:
+            raise InputError("the scene must be of one robot and half-spaces")
         self._source: pin.Model = problem.system.model
-        self.model = self._compile(problem, step)
+        self.model = self._compile(problem, problem.scene, step)
         self.data = mujoco.MjData(self.model)
         self._base = "FreeFlyer" in self._source.joints[1].shortname()
         self._coordinates()
@@ -81,7 +86,7 @@ class Peer:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:], self.data.qfrc_applied[:] = self._q, self._v, self._torque
 
-    def _compile(self, problem: mbvi.Problem, step: float) -> mujoco.MjModel:
+    def _compile(self, problem: Problem, scene: BuiltScene, step: float) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = step
@@ -91,14 +96,14 @@ class Peer:
         bodies = [spec.worldbody.add_body(name="fixed")]
         for joint in range(1, self._source.njoints):
             bodies.append(self._add_body(bodies, spec.worldbody, joint))
-        for placed in problem.scene.shapes:
+        for placed in scene.shapes:
             _add_geom(spec, bodies[placed.body], placed)
-        for wall in problem.scene.walls.values():
+        for wall in scene.walls.values():
             up = np.array(wall.normal)
             turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up).matrix()
             plane = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=plane, size=[0, 0, 1], pos=wall.offset * up, quat=_quaternion(turn))
-        _leave_out(spec, bodies, problem)
+        _leave_out(spec, bodies, scene, self._source)
         for geom in spec.geoms:
             geom.condim = 1
             geom.solref = _TIME, _damping_ratio(float(problem.restitution.max()))
@@ -149,7 +154,7 @@ class Peer:
         self._q_there = np.array([self._source.idx_qs[j] for j in joints])
         self._v_there = np.array([self._source.idx_vs[j] for j in joints])
 
-    def _check(self, problem: mbvi.Problem) -> None:
+    def _check(self, problem: Problem) -> None:
         """Compare inertia and gravity at the start."""
         source, model, data, turn = self._source, self.model, self.data, self._to_mujoco
         self._reset()
@@ -186,15 +191,16 @@ def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:
             geom.type, geom.meshname = kinds.mjGEOM_MESH, placed.name
 
 
-def _leave_out(spec: Any, bodies: list, problem: mbvi.Problem) -> None:
+def _leave_out(spec: Any, bodies: list, scene: BuiltScene, model: pin.Model) -> None:
     """Leave out the pairs of shapes that mbvi leaves out; MuJoCo knows pairs of bodies only."""
-    (robot,) = problem.scene.items.robots
-    out, kept = defaultdict(list), defaultdict(list)
-    for a, b in combinations(problem.scene.shapes, 2):
+    (robot,) = scene.items.robots
+    out: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
+    kept: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
+    for a, b in combinations(scene.shapes, 2):
         if a.body != b.body:
             side = out if (a.name, b.name) in robot.robot.apart else kept
             side[a.body, b.body].append((a.name, b.name))
-    parents = problem.system.model.parents
+    parents = model.parents
     for pair in out:
         # MuJoCo by itself leaves out what hangs on what moves
         if pair[0] and parents[pair[1]] == pair[0]:

@@ -1,0 +1,207 @@
+"""The projection as a scaled QP: rows of unit length in the metric, and the residual that judges every answer.
+
+With M = L L', A = L^-1 J' scaled to unit columns and z = L'(w - x), min |w - x|_M subject to J w >= lower becomes
+min |z|^2 subject to A' z >= d. Its solution is z = A u with u >= 0, where u solves the dual, min u' G u / 2 - d' u over
+u >= 0 with G = A' A.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .metric import Array, Metric
+
+# a violation below this share of the terms that it is computed from is rounding
+ROUNDING = 1e-13
+
+
+class Projection(NamedTuple):
+    """The nearest velocity, the percussions that lead to it, and the residual of both.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (nv,)
+        w = argmin |w - x|_M with J w >= lower.
+    percussion : ndarray, shape (m,)
+        p >= 0 with M (w - x) = J' p [N s, N m s] (Lemma 3.3 with the sign turned). A percussion is an impulse at a
+        contact.
+    residual : float
+        max |min(p, J w - lower)| over the rows scaled to a unit gradient in the metric, relative to the largest of
+        the speeds J x and lower so scaled.
+    """
+
+    velocity: Array
+    percussion: Array
+    residual: float
+
+
+class Candidate(NamedTuple):
+    """The answer of a solver: z, shape (nv,), is kept beside u, shape (m,), for A u loses digits where u is large."""
+
+    z: Array
+    u: Array
+
+
+class WarmStart(NamedTuple):
+    """Scaled percussions of the last projection.
+
+    Attributes
+    ----------
+    u : ndarray, shape (m,)
+        Zero for rows that the last projection did not have.
+    same_velocity : bool
+        Whether the last projection was of the same velocity x: a second one within a step.
+    """
+
+    u: Array
+    same_velocity: bool = False
+
+
+class Solver(Protocol):
+    """Finds the percussions of a scaled QP."""
+
+    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
+        """Return percussions u >= 0 and z = A u, or None if there is no answer; the residual is checked elsewhere.
+
+        Parameters
+        ----------
+        qp : ScaledQP
+            At least one row is violated, and no row is zero.
+        start : WarmStart, optional
+            Where to start from.
+        """
+        ...
+
+
+class ScaledQP:
+    """min |w - x|_M subject to J w >= lower, scaled.
+
+    Parameters
+    ----------
+    x : ndarray, shape (nv,)
+        Velocity to project.
+    metric : Metric
+        M.
+    J : ndarray or csr_array, shape (m, nv)
+        Gradients.
+    lower : ndarray, shape (m,)
+        Least rates.
+    residual : float
+        The relative KKT residual that is good enough.
+    """
+
+    def __init__(self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, residual: float) -> None:
+        self.x, self.metric, self.lower = x, metric, lower
+        self.sparse = not isinstance(J, np.ndarray)
+        # an array or, if sparse, a csr_array
+        self.J: Any = J
+        self._speed = J @ x
+        self.relative_tolerance = residual
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether x violates no row by more than the rounding of J x."""
+        violation = self.lower - self._speed
+        if not (violation > 0.0).any():
+            return True
+        if not self.sparse:
+            terms = np.abs(self.J) @ np.abs(self.x) + np.abs(self.lower)
+            return bool((violation <= ROUNDING * terms).all())
+        J = self.J
+        sums = np.concatenate([[0.0], np.cumsum(np.abs(J.data * self.x[J.indices]))])
+        terms = sums[J.indptr[1:]] - sums[J.indptr[:-1]] + np.abs(self.lower)
+        return bool(violation.max() <= ROUNDING * terms.max())
+
+    @cached_property
+    def _whitened(self) -> Any:
+        """L^-1 J': shape (nv, m) if dense, its transpose if sparse."""
+        return self.metric.whiten_rows(self.J) if self.sparse else self.metric.whiten(self.J.T)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Length of each gradient in the metric, shape (m,)."""
+        if self.sparse:
+            return np.sqrt(np.bincount(self._row, self._whitened.data**2, minlength=len(self.lower)))
+        return np.sqrt(np.einsum("ij,ij->j", self._whitened, self._whitened))
+
+    @cached_property
+    def _row(self) -> Array:
+        return np.repeat(np.arange(len(self.lower)), np.diff(self._whitened.indptr))
+
+    @cached_property
+    def _scaled(self) -> tuple[Array, float]:
+        violation = (self.lower - self._speed) / self.lengths
+        scale = float(np.ldexp(1.0, np.frexp(violation.max())[1]))
+        return violation / scale, scale
+
+    @property
+    def d(self) -> Array:
+        """Violations of the scaled rows by x, shape (m,); the largest lies in [0.5, 1)."""
+        return self._scaled[0]
+
+    @property
+    def scale(self) -> float:
+        """The power of two that d was divided by, so that the scaling rounds nothing."""
+        return self._scaled[1]
+
+    @cached_property
+    def largest(self) -> float:
+        """The largest scaled speed, which residuals are relative to."""
+        return float(((np.abs(self._speed) + np.abs(self.lower)) / self.lengths).max()) / self.scale
+
+    @property
+    def tolerance(self) -> float:
+        """The residual of the scaled problem that is good enough."""
+        return self.relative_tolerance * self.largest
+
+    @cached_property
+    def columns(self) -> Array:
+        """A, dense, shape (nv, m)."""
+        return np.ascontiguousarray(self.rows.toarray().T) if self.sparse else self._whitened / self.lengths
+
+    @cached_property
+    def rows(self) -> csr_array:
+        """A', sparse, shape (m, nv)."""
+        if not self.sparse:
+            return csr_array(self.columns.T)
+        W = self._whitened
+        return csr_array((W.data / self.lengths[self._row], W.indices, W.indptr), shape=W.shape)
+
+    @cached_property
+    def G(self) -> Array:
+        """A' A, dense, shape (m, m)."""
+        return np.ascontiguousarray(self.columns.T @ self.columns)
+
+    def combine(self, u: Array) -> Array:
+        """Return A u."""
+        if not self.sparse:
+            return self.columns @ u
+        rows = self.rows
+        return np.bincount(rows.indices, rows.data * u[self._row], minlength=len(self.x))
+
+    def slack(self, z: Array) -> Array:
+        """Return A' z - d."""
+        return (self.rows @ z if self.sparse else self.columns.T @ z) - self.d
+
+    def residual(self, candidate: Candidate) -> float:
+        """Return the KKT residual: the larger of max |min(u, A' z - d)| and max |z - A u| / (1 + max u).
+
+        Zero exactly at a solution.
+        """
+        z, u = candidate
+        natural = np.abs(np.minimum(u, self.slack(z))).max()
+        stationarity = np.abs(z - self.combine(u)).max() / (1.0 + u.max())
+        return float(max(natural, stationarity))
+
+    def result(self, candidate: Candidate, residual: float) -> Projection:
+        """Return the candidate as velocity and percussions, with its relative residual."""
+        velocity = self.x + self.scale * self.metric.unwhiten(candidate.z)
+        return Projection(velocity, self.scale * candidate.u / self.lengths, self.relative(residual))
+
+    def relative(self, residual: float) -> float:
+        """Return a residual of the scaled problem relative to its largest speed."""
+        return residual / self.largest

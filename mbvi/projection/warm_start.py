@@ -1,0 +1,72 @@
+"""The percussions of the last projection, matched to the rows of the next."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .metric import Array
+from .scaled_qp import ScaledQP, WarmStart
+
+# points of one constraint that have a key of their own
+_POINTS = 64
+
+
+class LastPercussions:
+    """Percussions of the last projection: by position where rows are dense, by contact where they have names.
+
+    Attributes
+    ----------
+    percussion : ndarray, shape (m,)
+        Of the last projection; empty at first.
+    keys : ndarray of int, shape (m,), or None
+        Ascending keys of their contacts; None where rows have no names.
+    """
+
+    __slots__ = ("_x", "keys", "percussion")
+
+    def __init__(self) -> None:
+        self.percussion = np.zeros(0)
+        self.keys: Array | None = None
+        self._x: Array | None = None
+
+    def start(self, qp: ScaledQP, keys: Array | None) -> WarmStart | None:
+        """Return what a projection is started from, None if there is nothing."""
+        same, self._x = qp.x is self._x, qp.x
+        found = self._matched(len(qp.lower), keys)
+        return None if found is None else WarmStart(found * qp.lengths / qp.scale, same)
+
+    def _matched(self, m: int, keys: Array | None) -> Array | None:
+        """Return the last percussion of each row, None if there is none."""
+        if keys is None or self.keys is None:
+            unnamed = keys is None and self.keys is None
+            return self.percussion if unnamed and len(self.percussion) == m else None
+        place = np.searchsorted(self.keys, keys)
+        place[place == len(self.keys)] = 0
+        return np.where(self.keys[place] == keys, self.percussion[place], 0.0)
+
+    def keep(self, percussion: Array, keys: Array | None) -> None:
+        """Keep the percussions of rows with these keys, or without any."""
+        if keys is not None and (keys[1:] < keys[:-1]).any():
+            order = np.argsort(keys, kind="stable")
+            keys, percussion = keys[order], percussion[order]
+        self.keys, self.percussion = keys, percussion
+
+
+def contact_keys(constraints: Array) -> Array:
+    """Return a number for each row that it has in the next projection too: its constraint, and which point of it.
+
+    Parameters
+    ----------
+    constraints : ndarray of int, shape (m,)
+        Number of each row's constraint.
+    """
+    m = len(constraints)
+    ascending = not (constraints[1:] < constraints[:-1]).any()
+    order = None if ascending else np.argsort(constraints, kind="stable")
+    numbers, place = constraints if order is None else constraints[order], np.arange(m)
+    first = place.copy()
+    first[1:][numbers[1:] == numbers[:-1]] = 0
+    keys = numbers * _POINTS + np.minimum(place - np.maximum.accumulate(first), _POINTS - 1)
+    if order is not None:
+        keys[order] = keys.copy()
+    return keys
