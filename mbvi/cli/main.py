@@ -257,8 +257,6 @@ def _on_floor(
     robot: Path, base: Base, height: float | None, restitution: float, joints: dict[str, float], srdf: Path | None
 ) -> Problem:
     """Return the problem of a robot above the floor z = 0, a free one with its lowest point at `height`."""
-    from ..constraints import HalfSpaceContacts
-
     if base is Base.fixed:
         try:
             return _placed(robot, base, height or 0.0, restitution, joints, srdf)
@@ -266,8 +264,8 @@ def _on_floor(
             raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
     height = _DROP if height is None else height
     problem = _placed(robot, base, _HIGH, restitution, joints, srdf, ())
-    floors = [c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts)]
-    lowest = [_HIGH - float(c.gap(problem.t0, problem.q0).min()) for c in floors]
+    floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
+    lowest = [_HIGH - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
     return _placed(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)
 
 

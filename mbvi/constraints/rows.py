@@ -50,7 +50,7 @@ class Rows(NamedTuple):
         return speeds if self.rate is None else speeds + self.rate
 
 
-def chosen(rows: Rows, index: Array) -> Rows:
+def take(rows: Rows, index: Array) -> Rows:
     """Return some of the rows, by a mask or by their places."""
     number, gap, jacobian, e, point, normal, rate = rows
     return Rows(
@@ -64,7 +64,7 @@ def chosen(rows: Rows, index: Array) -> Rows:
     )
 
 
-def stacked(parts: Sequence[Rows]) -> Rows:
+def concatenate(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
     if len(parts) == 1:
         return parts[0]
@@ -83,7 +83,7 @@ def stacked(parts: Sequence[Rows]) -> Rows:
     )
 
 
-def owners(rows: Rows, others: Rows) -> Array:
+def match_contacts(rows: Rows, others: Rows) -> Array:
     """Return the place among the others of the same contact as each row, shape (k,); -1 where there is none.
 
     Two rows are the same contact if they are of one constraint and each is the nearest to the other.
