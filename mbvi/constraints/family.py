@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from .candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
-
-if TYPE_CHECKING:
-    from .cache import PairCandidates
 
 
 class RowTable(NamedTuple):

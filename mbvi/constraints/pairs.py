@@ -10,7 +10,7 @@ import numpy as np
 from ..compiled import kernel
 from ..geometry.shapes import PlacedShape
 from ..system import System
-from .cache import PairCandidates
+from .candidates import PairCandidates
 from .family import ConstraintFamily
 from .rebuilt import Rebuilt
 from .rows import Array, Rows

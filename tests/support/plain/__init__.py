@@ -1,7 +1,8 @@
 """The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
 
 from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
-from support.plain.cache import consume_clearance_plain, list_candidates_plain
+from support.plain.cache import consume_clearance_plain
+from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import _first_of_lines_plain
 from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain

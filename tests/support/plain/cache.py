@@ -12,14 +12,3 @@ def consume_clearance_plain(moved: Array, envelope: Array, travel: Array, cleara
     travel += np.abs(moved)
     clearance -= envelope @ np.abs(moved)
     return sum(1 << k for k in range(len(clearance)) if not clearance[k] >= 0.0)
-
-
-def list_candidates_plain(
-    clearance: Array, reach: Array, travel: Array, tolerance: float, candidates: Array
-) -> tuple[int, float]:
-    """Take the travel from the clearances of pairs and list those that are used up."""
-    clearance -= travel @ reach
-    travel[:] = 0.0
-    used_up = clearance <= tolerance
-    candidates[: used_up.sum()] = used_up.nonzero()[0]
-    return int(used_up.sum()), float(np.where(used_up, np.inf, clearance - tolerance).min(initial=np.inf))
