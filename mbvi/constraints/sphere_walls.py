@@ -16,71 +16,67 @@ from .rows import Array, Rows
 _PLANE, _BOX, _CAPSULE = range(3)
 
 
-@kernel("f8(f8[::1], f8[::1], f8, f8[::1])")
-def distance_from_plane(wall: Array, centre: Array, most: float, normal: Array) -> float:
-    """Return the distance of a point from a half-space [m]; write the normal towards the point, shape (3,).
+@kernel("f8(f8[:,::1], i8, f8[:,::1], i8, f8, f8[::1])")
+def distance_from_box(walls: Array, a: int, centres: Array, i: int, most: float, normal: Array) -> float:
+    """Return the distance of a point from a box [m], negative inside; write the normal towards the point, shape (3,).
+
+    From inside, the normal is that of the nearest face.
 
     Parameters
     ----------
-    wall, most
-        A row of `walls` of `wall_contacts`, and the distance beyond which no normal is needed.
-    centre : ndarray, shape (3,)
-        The point [m].
-    """
-    normal[0], normal[1], normal[2] = wall[0], wall[1], wall[2]
-    return centre[0] * wall[0] + centre[1] * wall[1] + centre[2] * wall[2] - wall[3]
-
-
-@kernel("f8(f8[::1], f8[::1], f8, f8[::1])")
-def distance_from_box(wall: Array, centre: Array, most: float, normal: Array) -> float:
-    """Return the distance of a point from a box [m], negative inside; see `distance_from_plane`.
-
-    From inside, the normal is that of the nearest face.
+    walls, a, centres, i
+        As of `wall_contacts`, with the row of each. Slices of arrays would cost more than the distance.
+    most : float
+        The distance beyond which no normal is needed [m].
     """
     square, deepest, face, side = 0.0, np.inf, 0, 1.0
     u = v = t = 0.0
     for c in range(3):
         local = (
-            wall[3 * c] * (centre[0] - wall[9])
-            + wall[3 * c + 1] * (centre[1] - wall[10])
-            + wall[3 * c + 2] * (centre[2] - wall[11])
+            walls[a, 3 * c] * (centres[i, 0] - walls[a, 9])
+            + walls[a, 3 * c + 1] * (centres[i, 1] - walls[a, 10])
+            + walls[a, 3 * c + 2] * (centres[i, 2] - walls[a, 11])
         )
-        half = wall[12 + c]
+        half = walls[a, 12 + c]
         if half - abs(local) < deepest:
             deepest, face, side = half - abs(local), c, 1.0 if local >= 0.0 else -1.0
         away = local - min(max(local, -half), half)
         square += away * away
-        u += away * wall[3 * c]
-        v += away * wall[3 * c + 1]
-        t += away * wall[3 * c + 2]
+        u += away * walls[a, 3 * c]
+        v += away * walls[a, 3 * c + 1]
+        t += away * walls[a, 3 * c + 2]
     far = np.sqrt(square)
     if far > most:
         return far
     if far > 0.0:
         normal[0], normal[1], normal[2] = u / far, v / far, t / far
         return far
-    normal[0], normal[1], normal[2] = side * wall[3 * face], side * wall[3 * face + 1], side * wall[3 * face + 2]
+    normal[0], normal[1], normal[2] = (
+        side * walls[a, 3 * face],
+        side * walls[a, 3 * face + 1],
+        side * walls[a, 3 * face + 2],
+    )
     return -deepest
 
 
-@kernel("f8(f8[::1], f8[::1], f8, f8[::1])")
-def distance_from_capsule(wall: Array, centre: Array, most: float, normal: Array) -> float:
-    """Return the distance of a point from a capsule [m], negative inside; see `distance_from_plane`."""
-    p, q, r = wall[3] - wall[0], wall[4] - wall[1], wall[5] - wall[2]
-    u, v, t = centre[0] - wall[0], centre[1] - wall[1], centre[2] - wall[2]
+@kernel("f8(f8[:,::1], i8, f8[:,::1], i8, f8, f8[::1])")
+def distance_from_capsule(walls: Array, a: int, centres: Array, i: int, most: float, normal: Array) -> float:
+    """Return the distance of a point from a capsule [m], negative inside; see `distance_from_box`."""
+    p, q, r = walls[a, 3] - walls[a, 0], walls[a, 4] - walls[a, 1], walls[a, 5] - walls[a, 2]
+    u, v, t = centres[i, 0] - walls[a, 0], centres[i, 1] - walls[a, 1], centres[i, 2] - walls[a, 2]
     square = p * p + q * q + r * r
     along = (u * p + v * q + t * r) / square if square > 0.0 else 0.0
     along = min(max(along, 0.0), 1.0)
     u, v, t = u - along * p, v - along * q, t - along * r
     far = np.sqrt(u * u + v * v + t * t)
-    if far - wall[6] > most:
-        return far - wall[6]
+    if far - walls[a, 6] > most:
+        return far - walls[a, 6]
     if far > 0.0:
         normal[0], normal[1], normal[2] = u / far, v / far, t / far
     else:
         # on the axis any direction will do
         normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
-    return far - wall[6]
+    return far - walls[a, 6]
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
@@ -113,11 +109,19 @@ def wall_contacts(
         most = (tolerance + radii[i]) + 1e-9 * (abs(tolerance) + radii[i])
         for a in range(w):
             if kind[a] == _PLANE:
-                far = distance_from_plane(walls[a], centres[i], most, out)
+                far = (
+                    centres[i, 0] * walls[a, 0]
+                    + centres[i, 1] * walls[a, 1]
+                    + centres[i, 2] * walls[a, 2]
+                    - walls[a, 3]
+                )
+                if far > most:
+                    continue
+                out[0], out[1], out[2] = walls[a, 0], walls[a, 1], walls[a, 2]
             elif kind[a] == _BOX:
-                far = distance_from_box(walls[a], centres[i], most, out)
+                far = distance_from_box(walls, a, centres, i, most, out)
             else:
-                far = distance_from_capsule(walls[a], centres[i], most, out)
+                far = distance_from_capsule(walls, a, centres, i, most, out)
             g = far - radii[i]
             if not g <= tolerance:
                 continue

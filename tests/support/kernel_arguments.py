@@ -454,12 +454,12 @@ def wall_contacts(rng):
 
 
 def wall_and_point(index):
-    """A half-space, a box or a capsule, and a point near it or within it."""
+    """A box or a capsule, and a point near it or within it."""
 
     def arguments(rng):
         centres, _, _, walls, *_ = wall_contacts(rng)
-        centre = centres[int(rng.integers(len(centres)))]
-        return walls[index], centre * rng.choice([0.1, 1.0]), np.inf, np.full(3, np.nan)
+        centres *= rng.choice([0.1, 1.0])
+        return walls, index, centres, int(rng.integers(len(centres))), np.inf, np.full(3, np.nan)
 
     return arguments
 
@@ -623,7 +623,6 @@ ARGUMENTS = {
     "_near_balls": near_balls,
     "_touching": touching,
     "wall_contacts": wall_contacts,
-    "distance_from_plane": wall_and_point(0),
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
     "gram": gram_of,
