@@ -116,7 +116,6 @@ def simulate(
 @app.command()
 def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     """Print joints, shapes and constraints of a robot on a floor, and what is left out, with reasons."""
-    from ..scene import REDUCTIONS
     from .tables import joint_table, shape_table
 
     try:
@@ -124,8 +123,7 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        # the reduction of pairs would use a pose in which the robot never is
-        problem = _robot_problem(robot, base, _FAR_ABOVE, _RESTITUTION, {}, srdf, set(REDUCTIONS) - {"pairs"})
+        problem = _robot_problem(robot, base, _FAR_ABOVE, _RESTITUTION, {}, srdf)
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
@@ -246,22 +244,21 @@ def _robot_problem(
     srdf: Path | None,
     reduce: Collection[str] | None = None,
 ) -> Problem:
-    from ..scene import REDUCTIONS, Scene
+    from ..scene import Scene
+    from ..scene.reductions import DEFAULT_REDUCTIONS
 
     scene = Scene(restitution=restitution)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     scene.add_urdf(
         robot, base=base.value, position=(0.0, 0.0, z), joints=joints, srdf=None if srdf is None else str(srdf)
     )
-    return scene.build(REDUCTIONS if reduce is None else reduce)
+    return scene.build(DEFAULT_REDUCTIONS if reduce is None else reduce)
 
 
 def _problem_on_floor(
     robot: Path, base: Base, height: float | None, restitution: float, joints: dict[str, float], srdf: Path | None
 ) -> Problem:
     """Return the problem of a robot above the floor z = 0; the lowest point of a free robot is at `height`."""
-    from ..constraints import HalfSpaceContacts
-
     if base is Base.fixed:
         try:
             return _robot_problem(robot, base, height or 0.0, restitution, joints, srdf)
@@ -269,8 +266,8 @@ def _problem_on_floor(
             raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
     height = _DROP_HEIGHT if height is None else height
     problem = _robot_problem(robot, base, _FAR_ABOVE, restitution, joints, srdf, ())
-    floors = [c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts)]
-    lowest = [_FAR_ABOVE - float(c.gap(problem.t0, problem.q0).min()) for c in floors]
+    floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
+    lowest = [_FAR_ABOVE - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
     return _robot_problem(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)
 
 

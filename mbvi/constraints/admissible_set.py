@@ -14,7 +14,7 @@ from .cache import ClearanceCache
 from .family import ConstraintFamily
 from .given import as_family
 from .rebuilt import Rebuilt
-from .rows import Array, Constraint, Rows, stacked
+from .rows import Array, Constraint, Rows, concatenate
 
 
 class AdmissibleSet(Rebuilt):
@@ -122,7 +122,7 @@ class AdmissibleSet(Rebuilt):
             last call, no difference is computed.
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
-        return stacked(found) if found else self.empty
+        return concatenate(found) if found else self.empty
 
     def near(self, t: float, q: Array, reach: float) -> Rows:
         """Return the rows with f_a(q) <= reach, which may be more than the tolerance of earlier calls."""

@@ -30,7 +30,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
     shapes : sequence of PlacedShape
         The shapes, in the order that numbers and names go by.
     left_out : callable
-        left_out(i, j) -> ndarray of bool: which pairs of shapes, i < j, are not looked at.
+        left_out(i, j) -> ndarray of bool: which pairs of shapes, i < j, are left out.
     restitution_of : callable
         restitution_of(a, b) -> e of two shapes by name.
     line, at_rest
@@ -38,8 +38,9 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
 
     Notes
     -----
-    Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box
-    of the world has the other's ball near; a list lasts until shapes moved against each other by a skin.
+    Constraint i n + j is the pair of shapes i < j. A pair is listed if its bounding spheres are near each other and, if
+    one shape is a box of the world, that box is near the bounding sphere of the other. A list is valid until shapes
+    have moved against each other by the skin of the `VerletList`.
     """
 
     smooth = False
@@ -64,7 +65,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         self._bound = np.array([s.shape.bound for s in shapes])
         self._turn = np.array([s.rotation for s in shapes])
         self._position = np.array([s.position for s in shapes])
-        # of boxes that stay as they are turned: a list does not outlast the turns of others
+        # of boxes of the world only: a list stays valid while other boxes turn
         self._half = np.array(
             [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
         )
@@ -72,10 +73,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         self._geometry: dict[tuple[int, float], Any] = {}
         self._unit = length_unit(self._bound.tolist())
         self._inner = np.array([s.shape.inner for s in shapes])
-        # made when first asked for
+        # made when first needed
         self._reach: csr_array | None = None
         self._listed: _Listed | None = None
-        self._asked: tuple[bytes, _Listed] | None = None
+        self._queried: tuple[bytes, _Listed] | None = None
         self._lists = -1
         self._resting: Array | None = None
         self.size = len(self._shapes) ** 2
@@ -118,10 +119,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             self._listed.skip_resting(resting)
 
     def _list(self, i: Array, j: Array, turns: Array, centres: Array) -> _Listed:
-        """Return those pairs that may be near until shapes moved by the skin."""
+        """Return the pairs that can become near before shapes have moved by the skin."""
         kept, far = (self._body[i] != self._body[j]) & ~self._left_out(i, j), self._neighbours.reach
         for a, b in ((i, j), (j, i)):
-            # the other's ball in a box's own axes
+            # the other's bounding sphere in the axes of the box
             outside = np.abs(np.vecmat(centres[b] - centres[a], turns[a])) - self._half[a]
             kept &= np.linalg.norm(np.maximum(outside, 0.0), axis=1) <= self._bound[b] + far
         return self._listing(i[kept], j[kept])
@@ -168,9 +169,9 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs, shape (k,) [m]."""
-        if self._asked is None or self._asked[0] != pairs.tobytes():
-            self._asked = pairs.tobytes(), self._listing(*np.divmod(pairs, len(self._shapes)))
-        return self._asked[1].nearest(q, np.arange(len(pairs))).gap
+        if self._queried is None or self._queried[0] != pairs.tobytes():
+            self._queried = pairs.tobytes(), self._listing(*np.divmod(pairs, len(self._shapes)))
+        return self._queried[1].nearest(q, np.arange(len(pairs))).gap
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of the nearest contact of each pair that is not left out, in the order of `gap`."""
@@ -178,7 +179,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         return contacts.point, contacts.normal
 
     def gap(self, t: float, q: Array) -> Array:
-        """Return the signed distance of every pair that is looked at, shape (m,) [m]."""
+        """Return the signed distance of every pair that is not left out, shape (m,) [m]."""
         return self._every(q)[0].gap
 
     def gradient(self, t: float, q: Array) -> Array:
@@ -216,7 +217,7 @@ class _Listed(SignedDistances):
         """Set nothing: no cache reads a reach here."""
 
     def _coal(self, placed: PlacedShape, unit: float) -> Any:
-        # hulls are dear to make
+        # hulls are expensive to make
         key = id(placed.shape), unit
         if key not in self._known:
             self._known[key] = placed.shape.coal(unit)

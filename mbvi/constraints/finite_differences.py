@@ -14,7 +14,7 @@ _ALL, _FEW = 10.0 ** -np.arange(2.0, 10.0), 10.0 ** -np.arange(4.0, 8.0)
 _EPS = 2.3e-16
 # a shorter difference is taken where its error is no more than so many times the least there is, or this part of it
 _NEARLY, _PRECISE = 10.0, 1e-5
-# the part of the steepest by which two lengths may differ and still tell of one slope
+# relative to the steepest slope: two lengths with slopes this close give the same slope
 _ALIKE = 1e-4
 
 
@@ -24,9 +24,9 @@ class Slopes(NamedTuple):
     Attributes
     ----------
     middle : ndarray
-        By central differences; NaN where these do not tell.
+        By central differences; NaN where these are not finite.
     low, high : ndarray
-        Bounds of what a derivative may be: they hold the slopes on both sides, so that a kink says nothing wrong, and
+        Bounds of the derivative: they include the slopes on both sides, so that a gradient at a kink is accepted, and
         the estimated error.
     """
 
@@ -41,7 +41,7 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
     Parameters
     ----------
     f : callable
-        f(w) -> values, shape (m,), where w, shape (nv,), is the displacement. What it raises there counts as unknown.
+        f(w) -> values, shape (m,), of the displacement w, shape (nv,). Where it raises, values count as unknown.
     here : ndarray, shape (m,)
         f(0).
     along : ndarray, shape (k, nv)
@@ -68,7 +68,7 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
         off = 2.0 * np.take_along_axis(error, best, 1)[:, 0]
         forward = np.take_along_axis(((plus - here) / h)[:, 1:], best, 1)[:, 0]
         backward = np.take_along_axis(((here - minus) / h)[:, 1:], best, 1)[:, 0]
-        # of a staircase, or of noise, there is one slope from near and another from afar
+        # a staircase, or noise, has one slope at short lengths and another at long ones
         flat = error <= _ALIKE * np.abs(central).max(axis=1, keepdims=True, initial=0.0) + rounding[:, 1:]
         least_flat = np.where(flat, central[:, 1:], np.inf).min(axis=1)
         most_flat = np.where(flat, central[:, 1:], -np.inf).max(axis=1)
@@ -79,10 +79,10 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
     return Slopes(middle, low, high)
 
 
-def _value(f: Callable[[Array], Any], way: Array, count: int) -> Array:
-    """Return f there; NaN where it does not tell, for nobody asked a user's function to hold beyond the motion."""
+def _value(f: Callable[[Array], Any], w: Array, count: int) -> Array:
+    """Return f(w); NaN where it fails: a user's function need not be defined beyond the motion."""
     try:
-        value = np.asarray(f(way), dtype=float).reshape(-1)
+        value = np.asarray(f(w), dtype=float).reshape(-1)
     except Exception:
         return np.full(count, np.nan)
     return value if len(value) == count else np.full(count, np.nan)

@@ -1,8 +1,8 @@
 """The family of shapes against half-spaces, by the points on which a shape can stand.
 
-A polyhedron stands on its vertices, a capsule on its two end balls, a cylinder on its rims: each point is a row of its
-own, whose gap and gradient are smooth functions of the configuration. On a rim or an ellipsoid one point moves along
-with what is lowest.
+A polyhedron stands on its vertices, a capsule on its two end spheres, a cylinder on its rims. Each point is a row of
+its own, whose gap and gradient are smooth functions of the configuration. On a rim or an ellipsoid the point is the
+lowest one, which moves over the shape.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MOST_SELECTIONS = 1000
 
 
 class _Near(NamedTuple):
-    """What is the same for some near points at every step: their rows' numbers, e, and normals."""
+    """The constant part of the rows of some active points: numbers, e, and normals."""
 
     number: Array
     restitution: Array
@@ -43,7 +43,7 @@ class _Selection:
     pair : ndarray of int, shape (k,)
         The pair of each point.
     bodies : ndarray of int, shape (b,), or None
-        The bodies there are, where not all are placed at once.
+        The bodies of these points; None where one kernel places all bodies.
     numbers : ndarray, shape (k, 17)
         Of each point: its place in the body, or the centre of the rim or ellipsoid it moves on [m]; the half axes of
         that in the body, one column after the other, zero for a point that is fixed; the half-space's normal; the
@@ -51,9 +51,9 @@ class _Selection:
     owners : ndarray of int, shape (k, 2)
         Which of the bodies each point belongs to, and its pair.
     index : ndarray of int, shape (k + 1,)
-        How many points were within the tolerance when last looked at, and which.
+        How many points were within the tolerance at the last call, and which.
     near : _Near
-        What is known of these.
+        The constant part of their rows.
     """
 
     pair: Array
@@ -68,11 +68,11 @@ class _Selection:
     "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8, f8[::1], i8[::1], f8[::1],"
     " f8[:,::1], f8[:,::1])"
 )
-def _touch(
+def half_space_rows(
     poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
-    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
+    clearance: Array, index: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
-    """Write gaps, points and gradients of the points within the tolerance, if they are those of the last time.
+    """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def _touch(
         As of `_Selection`; `index` is written.
     tolerance : float
         Gap at and below which a point is active [m].
-    budget : ndarray, shape (n,)
-        Of all pairs; the least gap is written for those here.
+    clearance : ndarray, shape (n,)
+        Of all pairs; receives the least gap of each pair here.
     gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
         For as many points as `index` counts.
 
@@ -91,19 +91,19 @@ def _touch(
     -------
     count : int
         How many points are within the tolerance.
-    vain : bool
+    any_empty : bool
         Whether a pair has none.
     same : bool
-        Whether they are those of the last time; only then are gap, point and rows written in full.
+        Whether they are the points of the last call; only then gap, point and rows are written in full.
     """
     out = np.empty(4)
-    count, vain, same, room = 0, False, True, len(gap)
+    count, any_empty, same, room = 0, False, True, len(gap)
     for i in range(len(owners)):
-        budget[owners[i, 1]] = np.inf
+        clearance[owners[i, 1]] = np.inf
     for i in range(len(owners)):
         body, pair = owners[i, 0], owners[i, 1]
         lowest(poses, body, numbers, i, out)
-        budget[pair] = min(budget[pair], out[3])
+        clearance[pair] = min(clearance[pair], out[3])
         if out[3] <= tolerance:
             same = same and count < room and index[1 + count] == i
             index[1 + count] = i
@@ -114,8 +114,8 @@ def _touch(
     same = same and count == index[0]
     index[0] = count
     for i in range(len(owners)):
-        vain = vain or budget[owners[i, 1]] > tolerance
-    return count, vain, same
+        any_empty = any_empty or clearance[owners[i, 1]] > tolerance
+    return count, any_empty, same
 
 
 class HalfSpaceContacts(Pairs):
@@ -132,12 +132,12 @@ class HalfSpaceContacts(Pairs):
     names, restitution
         As `Pairs`.
     lines : ndarray, shape (n, 3), optional
-        Where all moves in a plane, its normal as each shape's body has it; of points in line with it one is taken.
+        In a planar scene the plane's normal in the frame of each shape's body; of points in line with it one is kept.
 
     Attributes
     ----------
     in_line : int
-        How many points are not.
+        How many points are left out.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class HalfSpaceContacts(Pairs):
         return f"{self.size} pairs of a shape and a half-space"
 
     def _select(self, pairs: Array) -> _Selection:
-        """Gather the points of the asked pairs; the same few sets of pairs come again and again."""
+        """Return the points of some pairs, gathered; the same few sets of pairs come again and again."""
         if pairs is self._pairs:
             return self._selection
         key = pairs.tobytes()
@@ -192,18 +192,18 @@ class HalfSpaceContacts(Pairs):
         return found
 
     def _gather(self, pairs: Array) -> _Selection:
-        due = np.zeros(len(self.names), bool)
-        due[pairs] = True
-        return self._gather_points(due[self.owner].nonzero()[0])
+        wanted = np.zeros(self.size, bool)
+        wanted[pairs] = True
+        return self._gather_points(wanted[self.owner].nonzero()[0])
 
-    def _gather_points(self, chosen: Array) -> _Selection:
-        pair = self.owner[chosen]
+    def _gather_points(self, points: Array) -> _Selection:
+        pair = self.owner[points]
         body = self._second_body[pair]
         bodies, frame = (None, body) if self._one_mechanism else np.unique(body, return_inverse=True)
         return _Selection(
             pair,
             bodies,
-            self._numbers[chosen],
+            self._numbers[points],
             np.array([frame, pair], dtype=np.int64).T.copy(),
             np.zeros(len(pair) + 1, np.int64),
             _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
@@ -253,11 +253,11 @@ class HalfSpaceContacts(Pairs):
             number, restitution, up = selection.near
             size = len(number)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
-            count, vain, same = _touch(
+            count, any_empty, same = half_space_rows(
                 poses, columns, support, owners, numbers, tolerance, candidates.clearance, index, gap, point, rows
             )  # fmt: skip
             if same:
-                candidates.any_empty = vain
+                candidates.any_empty = any_empty
                 return Rows(number, gap, rows, restitution, point, up) if count else None
             near = index[1 : 1 + count]
             pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])

@@ -25,7 +25,7 @@ def _reached(
     tolerance : float
         The largest length [m].
     index : ndarray of int, shape (m + 1,)
-        How many were reached the last time, and which; overwritten.
+        How many were reached at the last call, and which; overwritten.
     gap : ndarray, shape (c,)
         Receives the gaps of these, for as many as `index` counts, if they are the same again.
 
@@ -34,7 +34,7 @@ def _reached(
     nearest : float
         The least gap as a length [m].
     same : bool
-        Whether those reached are those of the last time.
+        Whether they are those of the last call.
     """
     count, nearest, same = 0, np.inf, True
     for a in range(len(sign)):

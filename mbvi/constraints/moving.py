@@ -15,7 +15,7 @@ from .rows import Array, Rows
 
 
 class MovingFrame:
-    """A system as it looks from a frame with a prescribed motion, when it was last looked at.
+    """A system in the coordinates of a frame with a prescribed motion, at the time of the last `look`.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class MovingFrame:
         self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
 
     def look(self, t: float, q: Array) -> Array:
-        """Look at the system at (t, q); return q with the spheres' centres as the frame sees them."""
+        """Set time and configuration; return q with the spheres' centres in the frame."""
         turn, place = self._motion.pose(t)
         self._turn, self._place = np.asarray(turn), np.asarray(place)
         self._u, self._w = self._motion.twist(t)
@@ -46,7 +46,7 @@ class MovingFrame:
         return seen
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        """Return where bodies are in the frame; see `System`. The configuration is that last looked at."""
+        """Return the placements of bodies in the frame, at the configuration of the last `look`; see `System`."""
         places = self._system.placements(self._q, bodies)
         places[:, 3] -= self._place
         return places @ self._turn
@@ -56,7 +56,7 @@ class MovingFrame:
         return self._system.separation_rows(self._q, first, second, *self.world(point, normal))
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
-        """Return how far each velocity can carry a point of a body; see `System`."""
+        """Return how fast each velocity moves a point of a body at most; see `System`."""
         return self._system.reach(body, centre, radius)
 
     def world(self, point: Array, normal: Array) -> tuple[Array, Array]:

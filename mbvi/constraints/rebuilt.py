@@ -1,4 +1,4 @@
-"""Copies of what keeps results, functors of Coal or views of Pinocchio's memory."""
+"""Copying and pickling of objects that hold caches, Coal's functors or views of Pinocchio's memory."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ Kind = TypeVar("Kind", bound="Rebuilt")
 
 
 class Rebuilt:
-    """An object that is copied and pickled as the arguments it was made of: a copy is built from these again.
+    """An object that is copied and pickled as the arguments of its constructor: a copy is built from these.
 
-    What it keeps between calls, which a copy need not have and much of which cannot be pickled, stays behind.
+    Its caches are not copied; much of them cannot be pickled.
     """
 
     _arguments: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __new__(cls: type[Kind], *arguments: Any, **options: Any) -> Kind:
-        """Keep what the object is made of."""
+        """Keep the arguments of the constructor."""
         new = super().__new__(cls)
         new._arguments = arguments, options
         return new

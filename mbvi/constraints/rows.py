@@ -16,7 +16,7 @@ NO_POINT = np.full(3, np.nan)
 
 
 class Rows(NamedTuple):
-    """Active rows, J(q) with its gradients.
+    """Active rows: gaps, gradients J(q), restitution and contact points.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Rows(NamedTuple):
         return speeds if self.rate is None else speeds + self.rate
 
 
-def chosen(rows: Rows, index: Array) -> Rows:
+def take(rows: Rows, index: Array) -> Rows:
     """Return some of the rows, by a mask or by their places."""
     number, gap, jacobian, e, point, normal, rate = rows
     return Rows(
@@ -64,7 +64,7 @@ def chosen(rows: Rows, index: Array) -> Rows:
     )
 
 
-def stacked(parts: Sequence[Rows]) -> Rows:
+def concatenate(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
     if len(parts) == 1:
         return parts[0]
@@ -83,8 +83,8 @@ def stacked(parts: Sequence[Rows]) -> Rows:
     )
 
 
-def owners(rows: Rows, others: Rows) -> Array:
-    """Return which of the others is the same contact as each row, shape (k,), -1 where none is.
+def match_contacts(rows: Rows, others: Rows) -> Array:
+    """Return the place among the others of the same contact as each row, shape (k,); -1 where there is none.
 
     Two rows are the same contact if they are of one constraint and each is the nearest to the other.
     """
@@ -98,7 +98,7 @@ def owners(rows: Rows, others: Rows) -> Array:
     shift = rows.point[row] - others.point[other]
     # limits have no points
     apart = np.nan_to_num(np.vecdot(shift, shift))
-    # what is written last is the nearest
+    # the nearest row is written last
     falling = np.argsort(-apart, kind="stable")
     row, other = row[falling], other[falling]
     owner, back = np.full(len(count), -1), np.full(len(others.gap), -1)

@@ -45,9 +45,9 @@ _GRID = 2.0**47
 
 
 class _Kept(NamedTuple):
-    """What was found of a pair: where its bodies stood, if their patch was looked for, and its contacts.
+    """The last measurement of a pair: placements of its bodies, whether its patch was computed, and its contacts.
 
-    `rough` are those whose distance is only known to be at least `distance`.
+    If it is `rough`, `distance` is only a lower bound.
     """
 
     where: bytes
@@ -60,7 +60,7 @@ class _Kept(NamedTuple):
     normal: Array
 
     def holds(self, where: bytes, tolerance: float, rough: bool) -> bool:
-        """Return whether the bodies still stand there, and as much would be looked for as was."""
+        """Return whether the bodies are where they were, and the measurement is as complete as the one required."""
         return self.where == where and self.patched == (self.distance <= tolerance) and (rough or not self.rough)
 
 
@@ -76,9 +76,9 @@ class SignedDistances(Pairs):
     names, restitution
         As `Pairs`.
     line : ndarray, shape (3,), optional
-        The normal of the plane that all moves in: of contact points in line with it one is taken.
+        The normal of the plane of a planar scene: of contact points in line with it one is kept.
     at_rest : bool
-        Whether what is known of a pair is kept while both bodies stand still.
+        Whether the contacts of a pair are kept while both bodies stand still.
     unit : float, optional
         A power of two about as large as the shapes [m]; by default from the shapes given.
     """
@@ -123,7 +123,7 @@ class SignedDistances(Pairs):
         self._patches = PatchFinder(self._geometry)
         shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
         self._curved = [a.smooth or b.smooth for a, b in shapes]
-        # of the faces that a normal may stand for; None where a shape has none
+        # normals of the faces of each shape; None where it has no faces
         self._normals = [s.shape.faces[0].copy() if hasattr(s.shape, "faces") else None for s in self._placed]
         self._round_ends = [{type(a), type(b)} == {Sphere, Cylinder} for a, b in shapes]
         self._faced = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
@@ -154,11 +154,11 @@ class SignedDistances(Pairs):
 
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self.system.placements(q, self._axes.bodies)
-        asked = self._axes.clear(places, pairs, tolerance, clearance)
-        if not asked.size:
+        left = self._axes.clear(places, pairs, tolerance, clearance)
+        if not left.size:
             return None, True
-        contacts, any_empty = self._within(self._measured(places, asked, tolerance, rough=True), tolerance, clearance)
-        return contacts, any_empty or len(asked) < len(pairs)
+        contacts, any_empty = self._within(self._measured(places, left, tolerance, rough=True), tolerance, clearance)
+        return contacts, any_empty or len(left) < len(pairs)
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
         return self._measured(self.system.placements(q, self._axes.bodies), pairs, tolerance)
@@ -169,10 +169,10 @@ class SignedDistances(Pairs):
     def _lower_bound(self, q: Array, pairs: Array) -> Array:
         """Return lower bounds of some signed distances: positive by an axis that separates, or the distances."""
         places = self.system.placements(q, self._axes.bodies)
-        asked = self._axes.clear(places, pairs, 0.0, self._bounds)
-        if asked.size:
-            contacts = self._measured(places, asked, 0.0, rough=True)
-            self._bounds[asked] = np.inf
+        left = self._axes.clear(places, pairs, 0.0, self._bounds)
+        if left.size:
+            contacts = self._measured(places, left, 0.0, rough=True)
+            self._bounds[left] = np.inf
             np.minimum.at(self._bounds, contacts.pair, contacts.gap)
         return self._bounds[pairs]
 
@@ -183,7 +183,7 @@ class SignedDistances(Pairs):
         return pairs[near], travel[near], thickness[near]
 
     def _place(self, places: Array, pairs: list[int]) -> None:
-        """Bring the poses of the shapes in the given pairs to where their bodies are."""
+        """Set the poses of the shapes of some pairs by the placements of their bodies."""
         for k in {scaled for pair in pairs for scaled in self._scaled_sides[pair]}:
             side, unit = self._scaled[k]
             placed, frame = self._placed[side], self._axes.frame.item(side)
@@ -192,10 +192,10 @@ class SignedDistances(Pairs):
                 self._pose[k].setTransform(turn @ placed.rotation, (turn @ placed.position + places[frame, 3]) / unit)
 
     def _measured(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
-        """Return the contacts of some pairs; `rough` where a bound of what exceeds the tolerance will do."""
+        """Return the contacts of some pairs; if `rough`, gaps beyond the tolerance are lower bounds."""
         if all(map(self._is_smooth, pairs.tolist())):
             balls = self._balls.contacts(places, pairs)
-            # of balls about one centre Coal knows a way apart
+            # two spheres about one centre have no normal here; Coal returns one
             if balls is not None:
                 self._axes.keep(places, pairs, balls[2])
                 return Contacts(pairs, *balls)
@@ -206,12 +206,12 @@ class SignedDistances(Pairs):
         gap: list[float] = []
         point: list[Array] = []
         normal: list[Array] = []
-        asked = pairs.tolist()
-        where = {k: places[self._frames[k]].tobytes() for k in asked}
+        wanted = pairs.tolist()
+        where = {k: places[self._frames[k]].tobytes() for k in wanted}
         kept_of = self._kept
-        known = {k: kept_of[k] for k in asked if k in kept_of and kept_of[k].holds(where[k], tolerance, rough)}
-        self._place(places, [k for k in asked if k not in known])
-        for k in asked:
+        known = {k: kept_of[k] for k in wanted if k in kept_of and kept_of[k].holds(where[k], tolerance, rough)}
+        self._place(places, [k for k in wanted if k not in known])
+        for k in wanted:
             kept = known.get(k)
             if kept is None:
                 kept = self._found(k, places, where[k], tolerance, rough)
@@ -237,10 +237,10 @@ class SignedDistances(Pairs):
             if patch is not None and self._line is not None:
                 one = unique_along(patch[0], self._line)
                 patch = patch[0][one], patch[1][one]
-        # no line along the normal crosses more than the depth
+        # along the normal no point is deeper than the penetration depth
         gap = [] if patch is None else np.maximum(patch[1], distance).tolist()
         point = [] if patch is None else list(patch[0])
-        # where edges cross none of the patch's corners may be as deep
+        # where edges cross, the deepest point may be none of the patch's corners
         if not gap or min(gap) > distance + _CORNER * self._bound[k]:
             gap, point = [distance, *gap], [middle, *point]
         return _Kept(where, True, False, distance, axis, gap, point, n)
@@ -330,8 +330,8 @@ class SignedDistances(Pairs):
         centre, (R, origin) = self._place_of(k, ball)[1], self._place_of(k, cylinder)
         size, radius = sides[cylinder], sides[ball].bound
         assert isinstance(size, Cylinder)
-        distance, way = out_of_cylinder(R.T @ (centre - origin), size.radius, size.length)
-        out = R @ way
+        distance, local = out_of_cylinder(R.T @ (centre - origin), size.radius, size.length)
+        out = R @ local
         return distance - radius, -out if swapped else out, centre - 0.5 * (distance + radius) * out
 
     def _patch(self, k: int, point: Array, normal: Array, distance: float) -> tuple[Array, Array] | None:

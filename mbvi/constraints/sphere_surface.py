@@ -15,7 +15,7 @@ from .family import ConstraintFamily
 from .pairs import Contacts
 from .rows import Array, Rows
 
-# cells are made for tolerances of so many largest radii at least, and of so many times what was asked
+# cells are made for a tolerance of at least this part of the largest radius, and of this many times the given one
 _MARGIN, _ROOM = 0.1, 1.5
 _ROUNDING = 1e-12
 
@@ -38,10 +38,10 @@ class SphereSurface(ConstraintFamily):
 
     Notes
     -----
-    Constraint i is sphere i. Its rows are the points of the mesh that are nearer to its centre than all about them: on
-    an edge or at a corner only where every triangle that has it says so, for else a sphere that has sunk in by a hair
-    would catch at the edges between coplanar triangles. A centre that has passed the sheet is pushed on: steps are to
-    be shorter than a radius.
+    Constraint i is sphere i. Its rows are the points of the mesh whose distance from its centre is a local minimum. A
+    point on an edge or at a corner counts only if it is the nearest point of every triangle that shares it: otherwise a
+    sphere that penetrates slightly would collide with the edges between coplanar triangles. A centre that has passed
+    the mesh is pushed out on the other side: steps must be shorter than a radius.
     """
 
     # the nearest feature of the mesh changes along the motion
@@ -115,14 +115,14 @@ class SphereSurface(ConstraintFamily):
         return self.system.separation_rows(q, np.zeros_like(bodies), bodies, point, normal)
 
     def _measure(self, q: Array, tolerance: float) -> Contacts:
-        """Return the points that are nearest among those about them, of all within the tolerance at least."""
+        """Return the points of locally least distance, at least all those within the tolerance."""
         places = self.system.placements(q, self._bodies)
         centres = np.vecmat(self._local, places[:, :3]) + places[:, 3]
         sphere, triangle, feature, foot = self._near(centres, tolerance)
         away = centres[sphere] - foot
         distance = np.sqrt(np.vecdot(away, away))
         number = self._surface.features[triangle, feature]
-        # one row a feature; the nearest of all has nothing nearer about it, whatever the rounding
+        # one row a feature; the nearest point of all is kept whatever the rounding
         order = np.lexsort((distance, number, sphere))
         key = sphere[order] * len(self._surface.sharers) + number[order]
         _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -143,7 +143,7 @@ class SphereSurface(ConstraintFamily):
     def _near(self, centres: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         """Return spheres and triangles within the tolerance of each other, features and nearest points.
 
-        Those that share a feature with one of them are among them.
+        Triangles that share such a feature are included.
         """
         count = len(self._corners)
         if not np.isfinite(tolerance):
@@ -151,10 +151,10 @@ class SphereSurface(ConstraintFamily):
             a, b, c = self._corners[triangle].transpose(1, 0, 2)
             foot, feature = nearest_on_triangles(a, b, c, centres[sphere])
             return sphere, triangle, feature, foot
-        # all that have a feature see its nearest point at one distance but for rounding
+        # triangles that share a feature have its nearest point at the same distance, up to rounding
         tolerance += _ROUNDING * (self._largest + self._surface.bound)
         if self._cells is None or tolerance > self._reach:
-            # with room, for reach grows with speeds
+            # with room to spare: the tolerance grows with speeds
             self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
             self._cells = sorted_into_cells(self._corners, self._largest + self._reach)
         centres = plain_array(centres)

@@ -16,8 +16,71 @@ from .rows import Array, Rows
 _PLANE, _BOX, _CAPSULE = range(3)
 
 
+@kernel("f8(f8[:,::1], i8, f8[:,::1], i8, f8, f8[::1])")
+def distance_from_box(walls: Array, a: int, centres: Array, i: int, most: float, normal: Array) -> float:
+    """Return the distance of a point from a box [m], negative inside; write the normal towards the point, shape (3,).
+
+    From inside, the normal is that of the nearest face.
+
+    Parameters
+    ----------
+    walls, a, centres, i
+        As of `wall_contacts`, with the row of each. Slices of arrays would cost more than the distance.
+    most : float
+        The distance beyond which no normal is needed [m].
+    """
+    square, deepest, face, side = 0.0, np.inf, 0, 1.0
+    u = v = t = 0.0
+    for c in range(3):
+        local = (
+            walls[a, 3 * c] * (centres[i, 0] - walls[a, 9])
+            + walls[a, 3 * c + 1] * (centres[i, 1] - walls[a, 10])
+            + walls[a, 3 * c + 2] * (centres[i, 2] - walls[a, 11])
+        )
+        half = walls[a, 12 + c]
+        if half - abs(local) < deepest:
+            deepest, face, side = half - abs(local), c, 1.0 if local >= 0.0 else -1.0
+        away = local - min(max(local, -half), half)
+        square += away * away
+        u += away * walls[a, 3 * c]
+        v += away * walls[a, 3 * c + 1]
+        t += away * walls[a, 3 * c + 2]
+    far = np.sqrt(square)
+    if far > most:
+        return far
+    if far > 0.0:
+        normal[0], normal[1], normal[2] = u / far, v / far, t / far
+        return far
+    normal[0], normal[1], normal[2] = (
+        side * walls[a, 3 * face],
+        side * walls[a, 3 * face + 1],
+        side * walls[a, 3 * face + 2],
+    )
+    return -deepest
+
+
+@kernel("f8(f8[:,::1], i8, f8[:,::1], i8, f8, f8[::1])")
+def distance_from_capsule(walls: Array, a: int, centres: Array, i: int, most: float, normal: Array) -> float:
+    """Return the distance of a point from a capsule [m], negative inside; see `distance_from_box`."""
+    p, q, r = walls[a, 3] - walls[a, 0], walls[a, 4] - walls[a, 1], walls[a, 5] - walls[a, 2]
+    u, v, t = centres[i, 0] - walls[a, 0], centres[i, 1] - walls[a, 1], centres[i, 2] - walls[a, 2]
+    square = p * p + q * q + r * r
+    along = (u * p + v * q + t * r) / square if square > 0.0 else 0.0
+    along = min(max(along, 0.0), 1.0)
+    u, v, t = u - along * p, v - along * q, t - along * r
+    far = np.sqrt(u * u + v * v + t * t)
+    if far - walls[a, 6] > most:
+        return far - walls[a, 6]
+    if far > 0.0:
+        normal[0], normal[1], normal[2] = u / far, v / far, t / far
+    else:
+        # on the axis any direction will do
+        normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
+    return far - walls[a, 6]
+
+
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
-def _wall_contacts(
+def wall_contacts(
     centres: Array, radii: Array, kind: Array, walls: Array, tolerance: float, number: Array, gap: Array, point: Array,
     normal: Array,
 ) -> int:  # fmt: skip
@@ -40,62 +103,33 @@ def _wall_contacts(
         Receive, in their first places, sphere times w plus wall, the signed distance, the point midway between the
         surfaces, and the unit normal from the wall to the sphere; there is room for all.
     """
-    w, count = len(kind), 0
+    w, count, out = len(kind), 0, np.empty(3)
     for i in range(len(radii)):
-        x, y, z = centres[i, 0], centres[i, 1], centres[i, 2]
+        # beyond this by more than rounding there is no contact
+        most = (tolerance + radii[i]) + 1e-9 * (abs(tolerance) + radii[i])
         for a in range(w):
             if kind[a] == _PLANE:
-                u, v, t = walls[a, 0], walls[a, 1], walls[a, 2]
-                far = x * u + y * v + z * t - walls[a, 3]
-                if far - radii[i] > tolerance:
+                far = (
+                    centres[i, 0] * walls[a, 0]
+                    + centres[i, 1] * walls[a, 1]
+                    + centres[i, 2] * walls[a, 2]
+                    - walls[a, 3]
+                )
+                if far > most:
                     continue
+                out[0], out[1], out[2] = walls[a, 0], walls[a, 1], walls[a, 2]
             elif kind[a] == _BOX:
-                square, deepest, face, side = 0.0, np.inf, 0, 1.0
-                u = v = t = 0.0
-                for c in range(3):
-                    local = (
-                        walls[a, 3 * c] * (x - walls[a, 9])
-                        + walls[a, 3 * c + 1] * (y - walls[a, 10])
-                        + walls[a, 3 * c + 2] * (z - walls[a, 11])
-                    )
-                    half = walls[a, 12 + c]
-                    if half - abs(local) < deepest:
-                        deepest, face, side = half - abs(local), c, 1.0 if local >= 0.0 else -1.0
-                    away = local - min(max(local, -half), half)
-                    square += away * away
-                    u += away * walls[a, 3 * c]
-                    v += away * walls[a, 3 * c + 1]
-                    t += away * walls[a, 3 * c + 2]
-                far = np.sqrt(square)
-                if far - radii[i] > tolerance:
-                    continue
-                if far > 0.0:
-                    u, v, t = u / far, v / far, t / far
-                else:
-                    far = -deepest
-                    u, v, t = side * walls[a, 3 * face], side * walls[a, 3 * face + 1], side * walls[a, 3 * face + 2]
+                far = distance_from_box(walls, a, centres, i, most, out)
             else:
-                p, q, r = walls[a, 3] - walls[a, 0], walls[a, 4] - walls[a, 1], walls[a, 5] - walls[a, 2]
-                u, v, t = x - walls[a, 0], y - walls[a, 1], z - walls[a, 2]
-                square = p * p + q * q + r * r
-                along = (u * p + v * q + t * r) / square if square > 0.0 else 0.0
-                along = min(max(along, 0.0), 1.0)
-                u, v, t = u - along * p, v - along * q, t - along * r
-                far = np.sqrt(u * u + v * v + t * t)
-                if far - walls[a, 6] - radii[i] > tolerance:
-                    continue
-                if far > 0.0:
-                    u, v, t = u / far, v / far, t / far
-                else:
-                    u, v, t = 0.0, 0.0, 1.0
-                far -= walls[a, 6]
+                far = distance_from_capsule(walls, a, centres, i, most, out)
             g = far - radii[i]
             if not g <= tolerance:
                 continue
             back = radii[i] + 0.5 * g
             number[count], gap[count] = i * w + a, g
-            normal[count, 0], normal[count, 1], normal[count, 2] = u, v, t
-            point[count, 0], point[count, 1], point[count, 2] = x - back * u, y - back * v, z - back * t
+            for c in range(3):
+                normal[count, c] = out[c]
+                point[count, c] = centres[i, c] - back * out[c]
             count += 1
     return count
 
@@ -150,7 +184,7 @@ class SphereWalls(ConstraintFamily):
         self._moving = [(a, w) for a, w in enumerate(walls) if isinstance(w, PlacedShape) and w.body]
         # nothing passes through a half-space
         self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
-        # how far each velocity carries the walls that move
+        # how fast each velocity moves the walls that are not fixed
         self._reach = [(a, system.reach(w.body, w.position, w.shape.bound)) for a, w in self._moving]
         self.size = len(self._radii) * len(self._kind)
         self.restitution = np.asarray(group_restitution[group].ravel())
@@ -180,7 +214,7 @@ class SphereWalls(ConstraintFamily):
         k, walls = self.size, self._placed(q)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
         centres = plain_array(q[self._where]).reshape(-1, 3)
-        count = _wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
+        count = wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
         return number[:count], gap[:count], point[:count], normal[:count]
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
@@ -202,7 +236,7 @@ class SphereWalls(ConstraintFamily):
         number, point, normal = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         for k, (i, a) in enumerate(zip(*np.divmod(pairs, len(self._kind)), strict=True)):
             one, its = slice(i, i + 1), slice(a, a + 1)
-            _wall_contacts(
+            wall_contacts(
                 centres[one],
                 self._radii[one],
                 self._kind[its],
@@ -257,7 +291,7 @@ def _kind(wall: HalfSpace | PlacedShape) -> int:
 
 
 def _numbers(wall: HalfSpace | PlacedShape, turn: Array, origin: Array) -> Array:
-    """Return what the kernel asks of a wall whose body stands at `origin`, turned by `turn`, shape (15,)."""
+    """Return a row of `walls` of `wall_contacts`, of a wall whose body has this rotation and origin, shape (15,)."""
     numbers = np.zeros(15)
     if isinstance(wall, HalfSpace):
         numbers[:3], numbers[3] = wall.normal, wall.offset

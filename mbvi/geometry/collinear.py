@@ -1,4 +1,4 @@
-"""Points that stand in line across the plane that all moves in: their rows are the same."""
+"""Contact points on a common normal of the plane of a planar scene: their rows are equal, and one is kept."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..compiled import kernel, plain_array
 
 Array = np.ndarray
 
-# how far points of one line lie apart beside it, in units of what they lie apart in all
+# distance from a line below which a point lies on it, relative to the extent of the points
 _BESIDE = 1e-9
 
 

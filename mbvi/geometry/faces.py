@@ -7,30 +7,30 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# faces met at a flatter angle than this do not bound a patch
+# a line bounds a patch only at faces whose slope along it exceeds this
 FACING = 0.1
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
-def _leave(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
+def _leave(points: Array, direction: Array, normals: Array, offsets: Array, length: Array) -> None:
     """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m].
 
     Parameters
     ----------
     normals, offsets : ndarray, shapes (f, 3) and (f,)
         The faces.
-    way : ndarray, shape (k,)
+    length : ndarray, shape (k,)
         Receives the result.
     """
     for i in range(len(points)):
-        way[i] = np.inf
+        length[i] = np.inf
     for f in range(len(offsets)):
         x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
         slope = x * direction[0] + y * direction[1] + z * direction[2]
         if slope > FACING:
             for i in range(len(points)):
                 room = offsets[f] - (x * points[i, 0] + y * points[i, 1] + z * points[i, 2])
-                way[i] = min(way[i], room / slope)
+                length[i] = min(length[i], room / slope)
 
 
 @kernel("i8(f8[:,::1], f8[::1])")
@@ -46,9 +46,9 @@ def _most_facing(normals: Array, direction: Array) -> int:
 
 def leave(points: Array, direction: Array, faces: tuple[Array, Array]) -> Array:
     """Return how far from each point, shape (k, 3), a line along `direction` leaves the polyhedron, shape (k,) [m]."""
-    way = np.empty(len(points))
-    _leave(np.ascontiguousarray(points), direction, *faces, way)
-    return way
+    length = np.empty(len(points))
+    _leave(np.ascontiguousarray(points), direction, *faces, length)
+    return length
 
 
 def most_facing(normals: Array, direction: Array) -> tuple[float, Array]:

@@ -1,6 +1,6 @@
-"""Hulls that are balls, boxes, capsules or cylinders within a tolerance, or that fewer vertices do for.
+"""Fits of spheres, boxes, capsules, cylinders or hulls of fewer vertices to a convex hull, within a tolerance.
 
-Every answer comes with a bound of the Hausdorff distance to the hull. A primitive lies half way between one that holds
+Every fit comes with a bound of the Hausdorff distance to the hull. A primitive lies half way between one that holds
 the hull and one that the hull holds, found from its vertices and its faces; of fewer vertices, each that was left out
 lies in the new hull blown up about an inner point.
 """

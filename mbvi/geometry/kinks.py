@@ -1,4 +1,4 @@
-"""Where the separation of two convex shapes along a unit vector has kinks, and which of them a maximum lies on.
+"""Kinks of the separation of two convex shapes along a unit vector, and the kinks on which its maximum lies.
 
 A kink is where n is normal to a segment or to an edge of a hull, or along the axis of a disk. Arguments that kernels
 here and in `refined_distance` share, beside those of `normal_search`:
@@ -45,11 +45,11 @@ def is_disk(axes: Array) -> bool:
 
 @kernel("f8(f8[:,::1], i8, i8, f8[::1])")
 def _rise(points: Array, start: int, end: int, n: Array) -> float:
-    """Return the cosine of the angle between n and the way from one point to another, -1 where these coincide."""
+    """Return the cosine of the angle between n and the vector from one point to another, -1 where these coincide."""
     rise = square = 0.0
     for c in range(3):
-        way = points[end, c] - points[start, c]
-        rise, square = rise + way * n[c], square + way * way
+        along = points[end, c] - points[start, c]
+        rise, square = rise + along * n[c], square + along * along
     return rise / np.sqrt(square) if square > 0.0 else -1.0
 
 
@@ -153,7 +153,7 @@ def add(
 ) -> int:  # fmt: skip
     """Keep n on one more kink, in the place of another where these are too many; return how many there are then.
 
-    Of those that could make way, the one without which d is largest; -1 where there is none.
+    Of the kinks that can be released, the one without which d is largest; -1 where there is none.
     """
     found, basis, trial = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3), np.int64)
     kinks[count] = kink

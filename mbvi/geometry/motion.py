@@ -1,6 +1,6 @@
-"""Prescribed motions of walls: how a shaker or a drum moves, whatever pushes on it.
+"""Prescribed motions of walls, such as those of a shaker or a drum.
 
-An own one is an object with `pose(t)` and `twist(t)`; `scene.add_...(..., motion=...)` takes it.
+A motion of one's own is an object with `pose(t)` and `twist(t)`; `scene.add_...(..., motion=...)` takes it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Oscillation:
     Parameters
     ----------
     amplitude : array_like, shape (3,)
-        Along which way and how far [m].
+        Direction and amplitude [m].
     frequency : float
         Oscillations a second [Hz].
     phase : float
@@ -168,9 +168,9 @@ def checked_motion(motion: Motion | None) -> Motion | None:
     u, w = _pair(motion.twist(0.0), (3,))
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     measured = (corners @ (R1 - R0).T + (p1 - p0)) / (2.0 * h)
-    told = u + np.cross(w, corners @ turn.T + place)
+    expected = u + np.cross(w, corners @ turn.T + place)
     # written so that a NaN is refused too
-    if not np.abs(measured - told).max() <= 1e-3 * (1.0 + np.abs(told).max()):
+    if not np.abs(measured - expected).max() <= 1e-3 * (1.0 + np.abs(expected).max()):
         raise InputError("motion: twist(t) is not the velocity of pose(t), or one of them is not finite")
     return motion
 

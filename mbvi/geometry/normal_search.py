@@ -69,7 +69,7 @@ def farthest(points: Array, n: Array) -> float:
 def separation_along(
     n: Array, between: Array, ball: float, edge: Array, swell: Array, first: Array, second: Array
 ) -> float:
-    """Return d(n) [m], given the way between the shapes' origins, shape (3,), and the radii of their balls together."""
+    """Return d(n) [m], given the vector between the origins, shape (3,), and the sum of the radii of the balls."""
     far = farthest(first, n) + farthest(second, n) + swell_along(swell[0], n) + swell_along(swell[1], n)
     for k in range(6):
         far += abs(dot(edge[k], n))

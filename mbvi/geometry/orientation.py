@@ -1,4 +1,4 @@
-"""Rotations as users give them: matrices, unit quaternions, roll-pitch-yaw angles, objects of other libraries."""
+"""Rotations in the forms that users give: matrices, unit quaternions, roll-pitch-yaw angles, objects of libraries."""
 
 from __future__ import annotations
 

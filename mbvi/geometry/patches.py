@@ -1,4 +1,4 @@
-"""The polygon that two flat faces share, from Coal."""
+"""The contact patch of two flat faces: the polygon that they share, from Coal."""
 
 from __future__ import annotations
 

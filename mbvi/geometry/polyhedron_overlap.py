@@ -1,4 +1,4 @@
-"""How deep two polyhedra are in each other, by the axes of their faces and of their crossing edges: slow, and sure."""
+"""Penetration depth of two polyhedra by the separating axis test over all faces and pairs of edges: slow and exact."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def _edges(shape: Polyhedron) -> Array:
     if not isinstance(shape, Hull):
         return np.eye(3)
     corner = shape.vertices[shape.triangles]
-    ways = (corner - np.roll(corner, 1, axis=1)).reshape(-1, 3)
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
-    # of two opposite ones that whose first number that is not zero is positive
-    first = ways[np.arange(len(ways)), (np.abs(ways) > _PARALLEL).argmax(axis=1)]
-    return np.unique(np.round(ways * np.sign(first)[:, None], 12), axis=0)
+    directions = (corner - np.roll(corner, 1, axis=1)).reshape(-1, 3)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    # of two opposite directions the one whose first entry other than zero is positive
+    first = directions[np.arange(len(directions)), (np.abs(directions) > _PARALLEL).argmax(axis=1)]
+    return np.unique(np.round(directions * np.sign(first)[:, None], 12), axis=0)
 
 
 def _outermost(points: Array, direction: Array) -> Array:

@@ -1,7 +1,7 @@
-"""A bound on the distance of convex shapes from an axis that kept them apart before: most pairs need no other answer.
+"""Lower bounds on the distance of convex shapes by the last separating axis of each pair.
 
-Whatever the unit vector n, two shapes are at least as far apart as their shadows on it. The normal of the last measured
-distance, carried along by the first body, keeps them apart for many steps.
+The distance of two shapes is at least that of their projections onto any unit vector n. The normal of the last measured
+distance, which moves along with the first body, separates them for many steps: most pairs need no other measurement.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphe
 
 
 class _Support(NamedTuple):
-    """A shape as a sum of sets about its frame's origin: a direction reaches as far as in each of them together.
+    """A shape as a Minkowski sum of sets about its frame's origin: its support function is the sum of theirs.
 
     Half edges of a box, radii of a ball and of a disk across z, half axes of an ellipsoid, and points, shape (k, 3), of
     which the farthest counts.
@@ -82,31 +82,31 @@ def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
 )
 def _clear(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
-    sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
+    sides: Array, axis: Array, candidates: Array, tolerance: float, bound: Array, unresolved: Array,
 ) -> int:  # fmt: skip
-    """Clear the pairs that their axes keep apart: the bound becomes their budget.
+    """Write lower bounds of the distances of the pairs that their axes separate; list the other pairs.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
         Where the bodies are: columns of the rotation, then the origin.
     frame : ndarray of int, shape (s,)
-        Which of them each shape belongs to; -1 for the world.
+        The body of each shape among them; -1 for the world.
     fixed : ndarray, shape (s, 4, 3)
         Where the shapes are in their bodies.
     sizes, points, first_point : ndarray, shapes (s, 8), (k, 3), (s + 1,)
-        The shapes' supports; the points of all of them, and where each one's begin.
+        The shapes' supports; the points of all shapes, and the first point of each shape.
     sides : ndarray of int, shape (n, 2)
         The shapes of each pair.
     axis : ndarray, shape (n, 3)
         Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
-    due : ndarray of int, shape (d,)
-        Pairs to look at.
+    candidates : ndarray of int, shape (d,)
+        The pairs.
     tolerance : float
         Gap at and below which a pair is active [m].
-    budget : ndarray, shape (n,)
-        Written for the pairs that are cleared [m].
-    asked : ndarray of int, shape (d,)
+    bound : ndarray, shape (n,)
+        Receives the bounds of the pairs that are separated by more than the tolerance [m].
+    unresolved : ndarray of int, shape (d,)
         Receives the other pairs, in its first places.
 
     Returns
@@ -116,8 +116,8 @@ def _clear(
     """
     count = 0
     n, back, world = np.empty(3), np.empty(3), np.empty((2, 4, 3))
-    for i in range(len(due)):
-        pair = due[i]
+    for i in range(len(candidates)):
+        pair = candidates[i]
         for side in range(2):
             s = sides[pair, side]
             if frame[s] < 0:
@@ -139,10 +139,10 @@ def _clear(
         gap = -_reach(world[1], back, sizes[b], points[first_point[b] : first_point[b + 1]])
         gap -= _reach(world[0], n, sizes[a], points[first_point[a] : first_point[a + 1]])
         if gap > tolerance:
-            budget[pair] = gap
+            bound[pair] = gap
         else:
-            # a NaN is asked too
-            asked[count] = pair
+            # also where the axis is NaN
+            unresolved[count] = pair
             count += 1
     return count
 
@@ -162,19 +162,19 @@ def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, 
 
 
 class SeparatingAxes:
-    """One axis a pair, from when it was last measured.
+    """One axis for each pair: the normal of its last measured distance.
 
     Parameters
     ----------
     shapes : sequence of PlacedShape
         The shapes.
     sides : ndarray of int, shape (n, 2)
-        The two of each pair.
+        The two shapes of each pair.
 
     Attributes
     ----------
     bodies : ndarray of int
-        Whose placements are asked for, in that order.
+        Whose placements the methods take, in that order.
     frame : ndarray of int
         For each shape where its body stands among these; -1 for the world.
     supports : tuple of ndarray
@@ -195,17 +195,17 @@ class SeparatingAxes:
         self.supports = self.frame, self._fixed, self._sizes, self._points, self._first_point
         self._axis = np.full((len(sides), 3), np.nan)
 
-    def clear(self, places: Array, due: Array, tolerance: float, budget: Array) -> Array:
-        """Return those of the due pairs that may be active; the budgets of the others are written.
+    def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
+        """Return the candidates that may be active; the bounds of the others are written.
 
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """
-        asked = np.empty(len(due), np.int64)
+        unresolved = np.empty(len(candidates), np.int64)
         count = _clear(
             places, self.frame, self._fixed, self._sizes, self._points, self._first_point,
-            self._sides, self._axis, due, tolerance, budget, asked,
+            self._sides, self._axis, candidates, tolerance, bound, unresolved,
         )  # fmt: skip
-        return asked[:count]
+        return unresolved[:count]
 
     def keep(self, places: Array, pairs: Array, normals: Array) -> None:
         """Keep measured normals, shape (k, 3), as the axes of some pairs."""

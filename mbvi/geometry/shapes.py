@@ -1,4 +1,4 @@
-"""Convex shapes: their Coal geometry, the points they stand on, and their inertia as homogeneous solids.
+"""Convex shapes: Coal geometry, support points on half-spaces, and inertia as homogeneous solids.
 
 Every shape is centred on its own frame; lengths in metres; capsules and cylinders lie along z.
 """
@@ -167,15 +167,15 @@ class Cylinder:
 
     def exit(self, points: Array, direction: Array) -> Array:
         """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
-        way = np.full(len(points), np.inf)
+        length = np.full(len(points), np.inf)
         if abs(direction[2]) > FACING:
-            way = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
+            length = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
         across = np.hypot(direction[0], direction[1])
         if across > FACING:
             flat = points * np.array([1.0, 1.0, 0.0])
             unit = np.array([direction[0], direction[1], 0.0]) / across
-            way = np.minimum(way, _leave_ball(flat, unit, self.radius) / across)
-        return way
+            length = np.minimum(length, _leave_ball(flat, unit, self.radius) / across)
+        return length
 
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""

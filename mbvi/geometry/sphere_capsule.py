@@ -1,4 +1,4 @@
-"""Spheres against spheres and capsules in closed form: what Coal would answer, without asking it pair by pair."""
+"""Distances between spheres and capsules in closed form, for many pairs at once."""
 
 from __future__ import annotations
 

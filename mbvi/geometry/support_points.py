@@ -1,6 +1,6 @@
-"""Where the points are on which shapes stand on half-spaces, and how high: those that are fixed, and those that move.
+"""The lowest points of shapes above half-spaces, and their gaps.
 
-On a rim or an ellipsoid the point moves along with what is lowest.
+A support point is fixed in its body, or it is the lowest point of a rim or an ellipsoid.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# a rim tilted by less than this is level: any point of it will do
+# a rim tilted by less than this is level: any of its points is the lowest
 _LEVEL = 1e-9
 
 

@@ -1,4 +1,4 @@
-"""Meshes that granular scenes ask for: funnels, an hourglass, a drum with vanes, a chute, terrain.
+"""Triangle meshes for granular scenes: funnels, an hourglass, a drum with vanes, a chute, terrain.
 
 Each function returns vertices, shape (v, 3), and triangles, shape (t, 3), for `scene.add_surface(*mesh)`; lengths in
 metres, the z axis up.

@@ -1,4 +1,4 @@
-"""Which of many bodies may pass through each other on a straight way of their configuration."""
+"""Pairs of many bodies that may pass through each other along a straight displacement."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: A
     Parameters
     ----------
     centres, moved : ndarray, shape (n, 3)
-        Where the bodies are, and how far their centres get [m].
+        Centres of the bodies, and the displacements of the centres [m].
     travel : ndarray, shape (n,)
-        The most that a point of each travels; beyond |moved| where it turns or its way bends [m].
+        The most that a point of each travels [m]; more than |moved| where a body turns or its path is curved.
     bound, inner : ndarray, shape (n,)
-        Radii of balls about and in each [m].
+        Radii of spheres around and inside each body [m].
     """
-    # of two of which none travels as far as it is thick none passes the other
+    # a body that travels less than its thickness passes through no other such body
     swift = np.flatnonzero(travel > inner).tolist()
     if not swift:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    # within what balls the ways are that are not straight
+    # how far a curved path may be from the straight one
     bent = np.sqrt(np.maximum(travel**2 - np.vecdot(moved, moved), 0.0))
     first, second = [], []
     for i in swift:
-        apart, way = centres - centres[i], moved - moved[i]
-        square = np.vecdot(way, way)
-        share = np.clip(-np.vecdot(apart, way) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-        nearest = np.linalg.norm(apart + share[:, None] * way, axis=1)
+        apart, relative = centres - centres[i], moved - moved[i]
+        square = np.vecdot(relative, relative)
+        share = np.clip(-np.vecdot(apart, relative) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+        nearest = np.linalg.norm(apart + share[:, None] * relative, axis=1)
         far = np.sqrt(square) + bent + bent[i] > inner + inner[i]
         j = np.flatnonzero(far & (nearest < bound + bound[i] + bent + bent[i]))
         j = j[j != i]

@@ -1,4 +1,4 @@
-"""Triangle meshes as they are: their features, the nearest points of triangles, and which triangles are near."""
+"""Triangle meshes: faces, edges and vertices, nearest points of triangles, and cells of triangles."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class Surface:
     def __init__(self, vertices: Array, triangles: Array) -> None:
         points, corners = np.array(vertices, dtype=float), np.array(triangles)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all() or not len(points):
-            raise InputError(f"vertices has shape {points.shape}; finite numbers of shape (v, 3) are asked for")
+            raise InputError(f"vertices has shape {points.shape}; finite numbers of shape (v, 3) are expected")
         if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
-            raise InputError(f"triangles has shape {corners.shape}; integers of shape (t, 3) are asked for")
+            raise InputError(f"triangles has shape {corners.shape}; integers of shape (t, 3) are expected")
         if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
             raise InputError(f"triangles name vertices that are not there: there are {len(points)}")
         extent = float(np.ptp(points, axis=0).max())

@@ -1,4 +1,4 @@
-"""Which of many balls are near each other: cells of several sizes, hashed, and lists that last for several steps."""
+"""Pairs of spheres that are near each other, by hashed cells of several sizes and Verlet lists."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..compiled import kernel
 
 # factors of two in radius that have cells of their own
 _LEVELS = 24
-# lists are remade about every so many steps
+# the skin is adapted so that a list is valid for between so many steps
 _FEWEST, _MOST = 6, 20
 
 
@@ -116,7 +116,7 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
 
 
 class VerletList:
-    """Pairs of balls that are or can soon be near, listed anew only once they moved against each other by a skin.
+    """A list of the pairs of spheres that are near each other, made again once they have moved by the skin.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ class VerletList:
     lists : int
         How many lists were made so far.
     reach : float
-        Pairs with a gap of at most this were listed last [m].
+        The greatest gap of the pairs in the list [m].
 
     Notes
     -----
-    L. Verlet, Physical Review 159 (1967), 98-103. What all have in common of a motion brings none nearer to another and
-    is left out. The skin is widened where lists do not last, so that it only matters to speed.
+    L. Verlet, Physical Review 159 (1967), 98-103. A displacement that all spheres share brings no two nearer to each
+    other and is not counted. The skin is widened if lists become invalid after few steps; it affects speed only.
     """
 
     def __init__(self, radii: Array) -> None:
@@ -144,7 +144,7 @@ class VerletList:
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
 
     def within(self, centres: Array, reach: float) -> Array:
-        """Return at least all pairs with a gap of at most `reach`, as i n + j with i < j, ascending."""
+        """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending."""
         if not np.isfinite(reach):
             self.lists += 1
             self.reach, self._where = -np.inf, np.zeros((0, 3))
@@ -153,7 +153,7 @@ class VerletList:
         if len(self._where):
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
-            # each of two may have come as far
+            # both spheres of a pair may have moved so far towards each other
             if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
                 self._lasted += 1
                 return self._pairs

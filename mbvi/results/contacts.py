@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..constraints.contact import Contact
-from ..constraints.rows import Rows, owners
+from ..constraints.rows import Rows, match_contacts
 
 Array = np.ndarray
 # rows allocated at first
@@ -161,7 +161,7 @@ class ContactLog:
             apart = point - place
             if not (np.vecdot(apart, apart) > self._same**2).any():
                 return np.arange(len(number))
-        return owners(_rows(number, point), _rows(others, place))
+        return match_contacts(_rows(number, point), _rows(others, place))
 
 
 def _moments(values: Array) -> Array:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..constraints import ConstraintFamily, Rows
-from ..constraints.rows import chosen, stacked
+from ..constraints.rows import concatenate, take
 from ..problem import Problem
 from ..schemes import Step
 from ..system import located_parts
@@ -145,7 +145,7 @@ class Sleepers:
             if one == label[free] or not ready[bodies].all():
                 continue
             here = np.flatnonzero(label[free + 1 :] == one)
-            islands.append(_Island(bodies, chosen(rows, here), step.rates[:, here]))
+            islands.append(_Island(bodies, take(rows, here), step.rates[:, here]))
             v[bodies] = 0.0
         if len(islands) > len(self._islands):
             self._set(islands)
@@ -160,7 +160,7 @@ class Sleepers:
         self._kept = None
         if carried:
             rates = np.concatenate([island.rates for island in carried], axis=1)
-            self._kept = _Island(np.zeros(0, np.int64), stacked([island.rows for island in carried]), rates)
+            self._kept = _Island(np.zeros(0, np.int64), concatenate([island.rows for island in carried]), rates)
         still = None
         if islands:
             still = np.zeros(len(self._problem.system.bodies), bool)
@@ -179,4 +179,4 @@ def _with(step: Step, kept: _Island, share: float) -> Step:
     rates[:2] *= share
     if not step.active.gap.size:
         return step._replace(active=rows, rates=rates)
-    return step._replace(active=stacked([step.active, rows]), rates=np.concatenate([step.rates, rates], axis=1))
+    return step._replace(active=concatenate([step.active, rows]), rates=np.concatenate([step.rates, rates], axis=1))

@@ -29,7 +29,7 @@ from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
 from .plane import check_plane, collinear_points
-from .reductions import REDUCTIONS
+from .reductions import DEFAULT_REDUCTIONS
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -241,7 +241,7 @@ class _LeftOutAround:
         return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
 
 
-def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem:
+def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
     Raises

@@ -9,6 +9,8 @@ from ..arguments import several_names, shown
 from ..errors import InputError
 
 REDUCTIONS = ("joints", "pairs", "shapes", "plane", "rest")
+# the search for pairs that never meet adds some 0.1 s to a build and saves some 2 % of a step
+DEFAULT_REDUCTIONS = tuple(name for name in REDUCTIONS if name != "pairs")
 
 
 class Omission(NamedTuple):

@@ -34,7 +34,7 @@ from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .plane import checked_plane
-from .reductions import REDUCTIONS, checked_reductions
+from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
 from .urdf import initial_state, load_robot, set_base_velocity
 from .urdf_checks import check_mass_matrix
@@ -295,15 +295,16 @@ class Scene(Walls, Grains, Actions):
                 raise InputError(f"unknown name {shown(name)}; known are {', '.join(known) or 'none yet'}")
         self._items.pair_restitution[frozenset((first, second))] = between(e, "restitution e", 0.0, 1.0)
 
-    def build(self, reduce: Collection[str] = REDUCTIONS) -> Problem:
+    def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
 
         Parameters
         ----------
         reduce : collection of str
-            Which of `mbvi.REDUCTIONS` to apply; the motion is the same with each of them or without. "joints": those
-            whose limits leave them no range. "pairs": those that the limits of joints keep apart. "shapes": hulls
-            that a simpler shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
+            Which of `mbvi.REDUCTIONS` to apply, all but "pairs" by default; the motion is the same with each of them or
+            without. "joints": those whose limits leave them no range. "pairs": those that the limits of joints keep
+            apart; the search takes some 0.1 s a robot and pays in runs of minutes. "shapes": hulls that a simpler
+            shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
             "rest": free bodies at rest sleep until something touches them, and contacts of shapes that stand still
             are not measured again.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arguments import boolean
 from ..constraints import Rows
-from ..constraints.rows import chosen, owners, stacked
+from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
@@ -77,8 +77,8 @@ def _in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, approach: 
     # twice the linear estimate, because the gradients change within the step
     reach = problem.tolerance + 2.0 * float((np.abs(ahead.gap) + np.abs(approach)).max())
     here = problem.constraints.active(t, q, reach)
-    owner = owners(ahead, here)
-    found = chosen(here, np.unique(owner[owner >= 0]))
+    owner = match_contacts(ahead, here)
+    found = take(here, np.unique(owner[owner >= 0]))
     # rows that are not found in the middle keep the gradient they have at the end
     lost = owner < 0
-    return stacked([found, chosen(ahead, lost)]) if lost.any() else found
+    return concatenate([found, take(ahead, lost)]) if lost.any() else found

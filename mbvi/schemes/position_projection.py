@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ..constraints import Rows
-from ..constraints.rows import chosen, owners, stacked
+from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, Metric, Projector, TreeFreeMotion
@@ -100,7 +100,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             break
         # without a drift after the law these are the rows of the law
         before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
-        owner = owners(before, rows)
+        owner = match_contacts(before, rows)
         floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
         depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max(initial=0.0))
         if depth <= problem.tolerance:
@@ -108,10 +108,10 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         projected = _projected(problem, step, before, floor, projector)
         if projected is None:
             break
-        owner = owners(projected.near, rows)
+        owner = match_contacts(projected.near, rows)
         if (owner >= 0).all():
             return _tangent(problem, applied, advance_gaps(step, drift), projected, owner, closed, projector)
-        rows = stacked([rows, chosen(projected.near, owner < 0)])
+        rows = concatenate([rows, take(projected.near, owner < 0)])
         w, rates, residual = _law(problem, applied, rows, projector)
         q = system.integrate(applied.q, drift * w) if drift else step.q
         step = Step(step.t, q, w, rows, rates, residual)
@@ -137,7 +137,7 @@ def _tangent(
     # the projection turned the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
-    rows = stacked([near, chosen(rows, left)]) if left.any() else near
+    rows = concatenate([near, take(rows, left)]) if left.any() else near
     free_motion = applied.free_motion(problem.system)
     free, before = free_motion.free, rows.speeds(applied.v)
     lower = -rows.restitution * before
@@ -163,7 +163,7 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     if rises.any():
         place = problem.system.integrate(applied.q, h * step.v)
         then = problem.constraints.active(applied.t + h, place, problem.tolerance)
-        owner, lowest = owners(then, rows), np.full(len(rise), np.inf)
+        owner, lowest = match_contacts(then, rows), np.full(len(rise), np.inf)
         known = owner >= 0
         np.minimum.at(lowest, owner[known], then.gap[known])
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
@@ -226,6 +226,6 @@ def _projected(problem: Problem, step: Step, before: Rows, floor: Array, project
             return _Projected(place, last, near, residual)
         place = system.integrate(step.q, moved)
         near = problem.constraints.near(step.t, place, tolerance + _NEARBY * depth)
-        owner = owners(near, before)
+        owner = match_contacts(near, before)
         bound = np.where(owner >= 0, floor[owner], 0.0)
     return None

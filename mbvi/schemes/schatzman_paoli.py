@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.rows import chosen, owners, stacked
+from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
@@ -61,7 +61,7 @@ class SchatzmanPaoli(Scheme):
             # f(p(w)) >= 0, linearised at the present w; rows of earlier linearisations are kept
             new = found[-1].jacobian @ w - (1.0 + found[-1].restitution) / h * found[-1].gap
             lower = np.concatenate([lower, new])
-            rows = stacked(found)
+            rows = concatenate(found)
             w, percussion, residual = projector.project(free, metric, rows.jacobian, lower)
             more = _beyond(problem, t + h, q, v, w, h, -problem.tolerance)
             if more is None:
@@ -107,13 +107,13 @@ class SchatzmanPaoli(Scheme):
         free = free_motion.free
         rows = problem.constraints.active(t, q, problem.tolerance)
         ahead = problem.constraints.active(t + h, system.integrate(q, h * free), problem.tolerance)
-        new = owners(ahead, rows) < 0
+        new = match_contacts(ahead, rows) < 0
         # gaps at t
         gap = np.concatenate([rows.gap, (ahead.gap - h * ahead.speeds(free))[new]])
-        rows = stacked([rows, chosen(ahead, new)]) if new.any() else rows
+        rows = concatenate([rows, take(ahead, new)]) if new.any() else rows
         if not rows.gap.size:
             return Step(t + h, system.integrate(q, h * free), free, rows, _NONE, 0.0)
-        before, owner = rows.speeds(v), owners(rows, state.active)
+        before, owner = rows.speeds(v), match_contacts(rows, state.active)
         impacting = (owner >= 0) & (np.append(state.percussion, 0.0)[owner] > 0.0)
         incoming = np.where(impacting, np.minimum(before, np.append(state.before, 0.0)[owner]), before)
         rate = 0.0 if rows.rate is None else rows.rate
@@ -140,6 +140,6 @@ def _beyond(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, 
     found = []
     for e in known.tolist():
         rows = ends[e] if e in ends else at(e)
-        found.append(chosen(rows, (rows.restitution == e) & (rows.gap <= least)))
+        found.append(take(rows, (rows.restitution == e) & (rows.gap <= least)))
     found = [rows for rows in found if rows.gap.size]
-    return stacked(found) if found else None
+    return concatenate(found) if found else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.rows import chosen, stacked
+from ..constraints.rows import concatenate, take
 from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
 from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
@@ -66,8 +66,8 @@ class StewartTrinkle(Scheme):
             missed = ~_among(there.constraint, rows.constraint) | deep
             if turn == _MOST_RETRIES or not missed.any():
                 break
-            more = _back(chosen(there, missed), h)
-            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ moving.velocity))])
+            more = _back(take(there, missed), h)
+            rows = concatenate([rows, more._replace(gap=more.gap - h * (more.jacobian @ moving.velocity))])
         # the displacement that removes penetration does not enter the velocity
         w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else moving
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])

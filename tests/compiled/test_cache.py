@@ -127,7 +127,7 @@ def test_where_nothing_can_be_cached_every_process_compiles_and_runs(tmp_path):
 
 @pytest.mark.slow
 def test_a_kernel_is_compiled_anew_when_one_that_it_calls_elsewhere_has_changed(tmp_path):
-    """`_touch` calls `row` of another file, which a new version doubles."""
+    """`half_space_rows` calls `row` of another file, which a new version doubles."""
     package, cache_ = copy_of_the_package(tmp_path), str(tmp_path / "cache")
     code = f"""
 import numpy as np

@@ -1,6 +1,8 @@
 """A family of constraints from outside the library runs with every scheme, and the cache never changes its rows."""
 
 import copy
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -265,3 +267,16 @@ def test_a_problem_with_a_family_from_outside_is_copied():
     problem = points(PointsInSphere(1), START, SPEED)
     twin = copy.copy(problem)
     assert run(twin, mbvi.Paoli(), 4.0).q.tobytes() == run(problem, mbvi.Paoli(), 4.0).q.tobytes()
+
+
+def test_only_the_adapter_looks_at_types_and_attributes_of_constraints():
+    families = [name for name in mbvi.constraints.__all__ if isinstance(getattr(mbvi.constraints, name), type)]
+    kinds = "|".join({*families, "Pairs", "GivenConstraint", "GivenRows"} - {"Rows", "RowTable", "MovingFrame"})
+    looks = re.compile(rf"isinstance\([^()]*\b({kinds})\b|(hasattr|getattr)\((constraint|family|c|one\.family)\b")
+    package = Path(mbvi.__file__).parent
+    found = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        if looks.search(file.read_text(encoding="utf-8"))
+    }
+    assert found == {"constraints/given.py"}

@@ -168,7 +168,7 @@ def gaps_by_name(problem, q):
 @pytest.mark.filterwarnings("ignore")
 def test_pairs_left_out_keep_their_distance_within_the_limits(name, rng):
     scene = robot_scene(name)
-    full, reduced = scene.build(reduce=()), scene.build()
+    full, reduced = scene.build(reduce=()), scene.build(mbvi.REDUCTIONS)
     bounds, model = bounds_of(reduced), full.system.model
     assert len(bounds) >= ARMS[name][2] and all(bound > 0.0 for bound in bounds.values())
     # nothing is lost on the way: what is not asked is named
@@ -215,7 +215,7 @@ def test_a_pair_that_can_just_meet_is_kept(base, tmp_path):
         (tmp_path / "chain.urdf").write_text(CHAIN.format(lower=lower - np.pi / 2))
         scene = mbvi.Scene()
         scene.add_urdf(tmp_path / "chain.urdf", base=base)
-        problem = scene.build()
+        problem = scene.build(["pairs"])
         assert len(bounds_of(problem)) == bounded
         if bounded:
             # at the widened limits

@@ -5,7 +5,7 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.constraints.rows import owners
+from mbvi.constraints.rows import match_contacts
 from mbvi.studies.chart.errors import fitted_order
 from support.paths import ROBOTS
 
@@ -135,7 +135,7 @@ def test_a_row_reached_ahead_alone_keeps_its_gradient():
     rows = problem.constraints.active(0.0, np.array([0.5]), 0.0)
     nothing = problem.constraints.active(0.0, np.array([0.1]), 0.0)
     assert (len(rows.gap), len(nothing.gap)) == (1, 0)
-    np.testing.assert_array_equal(owners(rows, nothing), [-1])
+    np.testing.assert_array_equal(match_contacts(rows, nothing), [-1])
 
 
 @restitutions

@@ -310,7 +310,7 @@ def last_time(rng, gap, tolerance):
     return index, np.full(len(near), np.nan)
 
 
-def touch(rng):
+def half_space_rows(rng):
     kinematics, selection, n = shapes_on_walls(rng)
     gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
     stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
@@ -451,6 +451,17 @@ def wall_contacts(rng):
     walls = np.array([sphere_walls._numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
     kind = np.array([sphere_walls._kind(w) for w in shapes])
     return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
+
+
+def wall_and_point(index):
+    """A box or a capsule, and a point near it or within it."""
+
+    def arguments(rng):
+        centres, _, _, walls, *_ = wall_contacts(rng)
+        centres *= rng.choice([0.1, 1.0])
+        return walls, index, centres, int(rng.integers(len(centres))), np.inf, np.full(3, np.nan)
+
+    return arguments
 
 
 def unit_rows(rng):
@@ -611,7 +622,9 @@ ARGUMENTS = {
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_touching": touching,
-    "_wall_contacts": wall_contacts,
+    "wall_contacts": wall_contacts,
+    "distance_from_box": wall_and_point(1),
+    "distance_from_capsule": wall_and_point(2),
     "gram": gram_of,
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
@@ -647,7 +660,7 @@ ARGUMENTS = {
     "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,
-    "_touch": touch,
+    "half_space_rows": half_space_rows,
     "_reached": reached,
     "_reach": reach,
     "_clear": clear,
@@ -666,7 +679,7 @@ IF_ACCEPTED = {
     "press": 2,
     "law": 2,
     "tree_law": 2,
-    "_touch": 3,
+    "half_space_rows": 3,
     "_reached": 1,
 }
 
@@ -698,7 +711,7 @@ def specified(name, result, arguments):
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
     if name == "_near_balls":
         return [result, np.sort(arguments[-1][:result])]
-    if name in ("_touching", "_wall_contacts"):
+    if name in ("_touching", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
     if name == "gram":

@@ -6,7 +6,7 @@ from collections.abc import Generator, Iterator
 
 import numpy as np
 
-from ...constraints.rows import chosen
+from ...constraints.rows import take
 from ...projection import FreeMotion
 from ...system.system import Array
 from ..paoli import Paoli
@@ -73,7 +73,7 @@ def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKutt
     yield straight
     state.v = step.v
     if closing.any():
-        number, _, _, _, point, normal, _ = chosen(step.active, percussion > 0.0)
+        number, _, _, _, point, normal, _ = take(step.active, percussion > 0.0)
         rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
         yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal))
     return step.active.constraint

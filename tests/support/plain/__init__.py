@@ -6,7 +6,7 @@ from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import _first_of_lines_plain
 from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain
-from support.plain.half_space import _touch_plain
+from support.plain.half_space import half_space_rows_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _reached_plain
@@ -19,7 +19,7 @@ from support.plain.robot_step import _law_plain, _press_plain, _tree_law_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
 from support.plain.sparse_projector import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
-from support.plain.sphere_walls import _wall_contacts_plain
+from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import _touching_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import _back_plain, advance_plain, factor_plain, solve_plain
@@ -51,9 +51,9 @@ PLAIN = {
     "_reached": _reached_plain,
     "_solve_islands": solve_islands_plain,
     "_choose_rows": _struck_plain,
-    "_touch": _touch_plain,
+    "half_space_rows": half_space_rows_plain,
     "_touching": _touching_plain,
-    "_wall_contacts": _wall_contacts_plain,
+    "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,

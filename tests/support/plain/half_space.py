@@ -9,11 +9,11 @@ from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 
 
-def _touch_plain(
+def half_space_rows_plain(
     poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
-    budget: Array, index: Array, gap: Array, point: Array, rows: Array,
+    clearance: Array, index: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
-    """Write gaps, points and gradients of the points within the tolerance, if they are those of the last time.
+    """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ def _touch_plain(
         As of `_Selection`; `index` is written.
     tolerance : float
         Gap at and below which a point is active [m].
-    budget : ndarray, shape (n,)
-        Of all pairs; the least gap is written for those here.
+    clearance : ndarray, shape (n,)
+        Of all pairs; receives the least gap of each pair here.
     gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
         For as many points as `index` counts.
 
@@ -32,16 +32,16 @@ def _touch_plain(
     -------
     count : int
         How many points are within the tolerance.
-    vain : bool
+    any_empty : bool
         Whether a pair has none.
     same : bool
-        Whether they are those of the last time; only then are gap, point and rows written in full.
+        Whether they are the points of the last call; only then gap, point and rows are written in full.
     """
     gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
     stand_plain(poses, owners, numbers, gaps, points)
     found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
-    budget[pair] = np.inf
-    np.minimum.at(budget, pair, gaps)
+    clearance[pair] = np.inf
+    np.minimum.at(clearance, pair, gaps)
     same = np.array_equal(index[1 : 1 + index[0]], found)
     index[0], index[1 : 1 + len(found)] = len(found), found
     if same:
@@ -49,4 +49,4 @@ def _touch_plain(
         world = np.zeros(len(found), np.int64)
         up = numbers[found, 12:15]
         separation_plain(columns, support, world, owners[found, 0], point, up, rows)
-    return len(found), bool((budget[pair] > tolerance).any()), same
+    return len(found), bool((clearance[pair] > tolerance).any()), same

@@ -8,7 +8,7 @@ from mbvi.arguments import Array
 from mbvi.constraints.sphere_walls import _BOX, _PLANE
 
 
-def _wall_contacts_plain(
+def wall_contacts_plain(
     centres: Array, radii: Array, kind: Array, walls: Array, tolerance: float, number: Array, gap: Array, point: Array,
     normal: Array,
 ) -> int:  # fmt: skip
