@@ -21,4 +21,4 @@ class NonnegativeLeastSquares:
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return shared percussions, or None if G has lost the digits that they need; see `Solver`."""
         u = shared(qp.G, qp.d)
-        return None if u is None else Candidate(qp.combine(u), u)
+        return None if u is None else Candidate(qp.combine(u), u, stationary=True)

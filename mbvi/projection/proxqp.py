@@ -53,7 +53,7 @@ class ProxQP:
         # at the limit of iterations it is what was reached
         u[~np.isfinite(u)] = 0.0
         u[u <= _NONE * u.max()] = 0.0
-        return Candidate(qp.combine(u), u)
+        return Candidate(qp.combine(u), u, stationary=True)
 
 
 @dataclass(frozen=True)
