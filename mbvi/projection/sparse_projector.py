@@ -12,7 +12,7 @@ import numpy as np
 from ..compiled import kernel
 from .metric import Array
 from .nonnegative import exchange, settle
-from .refinement import relax
+from .refinement import solve_island
 
 # rows up to which an island is solved to rounding
 _SMALL = 48
@@ -99,7 +99,7 @@ def _solve_islands(
                         own_columns[entry], own[entry] = local[columns[k]], G[k]
                         entry += 1
                 own_starts[i + 1] = entry
-            residual = relax(own_starts, own_columns, own, own_d, target, own_u)
+            residual = solve_island(own_starts, own_columns, own, own_d, target, own_u)
             for i in range(size):
                 u[order[begin + i]] = own_u[i]
         worst = max(worst, residual)

@@ -16,7 +16,7 @@ from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
-from support.plain.refinement import relax_plain
+from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
 from support.robot_problems import is_free, path_of
 
@@ -516,21 +516,51 @@ def solve_factor(rng):
     return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
 
 
-def relax(rng):
+def solve_island(rng):
     U, G, starts, columns = delassus_of(rng)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return starts, columns, G.data, missing_rates(rng, U), 1e-11, start
 
 
-def rounds(rng):
-    starts, columns, data, d, target, start = relax(rng)
+def projected_pcg(rng):
+    starts, columns, data, d, target, start = solve_island(rng)
     return starts, columns, data, d, target, 0.0, 2000, np.zeros(6), np.full(len(d), np.nan), start
 
 
-def mend(rng):
+def dual_residual(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, np.zeros(len(d)), u
+
+
+def gauss_seidel(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    g = csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d
+    return starts, columns, data, 2, g, u
+
+
+def restrict_to_face(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return (
+        starts, columns, data, u, np.zeros(len(d), np.uint32), np.zeros(len(d) + 1, np.uint32),
+        np.zeros(len(data), np.uint32), np.zeros(len(data)),
+    )  # fmt: skip
+
+
+def pcg_on_face(rng):
+    starts, columns, data, d, _, _ = solve_island(rng)
+    return starts, columns, data, 1e-3, 0.0, 1e-4, d, np.zeros(len(d))
+
+
+def line_search(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    g = csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d
+    return starts, columns, data, np.arange(len(d), dtype=np.uint32), g, -g * rng.uniform(0.5, 3.0), u
+
+
+def refine_subset(rng):
     """Percussions that fit but for three."""
-    starts, columns, data, d, target, u = relax(rng)
-    relax_plain(starts, columns, data, d, 0.1 * target, u)
+    starts, columns, data, d, target, u = solve_island(rng)
+    solve_island_plain(starts, columns, data, d, 0.1 * target, u)
     u[rng.integers(len(u), size=3)] += 0.1
     return starts, columns, data, target, csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d, u
 
@@ -616,9 +646,14 @@ ARGUMENTS = {
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
     "solve_factor": solve_factor,
-    "rounds": rounds,
-    "mend": mend,
-    "relax": relax,
+    "projected_pcg": projected_pcg,
+    "dual_residual": dual_residual,
+    "gauss_seidel": gauss_seidel,
+    "restrict_to_face": restrict_to_face,
+    "pcg_on_face": pcg_on_face,
+    "line_search": line_search,
+    "refine_subset": refine_subset,
+    "solve_island": solve_island,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
     "moved": moved,
@@ -713,12 +748,12 @@ def specified(name, result, arguments):
         if not (result if isinstance(result, bool) else result[0]):
             return [False]
         return [True, rows, places[: rows[-1]], L[: rows[-1]]]
-    if name in ("rounds", "mend", "relax", "_solve_islands"):
+    if name in ("projected_pcg", "refine_subset", "solve_island", "_solve_islands"):
         # percussions may be shared between rows that depend on each other: what they bring about is the same
         starts, columns, G = arguments[:3]
         full = csr_array((G, columns, starts), shape=(len(starts) - 1, len(starts) - 1))
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
-        done = result if name == "mend" else bool(result <= 1e-11)
+        done = result if name == "refine_subset" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "_first_of_lines":
         return [result, arguments[-1][:result]]

@@ -11,9 +11,9 @@ from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_f
 from support.plain.joint_limit import _reached_plain
 from support.plain.nonnegative import exchange_plain, settle_plain
 from support.plain.pairs import _spend_plain, sift_plain
-from support.plain.projected_pcg import rounds_plain
+from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
-from support.plain.refinement import mend_plain, relax_plain
+from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _law_plain, _press_plain, _tree_law_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
 from support.plain.sparse_projector import solve_islands_plain
@@ -65,15 +65,15 @@ PLAIN = {
     "islands": islands_plain,
     "law": _law_plain,
     "lowest": lowest_plain,
-    "mend": mend_plain,
+    "refine_subset": refine_subset_plain,
     "moved": moved_plain,
     "near_triangles": near_triangles_plain,
     "placed": placed_plain,
     "press": _press_plain,
     "pulled": pulled_plain,
     "pulled_in_plane": pulled_in_plane_plain,
-    "relax": relax_plain,
-    "rounds": rounds_plain,
+    "solve_island": solve_island_plain,
+    "projected_pcg": projected_pcg_plain,
     "row": row_plain,
     "separation": separation_plain,
     "settle": settle_plain,

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from mbvi.arguments import Array
 from mbvi.projection.sparse_projector import _SMALL
 from support.plain.nonnegative import exchange_plain, settle_plain
-from support.plain.refinement import relax_plain
+from support.plain.refinement import solve_island_plain
 
 
 def solve_islands_plain(
@@ -46,7 +46,7 @@ def solve_islands_plain(
         residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
         if residual > target:
             part *= carried
-            residual = relax_plain(
+            residual = solve_island_plain(
                 inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
             )
         u[here], worst = part, max(worst, residual)
