@@ -10,7 +10,7 @@ from .cascade import dense_solvers, first_good_enough
 from .gram import gram, islands
 from .metric import Array, DiagonalMetric
 from .scaled_qp import Candidate, ScaledQP, WarmStart
-from .sparse_projector import _SMALL, _solve_islands
+from .sparse_islands import _SMALL, _solve_islands
 
 # unit rows with a product above this are the same
 _SAME = 1.0 - 1e-13

@@ -159,7 +159,7 @@ def scaled_cone(rng):
     return J @ J.T, J @ rng.normal(size=n + 1)
 
 
-def settle(rng):
+def solve_equalities(rng):
     G, d = scaled_cone(rng)
     m = len(d)
     chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
@@ -170,7 +170,7 @@ def settle(rng):
     return G, d, chosen, base, np.full(len(d), np.nan)
 
 
-def exchange(rng):
+def dual_active_set(rng):
     G, d = scaled_cone(rng)
     if rng.random() < 0.4:
         # rows may contradict each other
@@ -197,7 +197,7 @@ def restitution(rng, m):
     return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
 
 
-def press(rng):
+def solve_active_set(rng):
     J, A, v, x = cone(rng)
     m, n = J.shape
     lower = -restitution(rng, m) * (J @ v)
@@ -669,9 +669,9 @@ ARGUMENTS = {
     "solve": solve,
     "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
-    "settle": settle,
-    "exchange": exchange,
-    "press": press,
+    "solve_equalities": solve_equalities,
+    "dual_active_set": dual_active_set,
+    "solve_active_set": solve_active_set,
     "law": law,
     "tree_law": tree_law,
     "row": row,
@@ -696,9 +696,9 @@ ARGUMENTS = {
 IF_ACCEPTED = {
     "factor": 1,
     "advance_by": 2,
-    "settle": 1,
-    "exchange": 1,
-    "press": 2,
+    "solve_equalities": 1,
+    "dual_active_set": 1,
+    "solve_active_set": 2,
     "law": 2,
     "tree_law": 2,
     "_touch": 3,
@@ -714,7 +714,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("press", "law", "tree_law"):
+    if name in ("solve_active_set", "law", "tree_law"):
         return result < np.inf
     return result[-1] if isinstance(result, tuple) else result
 
@@ -726,7 +726,7 @@ def specified(name, result, arguments):
         yes = accepted(name, result)
         if not yes:
             del arguments[-IF_ACCEPTED[name] :]
-        elif name == "exchange":
+        elif name == "dual_active_set":
             # of dependent rows any may be chosen, but what they bring about is the same
             G, d, chosen = arguments
             arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])

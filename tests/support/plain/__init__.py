@@ -9,14 +9,14 @@ from support.plain.half_space import _touch_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _reached_plain
-from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.pairs import _spend_plain, sift_plain
 from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
-from support.plain.robot_step import _law_plain, _press_plain, _tree_law_plain
+from support.plain.robot_step import _law_plain, _tree_law_plain, solve_active_set_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
-from support.plain.sparse_projector import solve_islands_plain
+from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import _wall_contacts_plain
 from support.plain.spheres import _touching_plain
@@ -58,7 +58,7 @@ PLAIN = {
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,
     "chart_rates": chart_rates_plain,
-    "exchange": exchange_plain,
+    "dual_active_set": dual_active_set_plain,
     "factor": factor_plain,
     "gram": gram_plain,
     "incomplete_cholesky": incomplete_cholesky_plain,
@@ -69,14 +69,14 @@ PLAIN = {
     "moved": moved_plain,
     "near_triangles": near_triangles_plain,
     "placed": placed_plain,
-    "press": _press_plain,
+    "solve_active_set": solve_active_set_plain,
     "pulled": pulled_plain,
     "pulled_in_plane": pulled_in_plane_plain,
     "solve_island": solve_island_plain,
     "projected_pcg": projected_pcg_plain,
     "row": row_plain,
     "separation": separation_plain,
-    "settle": settle_plain,
+    "solve_equalities": solve_equalities_plain,
     "sift": sift_plain,
     "solve": solve_plain,
     "solve_factor": solve_factor_plain,

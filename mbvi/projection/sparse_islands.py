@@ -1,8 +1,8 @@
-"""The projection onto the rows of many bodies: sparse, island by island, started from the percussions of the last one.
+"""Kernel that solves the sparse dual island by island, started from the percussions of the last projection.
 
-Rows are scaled to unit length in the metric. A small island is solved as `few_rows` solves: to rounding, by the rows
-that press. A large one whose percussions of the last step still fit is left alone; others are solved by `mending` to
-the residual that is asked.
+Rows are scaled to unit length in the metric. A small island is solved to rounding by the dual
+active-set method. A large one whose percussions of the last step still fit is left alone; others are solved by
+`solve_island` to the target residual.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiled import kernel
 from .metric import Array
-from .nonnegative import exchange, settle
+from .nonnegative import dual_active_set, solve_equalities
 from .refinement import solve_island
 
 # rows up to which an island is solved to rounding
@@ -75,7 +75,7 @@ def _solve_islands(
                 for k in range(starts[a], starts[a + 1]):
                     if label[columns[k]] >= 0:
                         full[i, local[columns[k]]] = G[k]
-            if exchange(full, full_d[:size], chosen[:size]) and settle(
+            if dual_active_set(full, full_d[:size], chosen[:size]) and solve_equalities(
                 full, full_d[:size], chosen[:size], nothing[:size], part[:size]
             ):
                 residual = 0.0
