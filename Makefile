@@ -1,15 +1,27 @@
 # Runs in a virtual environment of its own; presumes python3 with venv and nothing else.
 PYTHON ?= python3
 VENV ?= .venv
+WORKERS ?= auto
 
-.PHONY: demo test faults clean
+.PHONY: demo check test test-slow faults clean
 
 # write a replay to out/
 demo: $(VENV)/installed
 	$(VENV)/bin/mbvi demo
 
+# the fast tests, on all cores
 test: $(VENV)/installed-test
-	$(VENV)/bin/python -m pytest
+	$(VENV)/bin/python -m pytest --numprocesses $(WORKERS) --dist worksteal
+
+# the tests that take more than a few seconds each
+test-slow: $(VENV)/installed-test
+	$(VENV)/bin/python -m pytest --numprocesses $(WORKERS) --dist worksteal -m slow
+
+# ruff and mypy
+check: $(VENV)/installed-test
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
 
 # fuzz scenes, URDFs, arguments and files, kill runs and fill disks, for nine minutes
 faults: $(VENV)/installed-test

@@ -1,4 +1,4 @@
-"""Fitted orders and errors of every time-stepping scheme on every problem with an exact solution, as Markdown."""
+"""Orders and errors of every fixed-step scheme on every problem with an exact solution, as a Markdown table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mbvi
 from mbvi import reference
 from mbvi.studies.chart.errors import fitted_order, worst_errors
 
-# nowhere dyadic multiples of one another
+# no step is a dyadic multiple of another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)
 
 SCHEMES: dict[str, mbvi.schemes.Scheme] = {
@@ -23,7 +23,7 @@ SCHEMES: dict[str, mbvi.schemes.Scheme] = {
 
 
 def row(case: reference.Reference, scheme: mbvi.schemes.Scheme) -> str:
-    """Return one line of the table: orders, then errors at the least step."""
+    """Return one line of the table: orders, then errors at the shortest step."""
     found = np.array([worst_errors(case, scheme, h) for h in STEPS])
     orders = " | ".join(f"{fitted_order(STEPS, column):.2f}" for column in found.T)
     return f"{orders} | " + " | ".join(f"{error:.1e}" for error in found[-1])
@@ -33,7 +33,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--restitution", type=float, nargs="*", default=[0.0, 0.5, 1.0], metavar="E")
-    print(f"Orders over {len(STEPS)} steps from {STEPS[0]:.1e} to {STEPS[-1]:.1e} s, errors at the least.\n")
+    print(f"Orders over {len(STEPS)} steps from {STEPS[0]:.1e} to {STEPS[-1]:.1e} s, errors at the shortest.\n")
     print("| problem | e | scheme | order of q | of v | of the graph | error of q | of v | of the graph |")
     print("|---|---|---|---|---|---|---|---|---|")
     for e in parser.parse_args().restitution:

@@ -1,9 +1,9 @@
-"""What runs where no scheme is named: the choice, its cost and its error; and what the choice rests on.
+"""The default scheme: its choice, cost and error, and the measurements behind the rule.
 
-Prints three tables in Markdown. Balls falling into a funnel: what a simulated second costs by error control and by
-steps of 1e-3 s. Problems with exact solutions: what the default chooses, what a simulated second takes and the largest
-error of q; and the same of steps from the problem's own time scales. Scenes that a user may drop: the choice, its
-reason, what a simulated second takes, and the deepest penetration.
+Prints three Markdown tables. Balls falling into a funnel: CPU time per simulated second of EventDriven and of steps of
+1e-3 s. Problems with exact solutions: the default scheme, its CPU time per simulated second and its largest error of q,
+and the same for fixed steps from the problem's time scales. Typical scenes: the choice, its reason, CPU time per
+simulated second, and the deepest penetration.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def springs() -> mbvi.Problem:
 
 
 def scenes() -> Iterator[tuple[str, mbvi.Problem, float]]:
-    """Yield what a user may drop: a name, a problem and how long it runs [s]."""
+    """Yield typical scenes: name, problem, simulated time [s]."""
     yield "a ball", funnel(1), 1.0
     yield "a box", bodies(1), 1.0
     yield "five masses on stiff springs", springs(), 1.0
@@ -102,7 +102,7 @@ def error(case: reference.Reference, run: mbvi.Trajectory) -> float:
 
 
 def chosen(run: mbvi.Trajectory) -> str:
-    """Return the choice and its reason as the run says them."""
+    """Return the choice and its reason from the notes of a run."""
     return run.notes[0].replace(" was chosen", "").replace(" | ", " and ")
 
 
@@ -118,7 +118,8 @@ def main() -> None:
         stepped, _ = seconds(problem, 2.0, mbvi.Centered(project_positions=True), step=1e-3)
         rows = 5 * count + count * (count - 1) // 2
         print(f"| {count} | {rows} | {located:.0f} | {len(run.impacts)} | {stepped:.0f} |", flush=True)
-    print("\n| problem | default | [ms/s] | error of q | Centered at its own h [s] | [ms/s] | error of q |")
+    head = ("problem", "default", "default [ms/s]", "default, error of q", "h of Centered [s]", "Centered [ms/s]")
+    print(f"\n| {' | '.join(head)} | Centered, error of q |")
     print("|---|---|---|---|---|---|---|")
     for case in reference.references(0.5):
         time, run = seconds(case.problem, case.duration, None)
@@ -126,7 +127,7 @@ def main() -> None:
         slow, steps = seconds(case.problem, case.duration, mbvi.Centered(project_positions=True), step=h)
         cells = f"{run.scheme} | {time:.1f} | {error(case, run):.0e} | {h:g} | {slow:.1f} | {error(case, steps):.0e}"
         print(f"| {case.name} | {cells} |", flush=True)
-    print("\n| scene | chosen, and why | [ms/s] | deepest penetration [m] |")
+    print("\n| scene | choice and reason | [ms/s] | deepest penetration [m] |")
     print("|---|---|---|---|")
     for name, problem, duration in scenes():
         time, run = seconds(problem, duration, None)

@@ -1,4 +1,4 @@
-"""What error control costs on robots: CPU time of smooth motion and of impacts, at one tolerance.
+"""Cost of EventDriven on robots: CPU time of smooth motion and of impacts, at one tolerance.
 
     python benchmarks/error_control.py [--tolerance 1e-8] [--repeats 9]
 
@@ -55,7 +55,7 @@ def quadruped(height: float) -> mbvi.Problem:
     return scene.build()
 
 
-# of each robot smooth motion first
+# smooth motion of each robot comes first
 CASES = {
     "UR5": {"swings": (ur5(None), 0.6), "onto floor and limits": (ur5(-0.1), 1.0)},
     "quadruped": {"flies": (quadruped(20.0), 1.0), "lands": (quadruped(0.6), 0.35)},
@@ -88,7 +88,7 @@ def main(tolerance: float = 1e-8, repeats: int = 9) -> None:
             start, _ = timed(problem, tolerance, INSTANT, repeats)
             cpu, run = timed(problem, tolerance, duration, repeats)
             cpu, impacts = cpu - start, len(run.impacts)
-            # states are the start, one after each step and one after each impact
+            # recorded states: the start, one after each step, one after each impact
             steps = len(run.t) - 1 - impacts
             if not impacts:
                 a_second = cpu / duration

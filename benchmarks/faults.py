@@ -23,9 +23,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve()
 sys.path.insert(0, str(HERE.parent.parent / "tests"))
 
-# the kinds of faults and the share of the time each is given
+# kinds of faults and their shares of the time
 SHARES = {"scenes": 3.0, "units": 2.0, "urdf": 2.0, "arguments": 1.5, "files": 2.0, "kills": 1.0, "disks": 1.0}
-# a case that says nothing for this long hangs [s]
+# a case without output for this time hangs [s]
 PATIENCE = 60.0
 
 
@@ -85,7 +85,7 @@ class Worker:
         os.close(self.pipe)
 
     def read(self) -> list[dict[str, object]]:
-        """Return what the process said since the last call; a crash counts as a verdict."""
+        """Return the output of the process since the last call; a crash counts as a verdict."""
         data = os.read(self.pipe, 65536)
         if not data:
             code = self.process.wait()
@@ -103,7 +103,7 @@ class Worker:
         return [one for one in found if "verdict" in one]
 
     def hung(self) -> list[dict[str, object]]:
-        """Return a verdict and go on at the next case if the process has said nothing for long."""
+        """Return the verdict "hang" and go on with the next case if the process has printed nothing for long."""
         if time.monotonic() - self.since < PATIENCE:
             return []
         self.stop()
@@ -140,9 +140,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kinds", nargs="*", default=list(SHARES), metavar="KIND", help=", ".join(SHARES))
     parser.add_argument("--seed", type=int, default=0, help="first seed of each kind")
-    parser.add_argument("--minutes", type=float, default=9.0, help="how long in all")
+    parser.add_argument("--minutes", type=float, default=9.0, help="total time [min]")
     parser.add_argument("--jobs", type=int, default=2, help="worker processes")
-    parser.add_argument("--case", type=int, help="run the case of this seed alone, of one kind, in this process")
+    parser.add_argument("--case", type=int, help="run only the case of this seed and one kind, in this process")
     asked = parser.parse_args()
     unknown = set(asked.kinds) - set(SHARES)
     if unknown:

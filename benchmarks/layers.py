@@ -1,4 +1,4 @@
-"""Where the time of a step goes: Pinocchio, Coal, the compiled kernels, and Python with numpy, which is the rest."""
+"""Time of a step by layer: Pinocchio, Coal, compiled kernels, and the rest, which is Python and numpy."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Stopwatch:
     def __init__(self) -> None:
         self.clear()
         self._inside = self._outside = 0.0
-        # the least, as the layers are read from the fastest run
+        # the least time, because layers are read from the fastest run
         self._inside, self._outside = np.min([self._cost() for _ in range(25)], axis=0)
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was timed."""
+        """Reset all times."""
         self._spent: dict[str, float] = defaultdict(float)
         self._calls: dict[str, int] = defaultdict(int)
         self._called: dict[str, int] = defaultdict(int)
@@ -67,16 +67,16 @@ class Stopwatch:
         return timed
 
     def own(self, name: str) -> float:
-        """Return the time spent in the functions of a name themselves [s]."""
+        """Return the time in the functions of a name, without timed functions that they call [s]."""
         return self._spent[name] - self._calls[name] * self._inside - self._called[name] * self._outside
 
     def total(self) -> float:
-        """Return the time spent in all timed functions and in timing them [s]."""
+        """Return the time in all timed functions, including the timing [s]."""
         outside = sum(self._calls.values()) - sum(self._called.values())
         return sum(self._spent.values()) + outside * self._outside
 
     def _cost(self, count: int = 2000) -> tuple[float, float]:
-        """Return what timing adds to a function, and to whoever calls it, a call [s]."""
+        """Return the time that timing adds to a function and to its caller, per call [s]."""
         nothing = self.wrap("nothing", lambda: None)
 
         def seconds(function: Callable[[], Any]) -> float:
@@ -88,7 +88,7 @@ class Stopwatch:
         bare = seconds(lambda: None)
         self.clear()
         whole = seconds(nothing)
-        # the call itself belongs to the function; of the rest, what lies between the two readings of the clock
+        # the call belongs to the function, and so does the time between the two readings of the clock
         inside = max(self._spent["nothing"] / count - bare, 0.0)
         return inside, max(whole - bare - inside, 0.0)
 
@@ -98,7 +98,7 @@ def _timed(watch: Stopwatch) -> Iterator[None]:
     """Time the calls into each layer while the context lasts."""
     compiled.compile_all()
     owners = [(pin, "Pinocchio", name) for name in _PINOCCHIO]
-    # with the few lines of Python that hand shapes and results over
+    # including the Python code that passes shapes and results
     owners += [(SignedDistances, "Coal", "_measure"), (PatchFinder, "Coal", "find")]
     with ExitStack() as stack:
         for owner, layer, name in owners:

@@ -1,4 +1,4 @@
-"""What leaving out of a model what cannot matter saves: each reduction on and off in turns, as Markdown."""
+"""Time that each reduction of a model saves: on and off alternate; prints a Markdown table."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def turned_spheres() -> tuple[Build, Build]:
         return mbvi.Problem(system, [floor], q0, np.zeros(6 * n), length=0.1)
 
     def reduced() -> mbvi.Problem:
-        # they are too far apart to meet
+        # the spheres are too far apart to touch
         scene = floor()
         for place in places:
             scene.add_sphere(0.1, 1.0, place)
@@ -112,7 +112,7 @@ def blocks(folder: Path) -> mbvi.Scene:
 
 
 def stones() -> mbvi.Scene:
-    """Return six stones of 400 vertices each, which fewer do for within a millimetre."""
+    """Return six stones of 400 vertices each, which fewer vertices approximate to a millimetre."""
     rng = np.random.default_rng(3)
     points = rng.normal(size=(400, 3))
     points *= np.array([0.1, 0.12, 0.08]) / np.linalg.norm(points, axis=1)[:, None]
@@ -195,7 +195,7 @@ def cases(folder: Path) -> dict[str, tuple[Build, Build]]:
 
 
 def measured(build: tuple[Build, Build], count: int, repeats: int) -> str:
-    """Return what both models have and take: degrees of freedom, constraints, build and step."""
+    """Return a line of the table: degrees of freedom, constraints, times of a step and of `build`."""
     built = np.empty((repeats, 2))
     took = np.empty((repeats, 2))
     for k in range(repeats):
@@ -217,13 +217,14 @@ def measured(build: tuple[Build, Build], count: int, repeats: int) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="Time a step with each reduction off and on.")
-    parser.add_argument("--steps", type=int, default=500, help="steps a run")
-    parser.add_argument("--repeats", type=int, default=15, help="runs of each model, in turns")
+    parser.add_argument("--steps", type=int, default=500, help="steps per run")
+    parser.add_argument("--repeats", type=int, default=15, help="alternating runs of each model")
     arguments = parser.parse_args()
     compile_all()
     # loaders of some descriptions warn about what they leave out
     warnings.simplefilter("ignore")
-    print("| reduction: case | dofs | constraints | off [us a step] | on | off / on | build [ms] |")
+    head = ("reduction: case", "dofs", "constraints", "off [us per step]", "on [us per step]", "off / on")
+    print(f"| {' | '.join(head)} | build, off -> on [ms] |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, build in cases(Path(folder)).items():

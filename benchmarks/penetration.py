@@ -1,4 +1,4 @@
-"""How deep each time-stepping scheme lets bodies into each other, and what CPU time a step costs, as Markdown.
+"""Penetration and CPU time per step of each fixed-step scheme, as a Markdown table.
 
 A hopper dropped on a floor and three boxes on each other, at h = 1e-3 s; sliding inside a disc at h = 1e-2 s, where the
 penetration of the steps adds up.
@@ -29,7 +29,7 @@ SCHEMES: tuple[mbvi.schemes.Scheme, ...] = (
 
 
 def hopper() -> mbvi.Problem:
-    """Return a robot that falls, bounces and comes to lie."""
+    """Return a robot that falls, bounces and comes to rest."""
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace((0, 0, 1))
     scene.add_urdf(HOPPER, position=(0, 0, 1), joints={"knee": 0.4})
@@ -46,7 +46,7 @@ def tower() -> mbvi.Problem:
 
 
 def measured(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme, step: float, duration: float) -> str:
-    """Return the greatest and the last penetration [mm] and the CPU time of a step [us]."""
+    """Return the largest and the final penetration [mm] and the CPU time of a step [us]."""
     times = []
     for _ in range(REPEATS):
         begin = process_time()
@@ -59,7 +59,9 @@ def measured(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme, step: float, du
 def main() -> None:
     """Print the table."""
     compile_all()
-    print("| problem | scheme | deepest [mm, mrad] | in the end [mm, mrad] | a step [us] |")
+    print(
+        "| problem | scheme | deepest penetration [mm, mrad] | penetration at the end [mm, mrad] | time per step [us] |"
+    )
     print("|---|---|---|---|---|")
     disc = reference.sliding_in_disc(0.5, duration=50.0).problem
     cases = (("hopper", hopper(), 1e-3, 2.0), ("three boxes", tower(), 1e-3, 2.0), ("disc", disc, 1e-2, 50.0))

@@ -1,4 +1,4 @@
-"""Spheres poured into a box: time, accuracy, penetration over their number, beside MuJoCo; boxes; an elastic gas.
+"""Spheres poured into a box, beside MuJoCo: time, residual and penetration by number; boxes; an elastic gas.
 
 python benchmarks/pile.py [--sizes 216 1000] [--duration 1.5] [--residuals 1e-5 1e-8] [--boxes 100]
     [--no-gas] [--no-peer]
@@ -48,7 +48,7 @@ def depth(centres: np.ndarray, width: float) -> float:
 
 
 def ours(count: int, residual: float, duration: float) -> dict[str, float]:
-    """Run the pile and return milliseconds a step, penetration in radii, the residual reached."""
+    """Run the pile; return milliseconds per step, penetration in radii, and the residual reached."""
     centres, width = lattice(count)
     scene = mbvi.Scene()
     scene.add_container((0, 0, 0), (width, width))
@@ -67,7 +67,7 @@ def ours(count: int, residual: float, duration: float) -> dict[str, float]:
 
 
 def mujoco_cg(count: int, duration: float) -> dict[str, float]:
-    """Run the same pile in MuJoCo: three slides a sphere, contacts without friction, its CG solver as it comes."""
+    """Run the same pile in MuJoCo: three slide joints per sphere, no friction, CG solver with default options."""
     import mujoco
 
     centres, width = lattice(count)
@@ -107,7 +107,7 @@ def turn_to(normal: np.ndarray) -> np.ndarray:
 
 
 def gas(duration: float = 10.0) -> tuple[float, float, int]:
-    """Run 216 elastic spheres in a box; return the relative drift of energy, microseconds a step, and impacts."""
+    """Run 216 elastic spheres in a box; return the relative drift of energy, microseconds per step, and impacts."""
     problem = cube_of_spheres(1.0)
     start = time.thread_time()
     run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=duration, progress=False)
@@ -117,7 +117,7 @@ def gas(duration: float = 10.0) -> tuple[float, float, int]:
 
 
 def boxes(count: int, duration: float = 1.0) -> tuple[float, float, float]:
-    """Pour boxes of 4 cm in random poses into a box; return milliseconds a step, worst and median depth [m]."""
+    """Pour boxes of 4 cm in random poses into a box; return milliseconds per step, worst and median depth [m]."""
     scene = mbvi.Scene()
     scene.add_container((-0.2, -0.2, 0.0), (0.2, 0.2))
     layer, row, column = np.unravel_index(np.arange(count), (-(-count // 25), 5, 5))
@@ -168,7 +168,7 @@ def main() -> None:
     print(f"\nlargest memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     if not asked.no_gas:
         drift, spent, impacts = gas()
-        print(f"elastic gas of 216: energy drift {drift:.1e}, {spent:.0f} us a step, {impacts} impacts")
+        print(f"elastic gas of 216: energy drift {drift:.1e}, {spent:.0f} us per step, {impacts} impacts")
 
 
 if __name__ == "__main__":

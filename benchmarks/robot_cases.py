@@ -1,4 +1,4 @@
-"""The situations that `robot_step.py` times."""
+"""Cases of `robot_step.py`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _GLIDE = 0.1
 
 
 class Case(NamedTuple):
-    """One situation: the problem, and the torques its control returns at all times, shape (nv,) [N, N m]."""
+    """One case: the problem, and the torques its control returns at all times, shape (nv,) [N, N m]."""
 
     name: str
     problem: mbvi.Problem
@@ -31,7 +31,7 @@ class Case(NamedTuple):
 
 
 def again(problem: mbvi.Problem, q0: Array | None = None, v0: Array | None = None) -> mbvi.Problem:
-    """Return the problem as newly built, with what it keeps about distances of the start, not of the last run's end."""
+    """Return a fresh problem, whose caches of distances hold no data of an earlier run."""
     return mbvi.Problem(
         problem.system,
         problem.constraints.constraints,
@@ -44,18 +44,18 @@ def again(problem: mbvi.Problem, q0: Array | None = None, v0: Array | None = Non
 
 
 def flight() -> tuple[mbvi.Problem, Array]:
-    """Swing all legs, nothing near."""
+    """Swing all legs in free flight."""
     return _quadruped(1.5, _every_leg(0.0, 0.6, -1.2), velocity=_every_leg(0.3, 1.0, -1.0))
 
 
 def two_feet() -> tuple[mbvi.Problem, Array]:
-    """Stand on the left front and the right rear foot, deep in the knees, the other two lifted."""
+    """Stand on the left front and the right rear foot with bent knees; the other two feet are lifted."""
     lifted = {f"{leg}_thigh_joint": 1.9 for leg in ("FR", "RL")}
 
     def crouch(thigh: float) -> tuple[mbvi.Problem, Array]:
         return _quadruped(1.0, {**_every_leg(0.0, thigh, -2.4), **lifted}, held=True)
 
-    # the centre of mass is to be above the line between the feet
+    # the centre of mass must be above the line between the feet
     return _held(*crouch(brentq(lambda thigh: _unsupported(_lowered(crouch(thigh)[0]))[4], 1.25, 1.45, xtol=1e-12)))
 
 
@@ -65,7 +65,7 @@ def four_feet() -> tuple[mbvi.Problem, Array]:
 
 
 def kneeling() -> tuple[mbvi.Problem, Array]:
-    """Kneel on four feet and four knees, calves along the floor, hips turned so that each knee stands on one rim."""
+    """Kneel on four feet and four knees; hips are turned so that each knee touches with one rim."""
     hip, thigh = 0.3, 0.6
     # the radii of foot and knee, half the knee's width and the calf's length are the URDF's
     rise = 0.02 * np.cos(hip) + 0.017 * np.sin(hip) - 0.023
@@ -80,12 +80,12 @@ def folding() -> tuple[mbvi.Problem, Array]:
 
 
 def flailing_in_air() -> tuple[mbvi.Problem, Array]:
-    """Throw the legs at each other until they clash."""
+    """Move the legs against each other until they collide."""
     return _quadruped(1.5, _every_leg(0.0, 0.6, -1.2), velocity=_FLAIL)
 
 
 def flailing_on_floor() -> tuple[mbvi.Problem, Array]:
-    """Throw the legs at each other from a deep crouch on four feet."""
+    """Move the legs against each other from a deep crouch on four feet."""
     problem, torque = _quadruped(0.3, _every_leg(0.0, 1.0, -2.0), velocity=_FLAIL)
     return _lowered(problem), torque
 
@@ -115,7 +115,7 @@ def panda() -> tuple[mbvi.Problem, Array]:
 
 
 def talos() -> tuple[mbvi.Problem, Array]:
-    """Stand on two flat feet of four corners each; soles are boxes, those of the other variants bulge."""
+    """Stand on two flat feet of four corners each; soles are boxes, because those of other variants are convex."""
     legs = {f"leg_{side}_{k}_joint": a for side in ("left", "right") for k, a in ((3, -0.4), (4, 0.8), (5, -0.4))}
     arms = {f"arm_{side}_2_joint": sign * 0.3 for side, sign in (("left", 1), ("right", -1))}
     arms |= {f"arm_{side}_4_joint": -0.5 for side in ("left", "right")}
@@ -147,7 +147,7 @@ def _floor() -> mbvi.Scene:
 
 
 def _robot(scene: mbvi.Scene, file: Path, nv: int, held: bool = False, **options: Any) -> tuple[mbvi.Problem, Array]:
-    """Return a robot and its torques: zeros, to be filled in where a control is to hold it."""
+    """Return a robot and its torques, which are zero until a case sets them."""
     torque = np.zeros(nv)
     scene.add_urdf(file, control=(lambda t, q, v: torque) if held else None, **options)
     return scene.build(reduce=()), torque
@@ -161,7 +161,7 @@ def _quadruped(
 
 
 def _pendulum(distance: float, speed: float, restitution: float) -> tuple[mbvi.Problem, Array]:
-    """Return the double pendulum, folded, its tip at a distance from a wall [m] and flying at it [m/s]."""
+    """Return the folded double pendulum, with distance [m] and speed [m/s] of its tip towards a wall."""
     scene = mbvi.Scene(restitution=restitution)
     scene.add_halfspace(normal=(1.0, 0.0, 0.0), offset=-0.2)
     # links of 1 m, the tip a ball of 55 mm
@@ -173,7 +173,7 @@ def _pendulum(distance: float, speed: float, restitution: float) -> tuple[mbvi.P
 
 
 def _lowered(problem: mbvi.Problem) -> mbvi.Problem:
-    """Return the problem with its robot let down until it touches the floor."""
+    """Return the problem with its robot lowered until it touches the floor."""
     (floor,) = (c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts))
     q0 = problem.q0.copy()
     q0[2] -= floor.gap(problem.t0, q0).min()
@@ -181,16 +181,16 @@ def _lowered(problem: mbvi.Problem) -> mbvi.Problem:
 
 
 def _unsupported(problem: mbvi.Problem) -> Array:
-    """Return what the floor, pressing as it best can, leaves of the weight of a robot at rest, shape (nv,)."""
+    """Return the part of a robot's weight that contact forces cannot carry at rest, shape (nv,)."""
     system = problem.system
     weight = system.force(problem.t0, problem.q0, np.zeros(system.nv))
     J = problem.constraints.active(problem.t0, problem.q0, 1e-6).jacobian
-    # it is there to carry the six directions of the base, the motors for the rest
+    # contact forces carry the six directions of the base, motors the rest
     return weight + J.T @ np.linalg.lstsq(J[:, :6].T, -weight[:6], rcond=None)[0]
 
 
 def _held(problem: mbvi.Problem, torque: Array) -> tuple[mbvi.Problem, Array]:
-    """Let a robot down, fill in the joint torques that hold it there, and let it glide over the floor.
+    """Lower a robot to the floor, set joint torques that hold it, and let it glide over the floor.
 
     At rest it would repeat the same q bit for bit and be served from what is kept per q.
     """
@@ -201,7 +201,7 @@ def _held(problem: mbvi.Problem, torque: Array) -> tuple[mbvi.Problem, Array]:
     return again(problem, v0=v0), torque
 
 
-# what to build by its title, in the table's order
+# functions that build a case, by title, in the order of the table
 CASES: dict[str, Callable[[], tuple[mbvi.Problem, Array]]] = {
     "quadruped, free flight": flight,
     "quadruped, two feet standing": two_feet,

@@ -1,28 +1,28 @@
-"""How long one step of a robot takes, beside MuJoCo on the same robot in the same run.
+"""Time of one step of a robot, beside MuJoCo on the same robot in the same run.
 
 The robots step at h = 1e-3 s through `mbvi.simulate` with `Paoli()`, recording included, and through MuJoCo's batched
-`mj_step`, which records nothing. The two take turns, so that a busy machine slows both.
+`mj_step`, which records nothing. The two alternate, so that a busy machine slows both.
 
     python benchmarks/robot_step.py                 # the table
-    python benchmarks/robot_step.py --profile       # and where mbvi's time goes, layer by layer
-    python benchmarks/robot_step.py --case feet     # only cases whose name has it
+    python benchmarks/robot_step.py --profile       # and mbvi's time by layer
+    python benchmarks/robot_step.py --case feet     # only cases whose name contains it
 
 The cases are in `robot_cases.py`. Robots that stand are held by constant torques that balance gravity, and glide over
-the floor at 0.1 m/s: one at rest repeats the same q bit for bit and would be served from what is kept per q. MuJoCo
-gets the same mechanism (its mass matrix and gravity at the start are compared with Pinocchio's), shapes, half-spaces,
-joint limits, start, torques and pairs; no friction, its Euler integrator, its default solver.
+the floor at 0.1 m/s: a robot at rest would repeat the same q, and caches per q would answer. MuJoCo gets the same
+mechanism (its mass matrix and gravity at the start are compared with Pinocchio's), shapes, half-spaces, joint limits,
+start, torques and pairs; no friction, its Euler integrator, its default solver.
 
 "rows" are the active constraints of a step, contacts and joint limits, averaged over the run in an untimed pass. The
-two differ where bodies strike: mbvi's impact is over within a step, MuJoCo's spring, damped so that it throws back at
-the same e, takes some thirteen. A stand under constant torques is unstable. It holds in mbvi; in MuJoCo the floor gives
-way a little and sets it moving, on two feet so far that the joints fly by the end, while the rows stay as they are.
-Talos stands on eight dependent rows (of rank six), the kneeling quadruped on eight independent ones.
+two differ where bodies strike: mbvi's impact is over within a step, MuJoCo's spring, damped to the same e, needs about
+thirteen. A stand under constant torques is unstable. It holds in mbvi; in MuJoCo the floor gives way a little and sets
+it moving, on two feet so far that the joints fly by the end, while the rows stay as they are. Talos stands on eight
+dependent rows (of rank six), the kneeling quadruped on eight independent ones.
 
-A time is (n steps - 1 step) / (n - 1), which takes set-up and first call away, in CPU time, for on a busy machine the
-longer run would wait more often than the shorter; medians over the repeats, the ratio that of neighbours. Each case
-runs once untimed before. The layers are taken by the wall clock, from the fastest run. BLAS runs on one thread unless
-OPENBLAS_NUM_THREADS says otherwise. The Panda and Talos come with example-robot-data (`pip install mbvi[test]`). MuJoCo
-(`pip install mbvi[peers]`) is optional: without it mbvi's columns stand alone.
+A time is (n steps - 1 step) / (n - 1), which removes set-up and first call. It is CPU time, because on a busy machine
+the longer run would wait more often. Times are medians over the repeats; the ratio is that of runs next to each other.
+Each case runs once untimed before. Times of layers are wall-clock times of the fastest run. BLAS runs on one thread
+unless OPENBLAS_NUM_THREADS says otherwise. The Panda and Talos come with example-robot-data (`pip install mbvi[test]`).
+MuJoCo (`pip install mbvi[peers]`) is optional: without it mbvi's columns stand alone.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ STEP = 1e-3
 
 
 def mbvi_rows(case: Case, count: int) -> float:
-    """Return the mean number of active rows over `count` steps, the first left out."""
+    """Return the mean number of active rows over `count` steps, the first excluded."""
     walk = mbvi.steps(again(case.problem), mbvi.Paoli(), step=STEP)
     return float(np.mean([step.active.gap.size for step in islice(walk, 1, count)]))
 
 
 def mbvi_times(case: Case, count: int, repeats: int, between: Callable[[], None] = lambda: None) -> Array:
-    """Return the time of one step among `count`, set-up taken away, shape (repeats,) [s].
+    """Return the time of one step of `count`, without set-up, shape (repeats,) [s].
 
     `between` is called after each repeat.
     """
@@ -74,20 +74,20 @@ def mbvi_times(case: Case, count: int, repeats: int, between: Callable[[], None]
     for k in range(repeats):
         one[k], many[k] = (run_time(again(case.problem), n) for n in (1, count))
         between()
-    # the set-up is longer than many steps: its median, for its own scatter would drown them
+    # the median of the set-up, which is longer than many steps; its scatter would hide them
     return (many - np.median(one)) / (count - 1)
 
 
 def run_time(problem: mbvi.Problem, count: int, clock: Callable[[], float] = time.process_time) -> float:
-    """Return how long a run takes, set-up included [s]."""
+    """Return the time of a run, including set-up [s]."""
     start = clock()
     mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=count * STEP, progress=False)
     return clock() - start
 
 
 def line(case: Case, count: int, repeats: int) -> str:
-    """Time one case, the two engines taking turns, and return its line of the table."""
-    # what is compiled or loaded at first use is not timed
+    """Time one case, alternating between the engines, and return its line of the table."""
+    # compiling and loading at first use is not timed
     run_time(again(case.problem), count)
     rows = mbvi_rows(case, count)
     if mujoco is None:
@@ -121,11 +121,11 @@ def header(count: int, repeats: int) -> str:
 
 
 def main() -> None:
-    """Print the table and, if asked for, the layers."""
+    """Print the table and, with --profile, the layers."""
     parser = argparse.ArgumentParser(description="Time one step of robots beside MuJoCo.")
-    parser.add_argument("--steps", type=int, default=150, help="steps a run; the stands give way in longer ones")
-    parser.add_argument("--repeats", type=int, default=21, help="runs of each engine a case")
-    parser.add_argument("--case", default="", metavar="TEXT", help="only the cases whose name has this in it")
+    parser.add_argument("--steps", type=int, default=150, help="steps per run; standing robots fall in longer runs")
+    parser.add_argument("--repeats", type=int, default=21, help="runs of each engine per case")
+    parser.add_argument("--case", default="", metavar="TEXT", help="only the cases whose name contains this")
     parser.add_argument("--profile", action="store_true", help="print mbvi's time by layer")
     arguments = parser.parse_args()
     count, repeats = arguments.steps, arguments.repeats
@@ -141,7 +141,7 @@ def main() -> None:
     for case in chosen:
         print(line(case, count, repeats), flush=True)
     if arguments.profile:
-        print(f"\n{'layers [us a step]':34}" + "".join(f"{name:>16}" for name in LAYERS) + f"{'sum':>9}")
+        print(f"\n{'layers [us per step]':34}" + "".join(f"{name:>16}" for name in LAYERS) + f"{'sum':>9}")
         for case in chosen:
             print(profile(case, count, repeats), flush=True)
 

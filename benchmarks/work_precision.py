@@ -1,4 +1,4 @@
-"""Error reached against CPU time, of error control and of all time-stepping, on problems with exact solutions.
+"""Error against CPU time of EventDriven and of all fixed-step schemes, on problems with exact solutions.
 
 Prints a table in Markdown: for each problem the time of error control at the tolerances 1e-4, 1e-6 and 1e-8 with the
 error it really has, the time of each time-stepping scheme until the largest error of q is 1e-4, and how many times the
@@ -21,7 +21,7 @@ from mbvi.studies.chart.errors import errors
 TARGETS = (1e-4, 1e-6, 1e-8)
 STEPS = (1.63e-2, 4.1e-3, 1.03e-3, 4.9e-4)
 STEPPING = (mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.SchatzmanPaoli())
-# runs of which the median is taken, where the first takes less than so long [ms]
+# number of runs whose median counts, if the first is shorter than this time [ms]
 REPEATS, LONG = 3, 100.0
 TIMES = 301
 
@@ -39,7 +39,7 @@ def taken(case: reference.Reference, scheme: object, **more: float) -> tuple[flo
 
 
 def controlled(case: reference.Reference, target: float) -> tuple[float, float]:
-    """Return the CPU time of error control at this tolerance [ms], and the error it really has."""
+    """Return the CPU time of EventDriven at a tolerance [ms], and the true error."""
     time, run = taken(case, mbvi.EventDriven(target))
     difference = case.problem.system.difference
     instants = np.linspace(0, case.duration, TIMES)
@@ -47,12 +47,12 @@ def controlled(case: reference.Reference, target: float) -> tuple[float, float]:
 
 
 def stepped(case: reference.Reference, scheme: object) -> tuple[float, bool]:
-    """Return the time that the error 1e-4 takes [ms], and whether it was measured, not carried on."""
+    """Return the CPU time to the error 1e-4 [ms], and whether it was measured rather than extrapolated."""
     found = []
     for h in STEPS:
         time, run = taken(case, scheme, step=h)
         found.append((time, errors(run, case).q / TARGETS[0]))
-    # the coarsest step from which on all finer ones are good enough
+    # coarsest step from which on all errors are below the target
     good = len(STEPS)
     while good and found[good - 1][1] <= 1.0:
         good -= 1

@@ -1,4 +1,4 @@
-"""Let an arm fall into its joint limits: a limit is a constraint like any other, with percussions in N m s."""
+"""An arm falls into its joint limits. A limit is a constraint like a contact; its percussions are in N m s."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Grains let go on a chute: whatever they do to each other, together they slide with g sin(angle).
+"""Grains slide down a chute; their centre of mass has the acceleration g sin(angle), whatever their contacts.
 
 `python examples/avalanche.py avalanche.html` writes the replay too.
 """
@@ -27,7 +27,7 @@ def main(page: str | None = None) -> float:
     mass = heap.radii**3
     centre = mass @ (run.q.reshape(len(run.t), -1, 3) @ along).T / mass.sum()
     front = (run.q[-1].reshape(-1, 3) @ along).max() - (run.q[0].reshape(-1, 3) @ along).max()
-    print(f"{len(mass)} grains, the foremost is {front:.3f} m ahead of where one was at first")
+    print(f"{len(mass)} grains, the foremost grain is {front:.3f} m ahead of the first start")
     if page:
         run.replay_html(page)
     return float(centre[-1] - centre[0])

@@ -1,4 +1,4 @@
-"""A stack of four boxes at rest, hit by a ball: several impacts at once, passed on through touching faces."""
+"""A ball hits a stack of four boxes at rest: an impact on several touching faces at once."""
 
 import mbvi
 
@@ -12,7 +12,7 @@ def main() -> float:
     scene.add_sphere(radius=0.1, mass=1.0, position=(-1.0, 0, 0.3), velocity=(6, 0, 0.572), name="ball")
     run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=1.0)
     print(run.impact_table(6))
-    print(f"at rest on each other until {run.impacts[0].time:.3f} s; deepest {run.penetration().max():.1e} m")
+    print(f"the stack rests until {run.impacts[0].time:.3f} s; deepest penetration {run.penetration().max():.1e} m")
     strike = run.impacts[0]
     return float(strike.percussion[strike.constraints.index("box1 | ball")])
 

@@ -1,6 +1,6 @@
-"""A turning drum with vanes: what it works, less what impacts lose, is what its grains gain.
+"""A turning drum with vanes: its work equals the energy that grains gain plus the energy that impacts lose.
 
-Without friction a smooth drum would turn under its grains; the vanes lift them. `python examples/drum.py drum.html`
+The vanes lift the grains; without friction a smooth drum would not move them. `python examples/drum.py drum.html`
 writes the replay too.
 """
 
@@ -35,13 +35,13 @@ def main(page: str | None = None) -> float:
     for step in islice(mbvi.steps(problem, mbvi.Paoli(), step=STEP), STEPS):
         end = step
         if step.percussion.any():
-            # the wall's normal velocity is -df/dt; rates are relative to it
+            # the wall moves along the normal at -df/dt, so its work is minus the percussion times df/dt
             moving = 0.0 if step.active.rate is None else step.active.rate
             work -= float((step.percussion * moving).sum())
             lost -= 0.5 * float(step.percussion @ (step.before + step.after))
         highest = max(highest, step.q[2::3].max())
     gain = energy(problem, end.q, end.v) - energy(problem, problem.q0, problem.v0)
-    print(f"the drum works {work:.3f} J, impacts take {lost:.3f} J, the grains gain {gain:.3f} J")
+    print(f"the work of the drum is {work:.3f} J, impacts lose {lost:.3f} J, the grains gain {gain:.3f} J")
     print(f"the highest grain rose to {highest:.3f} m above the axis")
     if page:
         mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=STEP * STEPS).replay_html(page)
@@ -49,7 +49,7 @@ def main(page: str | None = None) -> float:
 
 
 def energy(problem: mbvi.Problem, q: np.ndarray, v: np.ndarray) -> float:
-    """Return the energy where positions and velocities of a step belong together: half a step on [J]."""
+    """Return the energy in the middle of the motion along v, where position and velocity belong together [J]."""
     system = problem.system
     return system.kinetic_energy(q, v) + system.potential_energy(0.0, system.integrate(q, 0.5 * STEP * v))
 

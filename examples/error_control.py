@@ -1,4 +1,4 @@
-"""A robot integrated to a tolerance, its impacts located; beside it the error of the paper's scheme at h = 1e-3 s.
+"""The error of `Paoli` at h = 1e-3 s on a dropped robot, measured against `EventDriven` at a tolerance of 1e-8.
 
 Writes out/error_control.png; needs matplotlib (the extra `charts`).
 """
@@ -21,7 +21,7 @@ def dropped_quadruped() -> mbvi.Problem:
 
 
 def draw(exact: mbvi.Trajectory, paoli: mbvi.Trajectory, apart: list[float], path: Path) -> None:
-    """Draw the height of the trunk in both, and how far they are apart."""
+    """Draw the kinetic energy of both runs, and the difference of their configurations."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.8), layout="constrained")
@@ -35,7 +35,7 @@ def draw(exact: mbvi.Trajectory, paoli: mbvi.Trajectory, apart: list[float], pat
     right.semilogy(paoli.t[1:], apart[1:], "C3-")
     for impact in exact.impacts:
         right.axvline(impact.time, color="0.8", zorder=0)
-    right.set(xlabel="time [s]", ylabel="largest difference of q [m, rad]", title="Paoli at h = 1e-3 s is off by")
+    right.set(xlabel="time [s]", ylabel="largest difference of q [m, rad]", title="error of Paoli at h = 1e-3 s")
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, dpi=130)
 
@@ -48,7 +48,7 @@ def main() -> float:
     difference = problem.system.difference
     apart = [float(np.abs(difference(exact.at(t)[0], q)).max()) for t, q in zip(paoli.t.tolist(), paoli.q, strict=True)]
     print(exact.impact_table())
-    print(f"Paoli at h = 1e-3 s is off by {max(apart):.2g} at most, {apart[-1]:.2g} in the end")
+    print(f"error of Paoli at h = 1e-3 s: at most {max(apart):.2g}, at the end {apart[-1]:.2g}")
     draw(exact, paoli, apart, Path("out/error_control.png"))
     return exact.impacts[0].time
 

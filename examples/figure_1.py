@@ -1,6 +1,6 @@
-"""Figure 1 of the paper: two points a hair apart fall into an obtuse corner at e = 1 and leave it far apart.
+"""Figure 1 of the paper: two points 1 cm apart fly into an obtuse corner at e = 1 and leave it far apart.
 
-Its counterpart beside it: at a right angle condition (12) holds, and what starts near stays near. Writes
+Beside it a corner of 90 degrees, where condition (12) holds: points that start near each other stay near. Writes
 out/figure_1.png; needs matplotlib (the extra `charts`).
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 import mbvi
 
-HAIR, DURATION = 5e-3, 1.0
+OFFSET, DURATION = 5e-3, 1.0
 
 
 def mass(q: np.ndarray) -> np.ndarray:
@@ -26,7 +26,7 @@ def force(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Wall:
-    """A wall through the origin, free where normal . q >= 0; its methods can be pickled, lambdas cannot."""
+    """A wall through the origin, free where normal . q >= 0; methods can be pickled, lambdas cannot."""
 
     normal: np.ndarray
 
@@ -44,7 +44,7 @@ class Wall:
 
 
 def fly_into_corner(degrees: float, side: float) -> mbvi.Trajectory:
-    """Return the run of a point that flies at unit speed past a corner at the origin, `side` to the right of it."""
+    """Return the run of a point at unit speed that aims `side` to the right of a corner at the origin."""
     half, slope = np.radians(degrees) / 2, np.radians(70)
     right, left = (np.array([sign * np.cos(half), np.sin(half)]) for sign in (-1, 1))
     v0 = np.array([np.cos(slope), -np.sin(slope)])
@@ -72,7 +72,7 @@ def draw(runs: dict[float, list[mbvi.Trajectory]], path: Path) -> None:
             axes.plot(*run.q.T, style, label=name)
             axes.plot(*run.q[-1], style[:-1].rstrip("-") + "o", markersize=5)
         axes.annotate("start", three[2].q[0], (-5, 4), textcoords="offset points", ha="right")
-        fails = "(12) fails, three answers" if degrees > 90 else "(12) holds, one answer"
+        fails = "(12) fails, three solutions" if degrees > 90 else "(12) holds, one solution"
         axes.set(title=f"{degrees:g} degrees, e = 1: {fails}", xlabel="x [m]", aspect="equal")
         axes.set(xlim=(-side, side), ylim=(bottom, top))
     figure.axes[0].set_ylabel("y [m]")
@@ -82,11 +82,11 @@ def draw(runs: dict[float, list[mbvi.Trajectory]], path: Path) -> None:
 
 
 def main() -> float:
-    """Return how far apart two points that start a centimetre apart end, in the obtuse corner [m]."""
-    runs = {degrees: [fly_into_corner(degrees, side) for side in (-HAIR, HAIR, 0.0)] for degrees in (130.0, 90.0)}
+    """Return the final distance of two points that start a centimetre apart, in the obtuse corner [m]."""
+    runs = {degrees: [fly_into_corner(degrees, side) for side in (-OFFSET, OFFSET, 0.0)] for degrees in (130.0, 90.0)}
     apart = {degrees: float(np.linalg.norm(left.q[-1] - right.q[-1])) for degrees, (left, right, _) in runs.items()}
     for degrees, distance in apart.items():
-        print(f"{degrees:g} degrees: {2 * HAIR:g} m apart at the start, {distance:.4g} m at the end")
+        print(f"{degrees:g} degrees: {2 * OFFSET:g} m apart at the start, {distance:.4g} m at the end")
         print(f"into the corner itself: {runs[degrees][2].diagnosis().report().splitlines()[0]}")
     draw(runs, Path("out/figure_1.png"))
     return apart[130.0]

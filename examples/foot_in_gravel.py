@@ -1,4 +1,4 @@
-"""A one-legged hopper lands in a box of gravel, its joints held by springs.
+"""A one-legged hopper with springs in its joints lands in a box of gravel.
 
 `python examples/foot_in_gravel.py foot.html` writes the replay too.
 """
@@ -16,14 +16,14 @@ CROUCH = np.array([-0.5, 1.0])
 
 
 def hold(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return torques of springs at hip and knee; a free base takes six of them, all zero."""
+    """Return torques of springs at hip and knee; the first six entries belong to the free base and are zero."""
     torque = np.zeros(8)
     torque[6:] = 60.0 * (CROUCH - q[7:]) - 1.5 * v[6:]
     return torque
 
 
 def main(page: str | None = None) -> float:
-    """Return the speed with which the foot meets its first stone [m/s]."""
+    """Return the speed at which the foot strikes its first stone [m/s]."""
     scene = mbvi.Scene(restitution=0.1)
     scene.add_container((-0.2, -0.2, 0.0), (0.2, 0.2), name="box")
     bed = packing.lattice((5, 5, 3), 0.036, spacing=0.076, corner=(-0.152, -0.152, 0.04), jitter=1.5e-3, seed=1)
@@ -41,4 +41,4 @@ def main(page: str | None = None) -> float:
 
 
 if __name__ == "__main__":
-    print(f"the foot meets its first stone at {main(*sys.argv[1:]):.4f} m/s")
+    print(f"the foot strikes its first stone at {main(*sys.argv[1:]):.4f} m/s")

@@ -1,4 +1,4 @@
-"""The paper's own setting: M(q), g(t, q, v) and f(q) as functions; a double pendulum beside a wall."""
+"""The setting of the paper, with M(q), g(t, q, v) and f(q) as functions: a double pendulum beside a wall."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def force(t, q, v):
 
 
 def distance(q):
-    """Return how far the tip is from the wall."""
+    """Return the distance of the tip from the wall."""
     return np.sin(q[0]) + np.sin(q[1]) + 0.5
 
 

@@ -1,4 +1,4 @@
-"""A control that sees the whole scene: the hopper stretches its leg when its foot touches down, and hops."""
+"""A control of the whole scene: the hopper stretches its leg when its foot touches down, and hops."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ import mbvi
 
 HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
 BENT = np.array([-0.45, 0.9])
-THRUST, LASTS = 20.0, 0.1
+THRUST, PUSH_TIME = 20.0, 0.1
 
 
 class Hop:
-    """A control that keeps the leg bent until the foot touches down, and stretches it then."""
+    """A control that keeps the leg bent until touchdown, and stretches it for a tenth of a second after."""
 
     def __init__(self, robot: str) -> None:
         self.robot, self.touchdown = robot, np.inf
@@ -23,7 +23,7 @@ class Hop:
             self.touchdown = min(self.touchdown, state.t)
         q, v = state.q[self.robot][-2:], state.v[self.robot][-2:]
         torque = 40.0 * (BENT - q) - 1.0 * v
-        if self.touchdown <= state.t < self.touchdown + LASTS:
+        if self.touchdown <= state.t < self.touchdown + PUSH_TIME:
             torque = np.array([0.0, -THRUST])
         return {self.robot: [0.0, 0.0, 0.0, *torque]}
 

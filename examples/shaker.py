@@ -1,4 +1,4 @@
-"""A crate of grains on a shaker: the bed leaves the floor together, and comes down when its flight says.
+"""A crate of grains on a shaker: the bed leaves the floor as a whole, and lands at the end of its free flight.
 
 `python examples/shaker.py shaker.html` writes the replay too.
 """
@@ -16,7 +16,7 @@ SPIN = 2 * np.pi * FREQUENCY
 
 
 def landing() -> float:
-    """Return when a bed without bounce lands: it leaves where the floor's acceleration is -g [s]."""
+    """Return the time at which a bed without bounce lands; it leaves when the floor's acceleration is -g [s]."""
     left = np.arccos(-G / (AMPLITUDE * SPIN**2)) / SPIN
     height, speed = -AMPLITUDE * np.cos(SPIN * left), AMPLITUDE * SPIN * np.sin(SPIN * left)
 
@@ -27,7 +27,7 @@ def landing() -> float:
 
 
 def main(page: str | None = None) -> float:
-    """Return when the bed lands for the first time [s]."""
+    """Return the time at which the bed lands for the first time [s]."""
     shaking = mbvi.motion.Oscillation((0, 0, AMPLITUDE), FREQUENCY, phase=-0.5 * np.pi)
     scene = mbvi.Scene()
     scene.add_container((-0.02, -0.02, -0.02), (0.14, 0.14), motion=shaking)
@@ -35,8 +35,8 @@ def main(page: str | None = None) -> float:
     bed = packing.lattice((4, 4, 4), 0.02, spacing=0.04, corner=(0, 0, -AMPLITUDE))
     scene.add_spheres(*bed, density=2500.0)
     run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.4)
-    blows = [i for i in run.impacts if any("floor" in name for name in i.constraints) and i.time > 0.05]
-    down = blows[0]
+    strikes = [i for i in run.impacts if any("floor" in name for name in i.constraints) and i.time > 0.05]
+    down = strikes[0]
     hit = [k for k, name in enumerate(down.constraints) if "floor" in name]
     speed, percussion = -down.before[hit].mean(), down.percussion[hit].sum()
     print(f"{len(hit)} grains strike the floor at {speed:.3f} m/s with {percussion:.3f} N s")
@@ -46,4 +46,4 @@ def main(page: str | None = None) -> float:
 
 
 if __name__ == "__main__":
-    print(f"the bed lands at {main(*sys.argv[1:]):.4f} s; its flight says {landing():.4f} s")
+    print(f"the bed lands at {main(*sys.argv[1:]):.4f} s; a free flight ends at {landing():.4f} s")

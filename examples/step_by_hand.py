@@ -1,4 +1,4 @@
-"""Step a problem by hand and stop at the third impact: the scheme keeps no state of its own."""
+"""Step a problem by hand and stop at the third impact."""
 
 import mbvi
 

@@ -1,11 +1,8 @@
-"""What can go wrong: every error says what was wrong and what to do."""
+"""Errors and warnings of mbvi. Every message says what was wrong and what to do."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .results.trajectory import Trajectory
+from typing import Any
 
 __all__ = [
     "DivergedError",
@@ -30,19 +27,20 @@ class MbviError(Exception):
         The run so far, where the error ended a simulation or the writing of a file.
     """
 
-    run: Trajectory | None = None
+    # of type Any because this module imports no other
+    run: Any = None
 
 
 class MbviWarning(UserWarning):
-    """Something the theory does not promise happened; the run goes on and says so."""
+    """A result is not covered by the theory; the run goes on and records a note."""
 
 
 class InputError(MbviError, ValueError):
-    """An argument is not what the function takes: value, shape, unknown name."""
+    """An argument has a wrong type, shape or value, or an unknown name."""
 
 
 class UnsuitableError(InputError):
-    """A scheme is not made for the problem that it was given."""
+    """A scheme cannot run the problem that it was given."""
 
 
 class UrdfError(MbviError):
@@ -54,7 +52,7 @@ class InadmissibleStartError(MbviError):
 
 
 class DivergedError(MbviError):
-    """A step produced numbers that are not finite, or no progress in time is made."""
+    """A step produced numbers that are not finite, or the integration makes no progress in time."""
 
 
 class TrajectoryFileError(MbviError):
@@ -67,7 +65,7 @@ class ProjectionError(MbviError):
     Attributes
     ----------
     problem : dict
-        What was to be solved: `x` shape (nv,), `M` shape (nv, nv) or a metric, `J` shape (m, nv), `lower` shape (m,).
+        The projection: `x` shape (nv,), `M` shape (nv, nv) or a metric, `J` shape (m, nv), `lower` shape (m,).
     residual : float
         The relative KKT residual that was reached.
     """
@@ -79,4 +77,4 @@ class ProjectionError(MbviError):
 
 
 class InfeasibleError(ProjectionError):
-    """No velocity meets the constraints J w >= lower."""
+    """No velocity satisfies the constraints J w >= lower."""

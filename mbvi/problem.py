@@ -1,23 +1,70 @@
-"""A Problem is all a scheme sees: system, admissible set, initial state, restitution."""
+"""The problem that schemes solve: system, admissible set, initial state, restitution."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from .arguments.checks import LARGEST, Array, boolean, finite, positive, shown, vector
-from .arguments.checks import restitution as checked_restitution
-from .constraints import AdmissibleSet, Constraint
+from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
+from .arguments import restitution as checked_restitution
+from .constraints import AdmissibleSet, Constraint, ConstraintFamily
+from .constraints.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
-from .system import ArticulatedSystem, System, parts_of
+from .system import System, checked_system, parts_of
 
 if TYPE_CHECKING:
-    from .scene.model import SceneModel
+    from .geometry.shapes import HalfSpace, PlacedShape
 
 _ACTIVATION = 1e-8
+
+
+class BuiltScene(Protocol):
+    """The scene a problem was built from, for reports, replays and files; `Scene.build()` makes it."""
+
+    @property
+    def items(self) -> Any:
+        """What the user added."""
+
+    @property
+    def shapes(self) -> tuple[PlacedShape, ...]:
+        """Every shape on the body that carries it."""
+
+    @property
+    def walls(self) -> dict[str, HalfSpace]:
+        """Half-spaces by name."""
+
+    @property
+    def surfaces(self) -> list[Any]:
+        """Meshes of the world."""
+
+    @property
+    def motions(self) -> list[Any]:
+        """Prescribed motions of the world's parts, each once."""
+
+    @property
+    def omitted(self) -> tuple[Any, ...]:
+        """What was left out of the model."""
+
+    @property
+    def reduce(self) -> tuple[str, ...]:
+        """Kinds of reductions of the model that are on."""
+
+    @property
+    def system(self) -> System:
+        """The system the scene was built to."""
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The constraints the scene was built to."""
+
+    def check_in_plane(self, problem: Problem, q: Array) -> None:
+        """Raise `InputError` if a configuration leaves the plane of a planar scene."""
+
+    def report(self, problem: Problem) -> str:
+        """Return in words what is modelled, what was left out, and why."""
 
 
 class Problem:
@@ -27,7 +74,7 @@ class Problem:
     ----------
     system : System
         M(q), g(t, q, v) and the retraction.
-    constraints : sequence of Constraint
+    constraints : sequence of Constraint or ConstraintFamily
         f_a and their gradients.
     q0 : array_like, shape (nq,)
         Initial configuration, in K.
@@ -52,33 +99,33 @@ class Problem:
     def __init__(
         self,
         system: System,
-        constraints: Sequence[Constraint],
+        constraints: Sequence[Constraint | ConstraintFamily],
         q0: Array | Sequence[float],
         v0: Array | Sequence[float],
         *,
         restitution: float | Sequence[float] | Array = 0.0,
         t0: float = 0.0,
         length: float = 1.0,
-        scene: SceneModel | None = None,
+        scene: BuiltScene | None = None,
     ) -> None:
-        self.system = _system(system)
+        self.system = checked_system(system)
         self.q0 = _state(q0, system.nq, "q0")
         self.v0 = _state(v0, system.nv, "v0")
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
-        # the functions that a file could not keep, by name; until they are given again nothing is simulated
+        # names of functions that a file could not keep; the problem cannot be simulated until they are given again
         self.not_kept: tuple[str, ...] = ()
-        constraints = _constraints(constraints)
+        constraints = checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
-        self.constraints = AdmissibleSet(system, constraints, self.restitution)
+        self.constraints = AdmissibleSet(self.system, constraints, self.restitution)
         # gap at and below which a constraint is active; of angles times their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()
 
     def _check_quaternions(self) -> None:
         off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0
-        # the sum of squares is the quick one, and right about nearly all
+        # the sum of squares is faster and decides nearly all cases
         if off.dot(off) > 1e-12 and np.abs(off).max() > 1e-6:
             raise InputError("q0 holds a quaternion that is not of unit length: divide it by its norm")
 
@@ -105,7 +152,7 @@ class Problem:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # a copied array may be written to
+        # the arrays of a copy are writeable
         for start in (self.q0, self.v0):
             start.setflags(write=False)
 
@@ -114,8 +161,8 @@ class Problem:
     ) -> Problem:
         """Return the same problem from another state, for resets and rollouts.
 
-        System and constraints are shared, so that this takes microseconds. Runs of the copies may alternate step by
-        step, but not run on several threads at once.
+        System and constraints are shared, so that this costs microseconds. Steps of the copies may alternate, but the
+        copies must not run on several threads at once.
 
         Parameters
         ----------
@@ -141,7 +188,7 @@ class Problem:
         InadmissibleStartError
             If `check` finds that q is not in K.
         """
-        # no copy(): what it takes with it and what that costs is not for others to decide
+        # not copy(): a subclass may change what that copies
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.q0, new.v0, new.t0 = _state(q, self.system.nq, "q"), _state(v, self.system.nv, "v"), finite(t, "t")
@@ -156,9 +203,9 @@ class Problem:
     def model(self, name: str | None = None) -> pin.Model:
         """Return a copy of the Pinocchio model of a robot, as it is simulated.
 
-        Its q and v are those that the robot's `control(t, q, v)` is given. Locked joints are not in it, nor joints
-        whose limits leave no range unless a control or a force counts them; the links they carry are part of what these
-        hang on. In a planar scene a free base is a planar joint. Gravity is the scene's.
+        Its q and v are the arguments of the robot's `control(t, q, v)`. Locked joints are left out. Joints whose limits
+        coincide are left out too, unless a control or a force counts them. The links behind such joints are part of
+        the link before. In a planar scene a free base is a planar joint. Gravity is that of the scene.
 
         Parameters
         ----------
@@ -170,19 +217,18 @@ class Problem:
         InputError
             If there is no robot of that name, or several and none is named.
         """
-        robots = {part.name: part for part in parts_of(self.system) if isinstance(part, ArticulatedSystem)}
+        robots = {part.name: part.model for part in parts_of(self.system) if part.model is not None}
         known = ", ".join(robots) or "none"
         if name is None and len(robots) == 1:
-            return next(iter(robots.values())).model.copy()
+            return next(iter(robots.values())).copy()
         if name is None:
             raise InputError(f"name the robot whose model is meant; those of this problem are {known}")
         if not isinstance(name, str) or name not in robots:
             raise InputError(f"this problem has no robot {shown(name)}; known are {known}")
-        return robots[name].model.copy()
+        return robots[name].copy()
 
     def _check_system(self) -> None:
-        if hasattr(self.system, "check"):
-            self.system.check(self.t0, self.q0, self.v0)
+        self.system.check(self.t0, self.q0, self.v0)
         self.system.metric(self.q0)
         if not np.isfinite(self.system.force(self.t0, self.q0, self.v0)).all():
             raise InputError("the force at the initial state is not finite")
@@ -208,27 +254,8 @@ def check_kept(problem: Problem) -> None:
         )
 
 
-def _system(system: System) -> System:
-    if isinstance(system, type) or not all(hasattr(system, name) for name in ("nq", "nv", "integrate", "metric")):
-        raise InputError(f"system must be a system such as mbvi.LagrangianSystem(...); got {shown(system)}")
-    return system
-
-
-def _constraints(constraints: Sequence[Constraint]) -> list[Constraint]:
-    if not isinstance(constraints, list | tuple):
-        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
-    each = list(constraints)
-    for one in each:
-        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
-            raise InputError(
-                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
-                f"got {shown(one)} among them"
-            )
-    return each
-
-
 def _state(values: Array | Sequence[float], size: int, name: str) -> Array:
-    """Return as `vector`, read-only, in a fraction of the time where nothing is wrong."""
+    """Return a read-only vector, faster than `vector` for the usual kinds of arguments."""
     if type(values) is list and set(map(type, values)) == {float}:
         values = np.array(values)
     if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (size,):

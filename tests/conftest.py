@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled import compile_all
+from mbvi.compiled import KERNELS
 
 # where helpers assert, what they compared is shown
 pytest.register_assert_rewrite("support")
@@ -18,7 +20,12 @@ settings.load_profile("mbvi")
 @pytest.fixture(scope="session", autouse=True)
 def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
-    compile_all()
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    # each worker begins with a share of its own, and loads what the others have compiled by then
+    first = worker * len(KERNELS) // workers
+    for kernel in (*KERNELS[first:], *KERNELS[:first]):
+        kernel.compiled()
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.arguments.checks import returned
+from mbvi.arguments import returned
 from mbvi.constraints.finite_differences import slopes
 
 SCHEMES = [

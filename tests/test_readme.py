@@ -1,11 +1,13 @@
-"""Every block of Python in the README and in docs/ runs as it stands, and prints what follows it."""
+"""The pages: blocks of Python run and print what follows them; links, paths and names that pages mention exist."""
 
 import contextlib
 import io
+import pkgutil
 import re
 
 import pytest
 
+import mbvi
 from support.paths import ROOT
 
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
@@ -34,3 +36,62 @@ def test_blocks_are_found():
     assert counts["README.md"] >= 1 and counts["docs/guide.md"] >= 5
     # whatever prints says what
     assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])
+
+
+PAGES = [
+    pytest.param(path, id=path.relative_to(ROOT).as_posix())
+    for path in (
+        *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md") if (ROOT / name).exists()),
+        *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "robots").glob("*/README.md")),
+    )
+]
+FOLDERS = ("mbvi", "tests", "docs", "examples", "benchmarks", "robots")
+
+
+def anchors(page):
+    """Return the names by which GitHub links to the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_relative_link_leads_to_a_file_and_a_heading(page):
+    broken = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path) if path else page
+        if not file.exists() or (anchor and anchor not in anchors(file)):
+            broken.append(target)
+    assert broken == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_path_that_a_page_names_exists(page):
+    named = re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w\.\w+)", page.read_text())
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_module_and_function_that_a_page_names_exists(page):
+    for name in sorted(set(re.findall(r"`(mbvi(?:\.\w+)+)[`(]", page.read_text()))):
+        assert pkgutil.resolve_name(name) is not None, name
+
+
+def test_the_files_that_contributing_names_exist():
+    """Paths with a folder, the files of the root, and the commands of make."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = set(re.findall(r"`([\w.-]+(?:/[\w.-]*)+|[A-Z]+\.\w+|pyproject\.toml)`", text))
+    assert len(named) > 20
+    assert not [path for path in named if not (ROOT / path).exists()]
+    goals = re.findall(r"^make ([\w-]+)", text, re.M)
+    makefile = (ROOT / "Makefile").read_text()
+    assert goals and all(f"\n{goal}: " in makefile for goal in goals)
+
+
+def test_versions_are_one_version():
+    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
+    project = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    assert cited == project == mbvi.__version__

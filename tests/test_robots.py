@@ -63,6 +63,10 @@ def test_a_problem_run_again_gives_the_same_bytes():
         np.testing.assert_array_equal(other.v, first.v)
 
 
+def test_every_robot_is_dropped():
+    assert {folder.name for folder in ROBOTS.iterdir()} == set(OWN)
+
+
 @pytest.mark.parametrize("name", OWN)
 def test_every_robot_has_its_readme(name):
     text = (ROBOTS / name / "README.md").read_text()

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import JointLimits, admissible_set, half_space, pairs
+from mbvi.constraints import JointLimits, cache, half_space, pairs
 from mbvi.projection import cascade, equalities, projector
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
@@ -24,6 +24,13 @@ SCHEMES = {
     "StewartTrinkle": mbvi.StewartTrinkle(),
 }
 STEP = 2e-3
+# how fast the fast body is [m/s]
+SPEEDS = (0.0, 5.0, 50.0)
+
+
+def every_two(names):
+    """Every name with every scheme and with every speed, and every scheme with every speed."""
+    return [(a, b, SPEEDS[(j + k) % len(SPEEDS)]) for j, a in enumerate(names) for k, b in enumerate(SCHEMES)]
 
 
 def sites(count, spacing, low):
@@ -112,7 +119,7 @@ def check_run(make, size, scheme, fast):
     assert run.penetration().max() < 0.2
 
 
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
+@pytest.mark.parametrize("fast", SPEEDS)
 @pytest.mark.parametrize("name", SIZES)
 def test_the_default_runs_above_every_threshold(name, fast):
     make, sizes = SIZES[name]
@@ -120,9 +127,7 @@ def test_the_default_runs_above_every_threshold(name, fast):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize(("name", "scheme", "fast"), every_two(SIZES))
 def test_every_scheme_runs_on_both_sides_of_every_threshold(name, scheme, fast):
     make, sizes = SIZES[name]
     for size in sizes:
@@ -143,7 +148,7 @@ def falling(count, parts):
 
 @pytest.mark.parametrize("parts", [59, 60, 61, 62])
 @pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True), mbvi.EventDriven(1e-8)])
-def test_constraints_that_remember_may_be_many(parts, scheme):
+def test_cached_constraints_may_be_many(parts, scheme):
     options = {"duration": 0.05} | ({} if isinstance(scheme, mbvi.EventDriven) else {"step": STEP})
     one, many = (mbvi.simulate(falling(62, n), scheme, **options) for n in (1, parts))
     np.testing.assert_allclose(many.v[-1], one.v[-1], rtol=0, atol=1e-12)
@@ -175,7 +180,7 @@ PATHS = {
     "spheres, few or many": ([(assembly, "_FEW_SPHERES")], crowd, {"spheres": 8, "boxes": 2, "driven": 1, "fixed": 1}),
     "shapes, few or many": ([(assembly, "_FEW_SHAPES")], crowd, {"boxes": 6, "mixed": 5, "spheres": 2}),
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),
-    "constraints that remember": ([(admissible_set, "_MOST_REMEMBERING")], crowd, {"boxes": 6, "robot": "hopper"}),
+    "constraints in the cache": ([(cache, "_MOST_CACHED")], crowd, {"boxes": 6, "robot": "hopper"}),
     "rows solved by the compiled projection": ([(projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "rows exchanged": ([(cascade, "_EXCHANGED"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "rows solved by an SVD": ([(equalities, "_MANY"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
@@ -209,9 +214,7 @@ def test_both_paths_find_the_same(name, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fast", [0.0, 5.0, 50.0])
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize(("name", "scheme", "fast"), every_two(PATHS))
 def test_both_paths_find_the_same_with_every_scheme(name, scheme, fast, monkeypatch):
     check_paths(name, SCHEMES[scheme], fast, monkeypatch)
 

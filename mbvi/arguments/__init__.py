@@ -1,35 +1,29 @@
-"""Checks of what users give: every public function checks its arguments by these."""
+"""Checks of arguments: every public function checks by them what users give."""
 
-from .checks import (
+from .arrays import Array, all_finite, all_positive, array, integers, restitution, returned, vector, vectors
+from .numbers import (
     LARGEST,
     SMALLEST,
-    Array,
-    all_finite,
-    all_positive,
-    array,
     between,
+    finite,
+    generator,
+    integer,
+    not_negative,
+    number,
+    positive,
+    shown,
+)
+from .others import (
     boolean,
     choice,
     file_path,
-    finite,
     function,
-    generator,
-    integer,
-    integers,
     label,
     made_label,
-    not_negative,
-    number,
     numbers_by_name,
     optional,
-    positive,
     printable,
-    restitution,
-    returned,
     several_names,
-    shown,
-    vector,
-    vectors,
 )
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""`mbvi chart`: what a digit costs, as a picture and a table."""
+"""`mbvi chart`: error against CPU time and step, as a picture and a table."""
 
 from __future__ import annotations
 
@@ -17,63 +17,69 @@ if TYPE_CHECKING:
     from ..studies.chart.records import Record
     from ..studies.chart.sweep import Case
 
-# the error whose cost is printed
+# the error for which the cost is printed
 _TARGET = 1e-4
 
 _Problems = Annotated[
-    list[str] | None, typer.Argument(metavar="[PROBLEM]...", help="By name; --list names them.", show_default=False)
+    list[str] | None,
+    typer.Argument(metavar="[PROBLEM]...", help="Names of problems; --list prints them.", show_default=False),
 ]
-_Schemes = Annotated[str, typer.Option(metavar="NAME,...", help="Separated by commas.", show_default="all that suit")]
+_Schemes = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME,...", help="Names separated by commas.", show_default="all that are made for the problem"
+    ),
+]
 _Out = Annotated[Path, typer.Option(metavar="STEM", help="Where to write: STEM.png, STEM.svg and STEM.csv.")]
 
 
 def chart(
     problems: _Problems = None,
     schemes: _Schemes = "",
-    e: Annotated[float, typer.Option(help="Restitution; the many spheres have their own.")] = 0.5,
+    e: Annotated[float, typer.Option(help="Restitution; scenes of many spheres have their own.")] = 0.5,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
     out: _Out = Path("out/chart"),
-    listed: Annotated[bool, typer.Option("--list", help="Name the problems, schemes and engines.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
     """Chart error against CPU time and against step."""
-    from ..studies.chart.cases import CASES, MANY, TELLING
+    from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_BODIES
     from ..studies.chart.records import write_csv
     from ..studies.engines import PEERS
 
     words = {name.value: name for name in SchemeName}
     if listed:
         print("\n  ".join(["problems", *CASES]))
-        print("without a name: " + "; ".join(TELLING))
+        print("without a name: " + "; ".join(DEFAULT_CASES))
         print("\n  ".join(["schemes", *words]))
         print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
         return
-    chosen = [_known(name.replace("-", " "), list(CASES), "problem") for name in problems or TELLING]
-    named = [_known(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
+    chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
+    named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)
-    left_out = {(name, SchemeName.event_driven) for name in MANY}
+    left_out = {(name, SchemeName.event_driven) for name in MANY_BODIES}
     tasks = [
         (name, words[word].make())
         for name in chosen
-        for word in named or _suiting(name, e)
+        for word in named or _suitable_schemes(name, e)
         if (name, word) not in left_out
     ]
     records = _measured(tasks, e)
     if peers:
         records += _peers(chosen, e)
     if not records:
-        raise InputError("nothing to chart: error control is not for many spheres; choose another scheme")
+        raise InputError("nothing to chart: EventDriven is not run on many spheres; choose another scheme")
     write_csv(records, out.with_suffix(".csv"))
     _write_picture(records, out)
-    _say(records, out)
+    _print_summary(records, out)
 
 
-def _suiting(problem: str, e: float) -> list[str]:
-    """Return the words of the schemes that are made for a problem."""
+def _suitable_schemes(problem: str, e: float) -> list[str]:
+    """Return the names of the schemes that are made for a problem."""
     plastic = problem == "pile" or (e == 0.0 and problem != "elastic 666")
     return [word for word in SchemeName if plastic or word is not SchemeName.stewart_trinkle]
 
 
-def _known(word: str, known: list[str], what: str) -> str:
+def _checked_name(word: str, known: list[str], what: str) -> str:
     if word not in known:
         raise InputError(f"no {what} {word!r}; known are {'; '.join(known)}")
     return word
@@ -95,7 +101,7 @@ def _measured(tasks: list[tuple[str, Scheme | EventDriven]], e: float) -> list[R
 
 
 def _peers(chosen: list[str], e: float) -> list[Record]:
-    """Return what the engines that are installed do, each in a process of its own."""
+    """Return the records of the engines that are installed, each run in a process of its own."""
     from tqdm import tqdm
 
     from ..studies.chart.cases import CASES
@@ -109,7 +115,7 @@ def _peers(chosen: list[str], e: float) -> list[Record]:
     mapped = [name for name in chosen if name in RIGS]
     left = [name for name in chosen if name not in RIGS]
     if left:
-        print(f"not given to other engines, for they are no problems of rigid bodies there: {'; '.join(left)}")
+        print(f"not run in other engines, because they are not problems of rigid bodies: {'; '.join(left)}")
     for peer in PEERS:
         if not peer.installed:
             print(f"{peer.name} is not installed: {peer.install}")
@@ -123,7 +129,7 @@ def _peers(chosen: list[str], e: float) -> list[Record]:
                 except NoModelError as error:
                     bar.write(f"{peer.name} is not run on {name}: {error}")
                 except (ImportError, RuntimeError, ValueError) as error:
-                    # another engine's trouble costs its own points only
+                    # an error of another engine costs its own points only
                     bar.write(f"{peer.name} failed on {name}: {error}")
     return records
 
@@ -137,8 +143,8 @@ def _write_picture(records: list[Record], out: Path) -> None:
         figure.savefig(out.with_suffix(suffix), dpi=110)
 
 
-def _say(records: list[Record], out: Path) -> None:
-    """Print what the chart shows, how engines were set, and where it lies."""
+def _print_summary(records: list[Record], out: Path) -> None:
+    """Print the table, the settings of engines, and the files written."""
     from ..studies.chart.costs import table
 
     print(table(records, _TARGET))

@@ -1,4 +1,4 @@
-"""The command line: `mbvi demo | simulate | inspect | replay | chart | stress`."""
+"""The command line: `mbvi demo`, `simulate`, `inspect`, `replay`, `chart` and `stress`."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from ..problem import Problem
     from ..projection import ChosenSolver
 
-# so high that no robot reaches the floor: its clearance is measured from there
-_HIGH = 1000.0
-_DROP, _RESTITUTION = 0.5, 0.5
+# height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
+_FAR_ABOVE = 1000.0
+_DROP_HEIGHT, _RESTITUTION = 0.5, 0.5
 
 app = typer.Typer(
     help="Rigid multibody systems with impacts.",
@@ -49,12 +49,12 @@ class Base(StrEnum):
 _Shapes = Annotated[Shapes, typer.Option(help="Which shapes of robots the replay shows.")]
 _Robot = Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The robot.", show_default=False)]
 _Base = Annotated[Base, typer.Option(help="Whether the root link floats or is welded to the world.")]
-_Srdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Leave out the pairs this SRDF disables.")]
+_Srdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Leave out the pairs that this SRDF disables.")]
 _Height = Annotated[
     float | None,
     typer.Option(
         help="Clearance of a free robot's lowest point above the floor, or height of a fixed base [m].",
-        show_default=f"{_DROP:g} if free, 0 if fixed",
+        show_default=f"{_DROP_HEIGHT:g} if free, 0 if fixed",
     ),
 ]
 _Joints = Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="Initial position; repeatable.")]
@@ -82,48 +82,50 @@ def simulate(
         float, typer.Option(help="Newton's e in [0, 1] of every contact and joint limit.")
     ] = _RESTITUTION,
     scheme: Annotated[
-        SchemeName | None, typer.Option(help="Which scheme steps.", show_default="chosen for the robot, and said")
+        SchemeName | None, typer.Option(help="Scheme.", show_default="chosen for the robot, with the reason as a note")
     ] = None,
     step: Annotated[
         float | None,
         typer.Option(help="Time step [s].", show_default="from the robot's own time scales; 1e-3 with --scheme"),
     ] = None,
-    tolerance: Annotated[
-        float | None, typer.Option(help="Bound for errors by event-driven, instead of a step.")
-    ] = None,
+    tolerance: Annotated[float | None, typer.Option(help="Error bound of event-driven, instead of a step.")] = None,
     solver: Annotated[
         SolverName | None,
-        typer.Option(help="Which solver projects.", show_default="several in order, until one is good enough"),
+        typer.Option(
+            help="Solver of all projections.", show_default="several in order, until one residual is small enough"
+        ),
     ] = None,
-    duration: Annotated[float, typer.Option(help="How long [s].")] = 2.0,
+    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 2.0,
     joint: _Joints = None,
     srdf: _Srdf = None,
-    every: Annotated[int, typer.Option(help="Record only every so many steps; impacts always.")] = 1,
-    out: Annotated[Path | None, typer.Option(metavar="RUN.h5", help="Write the run there while it goes on.")] = None,
+    every: Annotated[int, typer.Option(help="Record every n-th step; impacts are always recorded.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="RUN.h5", help="File that the run is written to while it goes on.")
+    ] = None,
     replay: Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page that plays the run.")] = None,
     shapes: _Shapes = Shapes.visual,
 ) -> None:
-    """Drop a robot on the floor z = 0 and say what happened."""
+    """Drop a robot on the floor z = 0 and print its impacts, energy and penetration."""
     _check_targets(robot, out, replay)
     chosen = _scheme(scheme, tolerance)
-    problem = _on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
+    problem = _problem_on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
     _print_problem(problem)
     _run(problem, chosen, step, duration, every, out, replay, shapes, None if solver is None else solver.solver)
 
 
 @app.command()
 def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
-    """Say what of a robot on a floor is modelled, what is left out, and why."""
+    """Print joints, shapes and constraints of a robot on a floor, and what is left out, with reasons."""
     from ..scene import REDUCTIONS
     from .tables import joint_table, shape_table
 
     try:
-        problem = _on_floor(robot, base, None, _RESTITUTION, {}, srdf)
+        problem = _problem_on_floor(robot, base, None, _RESTITUTION, {}, srdf)
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        # no pair is apart for good only because it stands there
-        problem = _placed(robot, base, _HIGH, _RESTITUTION, {}, srdf, set(REDUCTIONS) - {"pairs"})
+        # the reduction of pairs would use a pose in which the robot never is
+        problem = _robot_problem(robot, base, _FAR_ABOVE, _RESTITUTION, {}, srdf, set(REDUCTIONS) - {"pairs"})
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
@@ -135,15 +137,15 @@ def replay(
     shapes: _Shapes = Shapes.visual,
 ) -> None:
     """Play a run in the browser."""
-    from ..results.hdf5 import load
+    from ..results import load
 
     _check_targets(run, html)
     with warnings.catch_warnings():
-        # a replay needs no control
+        # a replay needs none of the functions that the file could not keep
         warnings.simplefilter("ignore", MbviWarning)
         trajectory = load(run)
     if not trajectory.complete:
-        print(f"this run was cut off at t = {trajectory.t[-1]:g} s")
+        print(f"this run is incomplete: it ends at t = {trajectory.t[-1]:g} s")
     if html is None:
         print("playing in the browser", flush=True)
         with warnings_as_notes():
@@ -154,7 +156,7 @@ def replay(
 
 @app.command()
 def demo(
-    out_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the run and its replay go.")] = Path("out"),
+    out_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the run and its replay.")] = Path("out"),
 ) -> None:
     """Drop a quadruped on sprung legs, hit it with a ball, and write the replay."""
     from ..studies.shipped import demo_problem
@@ -175,14 +177,14 @@ app.command()(stress)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit: 0, or 2 and one line on stderr for anything the user can put right.
+    """Run the command line and exit: with 0, or with 2 and one line on stderr for errors that the user can correct.
 
     Parameters
     ----------
     arguments : sequence of str, optional
-        Those of the process by default.
+        By default those of the process.
     """
-    # typer brings a click of its own or uses the one installed: either way this is its UsageError
+    # UsageError of the click that typer uses, its own copy or the installed one
     usage: Any = typer.BadParameter.__base__
     try:
         code = app(args=None if arguments is None else list(arguments), prog_name="mbvi", standalone_mode=False)
@@ -193,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except typer.Abort:
         code = 130
     except MemoryError as error:
-        _fail(f"not enough memory: {error}; record less with --every, or take a shorter run")
+        _fail(f"not enough memory: {error}; record less with --every, or simulate a shorter time")
     except OSError as error:
         _fail(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
     # some versions of typer raise on Ctrl-C, others return the shell's code for it
@@ -208,10 +210,10 @@ def _fail(message: str, code: int = 2) -> NoReturn:
 
 
 def _check_targets(source: Path, *targets: Path | None) -> None:
-    """Refuse what cannot be written before the run, not after it."""
+    """Raise before the run if a file cannot be written after it."""
     files = [t for t in targets if t is not None]
     if len({p.resolve() for p in (source, *files)}) <= len(files):
-        raise InputError("what is read and what is written must be different files")
+        raise InputError("input and output files must be different")
     for target in files:
         folder = target.parent
         if not folder.is_dir():
@@ -231,11 +233,11 @@ def _joint_positions(given: Sequence[str]) -> dict[str, float]:
         except ValueError:
             name = ""
         if not name:
-            raise InputError(f"--joint takes NAME=VALUE with a number; got {text!r}")
+            raise InputError(f"--joint must be NAME=VALUE with a number; got {text!r}")
     return positions
 
 
-def _placed(
+def _robot_problem(
     robot: Path,
     base: Base,
     z: float,
@@ -254,22 +256,22 @@ def _placed(
     return scene.build(REDUCTIONS if reduce is None else reduce)
 
 
-def _on_floor(
+def _problem_on_floor(
     robot: Path, base: Base, height: float | None, restitution: float, joints: dict[str, float], srdf: Path | None
 ) -> Problem:
-    """Return the problem of a robot above the floor z = 0, a free one with its lowest point at `height`."""
+    """Return the problem of a robot above the floor z = 0; the lowest point of a free robot is at `height`."""
     from ..constraints import HalfSpaceContacts
 
     if base is Base.fixed:
         try:
-            return _placed(robot, base, height or 0.0, restitution, joints, srdf)
+            return _robot_problem(robot, base, height or 0.0, restitution, joints, srdf)
         except InadmissibleStartError as error:
             raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
-    height = _DROP if height is None else height
-    problem = _placed(robot, base, _HIGH, restitution, joints, srdf, ())
+    height = _DROP_HEIGHT if height is None else height
+    problem = _robot_problem(robot, base, _FAR_ABOVE, restitution, joints, srdf, ())
     floors = [c for c in problem.constraints.constraints if isinstance(c, HalfSpaceContacts)]
-    lowest = [_HIGH - float(c.gap(problem.t0, problem.q0).min()) for c in floors]
-    return _placed(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)
+    lowest = [_FAR_ABOVE - float(c.gap(problem.t0, problem.q0).min()) for c in floors]
+    return _robot_problem(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)
 
 
 def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> None:
@@ -278,18 +280,18 @@ def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> N
     assert problem.scene is not None
     left_out = len(problem.scene.omitted)
     if left_out:
-        print(f"{left_out} things left out" + (f": `{named_by}` names them" if named_by else ""))
+        print(f"{left_out} reductions" + (f": `{named_by}` lists them" if named_by else ""))
     if not any(placed.body for placed in problem.scene.shapes):
-        print("none of its links has a collision shape: it touches nothing")
+        print("no link has a collision shape: the robot touches nothing")
     print(flush=True)
 
 
 def _scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | EventDriven | None:
-    """Return the scheme of a word, None if none is given; a tolerance alone means error control."""
+    """Return the scheme of a name, or None; a tolerance alone selects EventDriven."""
     if tolerance is None:
         return None if name is None else name.make()
     if name not in (None, SchemeName.event_driven):
-        raise InputError(f"--tolerance is for event-driven; {name} takes --step")
+        raise InputError(f"--tolerance is an option of event-driven; {name} needs --step")
     return EventDriven(tolerance)
 
 
@@ -305,13 +307,13 @@ def _run(
     solver: ChosenSolver | None = None,
 ) -> None:
     from ..compiled import seconds_compiling
-    from ..results.trajectory import energies
+    from ..results.energies import energies
     from ..run.simulate import simulate as run_problem
 
-    # the first run on a machine compiles kernels, which is no part of its speed
+    # the time of compiling kernels is left out
     begin = time.perf_counter() - seconds_compiling()
     with warnings.catch_warnings():
-        # what they say is in the notes
+        # warnings are in the notes, too
         warnings.simplefilter("ignore", MbviWarning)
         try:
             run = run_problem(problem, scheme, step=step, duration=duration, every=every, out=out, solver=solver)
@@ -323,8 +325,8 @@ def _run(
             raise
     wall = time.perf_counter() - seconds_compiling() - begin
     ends = [0, -1]
-    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run._jump).sum(axis=1)
-    # one that chooses its own keeps count of those it recorded
+    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run.record.timing.jump).sum(axis=1)
+    # without fixed steps, the recorded states are counted
     steps = max(math.ceil(duration / run.step - 1e-9), 1) if run.step else len(run.t) - 1
     print(run.impact_table() if run.impacts else "no impact")
     print()
@@ -334,7 +336,7 @@ def _run(
         f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"
     )
     print(f"scheme       {run.scheme}" + (f", h = {run.step:g} s" if run.step else ""))
-    for note in _few(run.notes):
+    for note in _first_notes(run.notes):
         print(f"note         {note}")
     if out is not None:
         print(f"run          {out}")
@@ -342,7 +344,7 @@ def _run(
         write_page(run, page, shapes)
 
 
-def _few(notes: Sequence[str], most: int = 3) -> Iterator[str]:
+def _first_notes(notes: Sequence[str], most: int = 3) -> Iterator[str]:
     yield from notes[:most]
     if len(notes) > most:
-        yield f"and {len(notes) - most} more like these"
+        yield f"and {len(notes) - most} more notes"

@@ -1,4 +1,4 @@
-"""What the command line's replays need: which shapes there are, a page, and what is said about it."""
+"""Replay on the command line: the choice of shapes, writing a page, printing warnings as notes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Shapes(StrEnum):
 
 
 def write_page(run: Trajectory, page: Path, shapes: Shapes) -> None:
-    """Write a page that plays a run, and say so."""
+    """Write a page that plays a run, and print its name."""
     with warnings_as_notes():
         run.replay_html(page, shapes.value)
     print(f"replay       {page} (opens in any browser)")
@@ -31,7 +31,7 @@ def write_page(run: Trajectory, page: Path, shapes: Shapes) -> None:
 
 @contextmanager
 def warnings_as_notes() -> Iterator[None]:
-    """Print warnings of this library as the notes of a run are."""
+    """Print warnings of mbvi in the format of a run's notes."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", MbviWarning)
         warnings.showwarning = lambda message, *_, **__: print(f"note         {message}", flush=True)

@@ -1,4 +1,4 @@
-"""The schemes, as the command line calls them."""
+"""Names of the schemes on the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, 
 
 
 class SchemeName(StrEnum):
-    """A word of the command line, and `make()`, the scheme that it stands for."""
+    """The name of a scheme on the command line; `make()` returns the scheme."""
 
     make: Callable[[], Scheme | EventDriven]
 
@@ -23,7 +23,7 @@ class SchemeName(StrEnum):
     stewart_trinkle = "stewart-trinkle", StewartTrinkle
 
     def __new__(cls, word: str, make: Callable[[], Scheme | EventDriven]) -> SchemeName:
-        """Return the member of a word."""
+        """Return the member of a name."""
         name = str.__new__(cls, word)
         name._value_, name.make = word, make
         return name

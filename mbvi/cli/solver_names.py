@@ -1,4 +1,4 @@
-"""Projection solvers by the words of the command line."""
+"""Names of the projection solvers on the command line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..projection import ActiveSet, ChosenSolver, DualActiveSet, ProxQP, SparseP
 
 
 class SolverName(StrEnum):
-    """A word of the command line, and `solver`, which it stands for."""
+    """The name of a projection solver on the command line; `solver` is the object."""
 
     solver: ChosenSolver
 
@@ -18,7 +18,7 @@ class SolverName(StrEnum):
     sparse_pcg = "sparse-pcg", SparsePCG()
 
     def __new__(cls, word: str, solver: ChosenSolver) -> SolverName:
-        """Return the member of a word."""
+        """Return the member of a name."""
         name = str.__new__(cls, word)
         name._value_, name.solver = word, solver
         return name

@@ -1,4 +1,4 @@
-"""`mbvi stress`: run the scenes, print what failed, write a JSON file and the heat map."""
+"""`mbvi stress`: run the stress scenes, print verdicts, write a JSON file and the heat map."""
 
 from __future__ import annotations
 
@@ -21,26 +21,27 @@ if TYPE_CHECKING:
     from ..studies.stress.sweep import Cell
 
 _STEPS, _LONG_STEPS, _TOLERANCES = (1e-1, 1e-2, 1e-3), (0.5, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), (1e-4, 1e-8)
-# no multiple of a step is an instant at which something happens
-_OFF = 1.03
+# factor on steps, so that no event falls on the end of a step
+_STEP_FACTOR = 1.03
 
 
 def stress(
     scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Parts of names; all by default.")
+        list[str] | None,
+        typer.Argument(metavar="[SCENE]...", help="Words in the names of scenes; all scenes by default."),
     ] = None,
     step: Annotated[list[float] | None, typer.Option(help="Time step [s]; repeatable.")] = None,
     tolerance: Annotated[list[float] | None, typer.Option(help="Tolerance of EventDriven; repeatable.")] = None,
-    budget: Annotated[float, typer.Option(help="CPU time that one run may take [s].")] = 10.0,
+    budget: Annotated[float, typer.Option(help="Limit of the CPU time of one run [s].")] = 10.0,
     long: Annotated[
-        bool, typer.Option("--long", help="With the scenes that take minutes, at steps from 1e-6 to 0.5 s.")
+        bool, typer.Option("--long", help="Add the scenes that need minutes, and steps from 1e-6 to 0.5 s.")
     ] = False,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
-    listed: Annotated[bool, typer.Option("--list", help="List the scenes and end.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="Print the scenes and exit.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
 ) -> None:
     """Run the scenes where methods fail, over schemes and steps."""
-    # imported here for its weight: scenes compute their exact solutions
+    # imported here because it is slow: scenes compute their exact solutions
     from ..studies.stress.sweep import SCHEMES, sweep
 
     chosen = _chosen(scenes or [], long or listed)
@@ -49,7 +50,7 @@ def stress(
             print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
         return
     check_pictures(out)
-    steps = [_OFF * h for h in step or (_LONG_STEPS if long else _STEPS)]
+    steps = [_STEP_FACTOR * h for h in step or (_LONG_STEPS if long else _STEPS)]
     tolerances = tolerance or _TOLERANCES
     total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
     cells = []
@@ -60,7 +61,7 @@ def stress(
             bar.update()
     if peers:
         cells += _peers(chosen, steps, budget)
-    (out / "stress.json").write_text(json.dumps(_told(chosen, cells, budget), indent=1))
+    (out / "stress.json").write_text(json.dumps(_file_contents(chosen, cells, budget), indent=1))
     pictures = _pictures(cells, out)
     _print(cells)
     print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
@@ -72,7 +73,7 @@ def _chosen(parts: Sequence[str], long: bool) -> list[StressScene]:
     found = [s for s in SCENES if any(part.lower() in s.name.lower() for part in parts)]
     missing = [part for part in parts if not any(part.lower() in s.name.lower() for s in SCENES)]
     if missing:
-        raise InputError(f"no scene's name holds {missing[0]!r}: see mbvi stress --list")
+        raise InputError(f"no scene's name contains {missing[0]!r}: see mbvi stress --list")
     return found or [s for s in SCENES if long or not s.long]
 
 
@@ -97,7 +98,7 @@ def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float)
 
 
 def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
-    """Draw our own schemes, and other engines beside what runs where no scheme is named; return the files."""
+    """Draw the map of schemes, and that of other engines beside the default scheme; return the files."""
     from ..studies.stress.picture import draw
     from ..studies.stress.sweep import SCHEMES
 
@@ -114,14 +115,14 @@ def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
     return found
 
 
-def _told(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
-    """Return what the file holds; infinite numbers are null, for JSON has none."""
+def _file_contents(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
+    """Return the contents of the file; infinite numbers are null, because JSON has none."""
     about = [
         {"name": s.name, "number": s.number, "held": s.held, "failed": s.failed, "duration": s.duration} for s in scenes
     ]
-    told = [asdict(cell) | {"value": cell.value if cell.value < float("inf") else None} for cell in cells]
+    rows = [asdict(cell) | {"value": cell.value if cell.value < float("inf") else None} for cell in cells]
     return {"machine": f"{platform.machine()}, Python {platform.python_version()}", "budget": budget,
-            "scenes": about, "cells": told}  # fmt: skip
+            "scenes": about, "cells": rows}  # fmt: skip
 
 
 def _print(cells: Sequence[Cell]) -> None:

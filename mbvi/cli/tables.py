@@ -1,4 +1,4 @@
-"""Tables of a robot's joints and shapes, as `mbvi inspect` prints them."""
+"""Tables of a robot's joints and shapes for `mbvi inspect`."""
 
 from __future__ import annotations
 
@@ -6,20 +6,18 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..system import ArticulatedSystem
-
 if TYPE_CHECKING:
     from ..geometry.shapes import PlacedShape
     from ..problem import Problem
 
 
 def joint_table(problem: Problem) -> str:
-    """Return name, type, degrees of freedom and limits of each joint of a robot alone in its scene."""
-    assert isinstance(problem.system, ArticulatedSystem)
+    """Return name, type, degrees of freedom and limits of each joint; the scene holds one robot."""
     model = problem.system.model
+    assert model is not None
     rows = []
     for joint in range(1, model.njoints):
-        kind = _joint_kind(model.joints[joint])
+        kind = _joint_type(model.joints[joint])
         limits = "none"
         if model.nqs[joint] == 1:
             unit = "m" if kind == "prismatic" else "rad"
@@ -32,13 +30,13 @@ def joint_table(problem: Problem) -> str:
 
 
 def shape_table(problem: Problem) -> str:
-    """Return link, kind, size and bearer of each shape of a robot alone in its scene."""
-    assert problem.scene is not None and isinstance(problem.system, ArticulatedSystem)
+    """Return link, kind, size and moving joint of each shape; the scene holds one robot."""
     model = problem.system.model
+    assert problem.scene is not None and model is not None
     rows = []
     for placed in problem.scene.shapes:
-        mover = model.names[placed.body] if placed.body else "fixed"
-        rows.append((placed.name.partition("/")[2], type(placed.shape).__name__.lower(), _size(placed), mover))
+        carrier = model.names[placed.body] if placed.body else "fixed"
+        rows.append((placed.name.partition("/")[2], type(placed.shape).__name__.lower(), _size(placed), carrier))
     if not rows:
         return "Shapes\n  none: it touches nothing"
     kinds = Counter(row[1] for row in rows)
@@ -52,10 +50,10 @@ def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> st
     return "\n".join([title, *(f"  {line.rstrip()}" for line in lines)])
 
 
-def _joint_kind(joint: Any) -> str:
+def _joint_type(joint: Any) -> str:
     name = joint.shortname().removeprefix("JointModel")
     if name.startswith("R"):
-        # one without limits stores cosine and sine
+        # a joint without limits stores cosine and sine
         return "revolute" if joint.nq == 1 else "continuous"
     if name.startswith("P") and joint.nv == 1:
         return "prismatic"

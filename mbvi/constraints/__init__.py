@@ -2,6 +2,7 @@
 
 from .admissible_set import AdmissibleSet
 from .broad_phase import BroadPhasePairs
+from .family import ConstraintFamily, RowTable
 from .gap_function import GapFunction
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
@@ -16,11 +17,13 @@ __all__ = [
     "AdmissibleSet",
     "BroadPhasePairs",
     "Constraint",
+    "ConstraintFamily",
     "GapFunction",
     "HalfSpaceContacts",
     "JointLimits",
     "MovingFrame",
     "MovingWalls",
+    "RowTable",
     "Rows",
     "SignedDistances",
     "SphereContacts",

@@ -1,4 +1,4 @@
-"""Many shapes against each other: those near enough are listed, and Coal is asked for these only."""
+"""The family of many shapes against each other: only pairs of a Verlet list are measured."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from ..geometry.sweep import may_pass
 from ..geometry.verlet_list import VerletList
 from ..system import System
 from ..system.sparse_rows import dense
+from .family import ConstraintFamily
 from .pairs import Contacts
 from .rebuilt import Rebuilt
 from .rows import Array, Rows
 from .signed_distance import SignedDistances
 
 
-class BroadPhasePairs(Rebuilt):
+class BroadPhasePairs(Rebuilt, ConstraintFamily):
     """Every pair of a scene's shapes, but those of one body, of two spheres, and those left out.
 
     Parameters
@@ -40,6 +41,11 @@ class BroadPhasePairs(Rebuilt):
     Constraint i n + j is the pair of shapes i < j. Listed are pairs whose bounding balls are near, and of which a box
     of the world has the other's ball near; a list lasts until shapes moved against each other by a skin.
     """
+
+    smooth = False
+    # pairs are listed only when near
+    tracked = False
+    skips_resting = True
 
     def __init__(
         self,
@@ -71,17 +77,19 @@ class BroadPhasePairs(Rebuilt):
         self._listed: _Listed | None = None
         self._asked: tuple[bytes, _Listed] | None = None
         self._lists = -1
-        self._still: Array | None = None
+        self._resting: Array | None = None
+        self.size = len(self._shapes) ** 2
+        # of pairs that are not listed yet no e is known
+        self.restitution = np.zeros(0)
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
         i, j = divmod(constraint, len(self._shapes))
         return f"{self._shapes[i].name} | {self._shapes[j].name}"
 
-    @property
-    def size(self) -> int:
-        """How many numbers the pairs take up."""
-        return len(self._shapes) ** 2
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"pairs of {len(self._shapes)} shapes, found when near"
 
     def _places(self, q: Array) -> tuple[Array, Array]:
         """Return where the shapes are: rotations, shape (n, 3, 3), and centres, shape (n, 3)."""
@@ -93,23 +101,21 @@ class BroadPhasePairs(Rebuilt):
         centres[on] = (turn @ centres[on][:, :, None])[:, :, 0] + places[:, 3]
         return turns, centres
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
         turns, centres = self._places(q)
         pairs = self._neighbours.within(centres, max(tolerance, 0.0))
         if self._listed is None or self._lists != self._neighbours.lists:
             self._lists = self._neighbours.lists
             self._listed = self._list(*np.divmod(pairs, len(self._shapes)), turns, centres)
-            self._listed.leave_out(self._still)
-        if not len(self._listed.names):
-            return None
-        return self._listed.active(t, q, tolerance, None)
+            self._listed.skip_resting(self._resting)
+        return self._listed.contacts(t, q, tolerance)
 
-    def leave_out(self, still: Array | None) -> None:
-        """As `Pairs`."""
-        self._still = still
+    def skip_resting(self, resting: Array | None) -> None:
+        """Leave out the pairs of bodies that are both at rest; see the base class."""
+        self._resting = resting
         if self._listed is not None:
-            self._listed.leave_out(still)
+            self._listed.skip_resting(resting)
 
     def _list(self, i: Array, j: Array, turns: Array, centres: Array) -> _Listed:
         """Return those pairs that may be near until shapes moved by the skin."""
@@ -135,25 +141,18 @@ class BroadPhasePairs(Rebuilt):
             self._unit,
         )
 
-    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
-
-        Parameters
-        ----------
-        q, way : ndarray, shapes (nq,) and (nv,)
-            Configuration, and the tangent vector that leads on from it.
-        """
+    def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
         centres = self._places(q)[1]
-        moved = self._places(self.system.integrate(q, way))[1] - centres
-        travel = self._reaches() @ np.abs(way)
+        moved = self._places(self.system.integrate(q, displacement))[1] - centres
+        travel = self._reaches() @ np.abs(displacement)
         i, j = may_pass(centres, moved, travel, self._bound, self._inner)
         kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
         i, j = i[kept], j[kept]
         return i * len(self._shapes) + j, travel[i] + travel[j], self._inner[i] + self._inner[j]
 
-    @property
-    def least_way(self) -> float:
-        """What tangent vectors, entry by entry, must exceed to carry a shape as far as it is thick."""
+    def least_displacement(self) -> float:
+        """Return the largest entry of a tangent vector up to which no shape travels its thickness."""
         carried = self._reaches().sum(axis=1)
         return float((self._inner[carried > 0.0] / carried[carried > 0.0]).min(initial=np.inf))
 
@@ -167,15 +166,16 @@ class BroadPhasePairs(Rebuilt):
             ], format="csr")  # fmt: skip
         return self._reach
 
-    def gaps(self, q: Array, pairs: Array) -> Array:
+    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs, shape (k,) [m]."""
         if self._asked is None or self._asked[0] != pairs.tobytes():
             self._asked = pairs.tobytes(), self._listing(*np.divmod(pairs, len(self._shapes)))
         return self._asked[1].nearest(q, np.arange(len(pairs))).gap
 
-    def nearest(self, q: Array, pairs: Array) -> Contacts:
-        """Return the nearest contact of each pair that is looked at, in the order of `gap`, whatever is asked."""
-        return self._every(q)[0]
+    def nearest_points(self, q: Array) -> tuple[Array, Array]:
+        """Return point and normal of the nearest contact of each pair that is not left out, in the order of `gap`."""
+        contacts = self._every(q)[0]
+        return contacts.point, contacts.normal
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair that is looked at, shape (m,) [m]."""
@@ -183,8 +183,8 @@ class BroadPhasePairs(Rebuilt):
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair's distance, shape (m, nv)."""
-        (pair, _, point, normal), listed = self._every(q)
-        return dense(self.system.separation_rows(q, *listed.sides(pair), point, normal))
+        contacts, listed = self._every(q)
+        return dense(listed._gradients(q, contacts))
 
     def _every(self, q: Array) -> tuple[Contacts, _Listed]:
         i, j = np.triu_indices(len(self._shapes), 1)
@@ -194,7 +194,7 @@ class BroadPhasePairs(Rebuilt):
 
 
 class _Listed(SignedDistances):
-    """Pairs that are all asked every time: they are near, and no budget would outlast their list."""
+    """The listed pairs, all of which are measured at every query: no clearance would outlast their list."""
 
     def __init__(
         self,
@@ -212,8 +212,8 @@ class _Listed(SignedDistances):
         names = [f"{a.name} | {b.name}" for a, b in zip(first, second, strict=True)]
         super().__init__(system, first, second, names, restitution, line, at_rest, unit)
 
-    def _reckon(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
-        pass
+    def _set_reach(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
+        """Set nothing: no cache reads a reach here."""
 
     def _coal(self, placed: PlacedShape, unit: float) -> Any:
         # hulls are dear to make

@@ -1,4 +1,4 @@
-"""A constraint given as a function, the paper's own setting."""
+"""One constraint given by a function f(q) and its gradient, the setting of the paper."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ class GapFunction:
     grad_f : callable
         grad_f(q) -> gradient in the tangent space, shape (nv,).
     name : str, optional
-        What impacts call it; "f", then numbered, by default.
+        Its name in impacts; "f" and a number by default.
 
     Notes
     -----
-    A problem holds grad_f against differences of f where it starts and where f becomes active: `MbviWarning` where they
-    differ, `InputError` where a sign is wrong. What is not finite raises `DivergedError` at its step.
+    A problem compares grad_f with differences of f at the start and where f becomes active: `MbviWarning` where they
+    differ, `InputError` where a sign is wrong. A value that is not finite raises `DivergedError` at its step.
     """
 
     def __init__(self, f: Callable[[Array], float], grad_f: Callable[[Array], Array], name: str | None = None) -> None:
-        self._f = function(f, "f", "f(q) -> float")
+        self.f = function(f, "f", "f(q) -> float")
         self._gradient = function(grad_f, "grad_f", "grad_f(q) -> (nv,)")
         self.names = () if name is None else (printable(name, "name"),)
 
     def __repr__(self) -> str:
         named = "".join(f", name={name!r}" for name in self.names)
-        return f"GapFunction({called(self._f)}, {called(self._gradient)}{named})"
+        return f"GapFunction({called(self.f)}, {called(self._gradient)}{named})"
 
     def gap(self, t: float, q: Array) -> Array:
         """Return f(q), shape (1,)."""
-        value = self._f(q)
+        value = self.f(q)
         if not isinstance(value, float):
-            number = returned(value, f"f ({called(self._f)})")
+            number = returned(value, f"f ({called(self.f)})")
             if number.size != 1:
                 raise InputError(
-                    f"f ({called(self._f)}) returned shape {number.shape}; a GapFunction is one constraint and its f "
+                    f"f ({called(self.f)}) returned shape {number.shape}; a GapFunction is one constraint and its f "
                     "returns one number"
                 )
             value = number.item()

@@ -1,4 +1,4 @@
-"""Constraints given by a user: numbers are checked wherever they are used, gradients against differences."""
+"""The adapter that makes a family of a user's object with `gap` and `gradient`, and checks its numbers."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import all_finite, returned
+from ..arguments import all_finite, returned, shown
+from ..compiled import plain_array
 from ..errors import InputError, MbviError, MbviWarning
 from ..system import System
 from ..system.given import not_finite, short
+from .family import ConstraintFamily
 from .finite_differences import Slopes, slopes
+from .gap_function import GapFunction
 from .rows import NO_POINT, Array, Constraint, Rows
 
-# relative difference of a gradient and of differences that a user is warned of, and the part of a gradient that counts
+# relative difference between a gradient and differences of f that gives a warning; entries of a gradient below this
+# part of it are not compared
 _DIFFERENT, _SMALL = 1e-3, 1e-5
 # the part of a gradient whose sign counts
 _SIGNIFICANT = 1e-3
@@ -23,37 +27,91 @@ _SIGNIFICANT = 1e-3
 _ENTRIES, _DIRECTIONS = 64, 8
 
 
-class Given:
-    """One constraint that a user gives by gaps and gradients, as an admissible set asks for it.
+def checked_constraints(constraints: Any) -> list[Constraint]:
+    """Return a user's constraints as a list.
+
+    Raises
+    ------
+    InputError
+        If they are no list or tuple, or one of them has no gap or no gradient.
+    """
+    if not isinstance(constraints, list | tuple):
+        raise InputError(f"constraints must be a list of constraints; got {shown(constraints)}")
+    each = list(constraints)
+    for one in each:
+        if isinstance(one, type) or not (hasattr(one, "gap") and hasattr(one, "gradient")):
+            raise InputError(
+                f"constraints must be objects with gap(t, q) and gradient(t, q), such as mbvi.GapFunction(f, grad_f); "
+                f"got {shown(one)} among them"
+            )
+    return each
+
+
+def as_family(
+    system: System, constraint: Constraint | ConstraintFamily, restitution: float, name: Callable[[int], str]
+) -> ConstraintFamily:
+    """Return a constraint as a family: itself if it is one, otherwise an adapter around the user's object.
+
+    This is the only place that looks at which attributes a user's object has.
 
     Parameters
     ----------
     system : System
         What q belongs to.
-    constraint : Constraint
-        What the user gives.
+    constraint : Constraint or ConstraintFamily
+        What the problem was given.
+    restitution : float
+        The problem's e for it.
     name : callable
-        name(k) -> what its row k is called.
+        name(k) -> the name of its row k in the problem.
+    """
+    if isinstance(constraint, ConstraintFamily):
+        return constraint
+    if hasattr(constraint, "active"):
+        return GivenRows(system, constraint, restitution, name)
+    return GivenConstraint(system, constraint, restitution, name)
+
+
+class GivenConstraint(ConstraintFamily):
+    """A user's object with `gap` and `gradient`, wrapped as a family whose numbers are checked.
+
+    Parameters
+    ----------
+    system, constraint, restitution, name
+        As of `as_family`. The object may also have `names` or `name(k)`, `size`, `restitution` and `rate(t, q)`.
 
     Notes
     -----
-    Gradients are held against central differences of the gaps along the retraction: every entry at the start and where
+    Gradients are compared with central differences of the gaps along the retraction: every entry at the start and where
     a row first becomes active, then along the gradient itself, at ever fewer of the activations.
     """
 
-    def __init__(self, system: System, constraint: Constraint, name: Callable[[int], str]) -> None:
-        self._system, self._constraint, self._name = system, constraint, name
-        # how often rows became active, and how often they were, both up to the last check that was passed
+    def __init__(self, system: System, constraint: Any, restitution: float, name: Callable[[int], str]) -> None:
+        self._system, self._constraint, self._name_of = system, constraint, name
+        self.names = getattr(constraint, "names", ())
+        size = getattr(constraint, "size", None)
+        self.size = int(size) if size is not None else max(1, len(self.names))
+        self.restitution: Array = np.asarray(getattr(constraint, "restitution", restitution), dtype=float)
+        self._rate = getattr(constraint, "rate", None)
+        self.moving = self._rate is not None
+        self.functions = (constraint.f,) if isinstance(constraint, GapFunction) else ()
+        # how many times rows became active, and at how many steps they were, up to the last check that was passed
         self._starts, self._count, self._touching = 0, 0, False
-        # the nearest that a row was then: a scheme may count rows as active long before they touch
+        # the least gap at the last check: a scheme may count rows as active long before they touch
         self._nearest = np.inf
-        # whether a gradient of an active row was zero then
+        # whether a gradient of an active row was zero at the last check
         self._vanishes = False
         self._warned: set[int] = set()
-        # how many rows there are, once that is known
-        self._size = -1
+        # the number of rows, once it is known
+        self._rows = -1
 
-    def gaps(self, t: float, q: Array) -> Array:
+    def name(self, number: int) -> str:
+        """Return the name of one constraint; "" where the user gave none."""
+        if hasattr(self._constraint, "name"):
+            return str(self._constraint.name(number))
+        return super().name(number)
+
+    def gap(self, t: float, q: Array) -> Array:
         """Return f(q), shape (m,) [m or rad].
 
         Raises
@@ -65,53 +123,65 @@ class Given:
         """
         gap = self._constraint.gap(t, q)
         if type(gap) is not np.ndarray or gap.dtype != np.float64 or gap.ndim != 1:
-            gap = np.atleast_1d(returned(gap, f"the gap of {self._name(0)}"))
+            gap = np.atleast_1d(returned(gap, f"the gap of {self._name_of(0)}"))
             if gap.ndim != 1:
-                raise InputError(f"the gap of {self._name(0)} has shape {gap.shape}; a number or (m,) is expected")
-        if len(gap) != self._size:
-            if self._size >= 0:
-                raise InputError(f"the gap of {self._name(0)} has {len(gap)} numbers now, and had {self._size} before")
-            self._size = len(gap)
+                raise InputError(f"the gap of {self._name_of(0)} has shape {gap.shape}; a number or (m,) is expected")
+        if len(gap) != self._rows:
+            if self._rows >= 0:
+                raise InputError(
+                    f"the gap of {self._name_of(0)} has {len(gap)} numbers now, and had {self._rows} before"
+                )
+            self._rows = len(gap)
         if not all_finite(gap):
             worst = int(np.argmin(np.isfinite(gap)))
-            raise not_finite(f"f of {self._name(worst)}", gap[worst], t, q)
+            raise not_finite(f"f of {self._name_of(worst)}", gap[worst], t, q)
         return gap
 
-    def gradients(self, t: float, q: Array) -> Array:
-        """Return grad f(q) of all rows, shape (m, nv), once `gaps` was asked; errors as there."""
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return grad f(q) of all rows, shape (m, nv); errors as of `gap`."""
         rows = self._constraint.gradient(t, q)
         if type(rows) is not np.ndarray or rows.dtype != np.float64 or rows.ndim != 2:
-            rows = np.atleast_2d(returned(rows, f"the gradient of {self._name(0)}"))
-        count, nv = self._size, self._system.nv
+            rows = np.atleast_2d(returned(rows, f"the gradient of {self._name_of(0)}"))
+        count, nv = self._rows if self._rows >= 0 else len(self.gap(t, q)), self._system.nv
         if rows.shape != (count, nv):
             expected = f"({nv},)" if count == 1 else f"({count}, {nv})"
             found = rows.shape[1:] if len(rows) == 1 else rows.shape
-            raise InputError(f"the gradient of {self._name(0)} has shape {found}; {expected} is expected")
+            raise InputError(f"the gradient of {self._name_of(0)} has shape {found}; {expected} is expected")
         if not all_finite(rows):
             worst = int(np.argmin(np.isfinite(rows).all(axis=1)))
-            raise not_finite(f"the gradient of {self._name(worst)}", rows[worst], t, q)
+            raise not_finite(f"the gradient of {self._name_of(worst)}", rows[worst], t, q)
         return rows
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
-        """Return the rows within the tolerance, or None."""
-        gap = self.gaps(t, q)
+    def rate(self, t: float, q: Array) -> Array | None:
+        """Return df/dt as the user's object gives it; None if it has no `rate`."""
+        if self._rate is None:
+            return None
+        return np.atleast_1d(returned(self._rate(t, q), f"df/dt of {self._name_of(0)}"))
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows within the tolerance, or None; errors as of `gap`."""
+        gap = self.gap(t, q)
         index = (gap <= tolerance).nonzero()[0]
         if not index.size:
             self._touching = False
             return None
-        gradient = self.gradients(t, q)
-        self.touch(t, q, index, gap, gradient)
-        nowhere = np.broadcast_to(NO_POINT, (index.size, 3))
-        constraint: Any = self._constraint
-        rate = None
-        if hasattr(constraint, "rate"):
-            rate = np.atleast_1d(returned(constraint.rate(t, q), f"df/dt of {self._name(0)}"))[index]
+        gradient = self.gradient(t, q)
+        self._check_active(t, q, index, gap, gradient)
+        rate = self.rate(t, q)
+        if rate is not None:
+            rate = rate[index]
             if not np.isfinite(rate).all():
-                raise not_finite(f"df/dt of {self._name(int(index[0]))}", rate, t, q)
-        return Rows(index, gap[index], gradient[index], np.full(index.size, np.nan), nowhere, nowhere, rate)
+                raise not_finite(f"df/dt of {self._name_of(int(index[0]))}", rate, t, q)
+        e = np.full(index.size, self.restitution) if self.restitution.ndim == 0 else self.restitution[index]
+        nowhere = np.tile(NO_POINT, (index.size, 1))
+        return Rows(index, gap[index], plain_array(gradient[index]), e, nowhere, nowhere, rate)
 
-    def touch(self, t: float, q: Array, index: Array, gap: Array, gradient: Array) -> None:
-        """Check the gradients of rows that are active, at a few of the times that they are.
+    def check_rows(self, t: float, q: Array, rows: Array) -> None:
+        """Check the gradients of some closed rows, at a few of the times that they are closed."""
+        self._check_active(t, q, rows, self.gap(t, q), self.gradient(t, q))
+
+    def _check_active(self, t: float, q: Array, index: Array, gap: Array, gradient: Array) -> None:
+        """Check the gradients of active rows, at a few of the steps at which they are active.
 
         Raises
         ------
@@ -134,24 +204,25 @@ class Given:
         self._starts, self._count, self._touching, self._vanishes = starts, count, True, vanishes
 
     def check(self, t: float, q: Array) -> None:
-        """Raise `InputError` unless gaps and gradients at the start are numbers that fit each other."""
-        constraint: Any = self._constraint
+        """Raise `InputError` unless gaps, gradients and rates at the start are numbers that fit each other."""
         try:
-            gap = self.gaps(t, q)
+            gap = self.gap(t, q)
             if not gap.size:
                 return
-            self.gradients(t, q)
+            self.gradient(t, q)
         except MbviError as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"at the start {error}") from error
-        rate = np.atleast_1d(constraint.rate(t, q)) if hasattr(constraint, "rate") else np.zeros_like(gap)
+        rate = np.zeros_like(gap) if self._rate is None else np.atleast_1d(self._rate(t, q))
         if rate.shape != gap.shape or not np.isfinite(rate).all():
-            raise InputError(f"{self._name(0)}: df/dt has shape {rate.shape}; {gap.shape} finite numbers are asked for")
+            raise InputError(
+                f"{self._name_of(0)}: df/dt has shape {rate.shape}; {gap.shape} finite numbers are expected"
+            )
         self.compare(t, q, np.arange(len(gap)), full=True)
 
     def compare(self, t: float, q: Array, index: Array, full: bool) -> None:
-        """Hold the gradients of some rows against differences; all entries if `full`, else along each gradient.
+        """Compare the gradients of some rows with differences; all entries if `full`, else along each gradient.
 
         Raises
         ------
@@ -159,20 +230,20 @@ class Given:
             If f falls where its gradient says that it rises, or changes where it is zero.
         """
         system, nv = self._system, self._system.nv
-        gap = self.gaps(t, q)
-        gradient = self.gradients(t, q)
+        gap = self.gap(t, q)
+        gradient = self.gradient(t, q)
         along = _directions(system, q, gradient[index], full)
         if full:
             entries = np.eye(nv) if nv <= _ENTRIES else _random_directions(nv)
             along = np.concatenate([entries, along])
         if not len(along):
             return
-        found = slopes(lambda way: self._constraint.gap(t, system.integrate(q, way)), gap, along, _scale(q), full)
+        found = slopes(lambda w: self._constraint.gap(t, system.integrate(q, w)), gap, along, _scale(q), full)
         for k in index.tolist():
             self._judge(t, q, k, gradient[k], along, found, len(entries) if full else 0)
 
     def _judge(self, t: float, q: Array, k: int, gradient: Array, along: Array, found: Slopes, entries: int) -> None:
-        """Raise, or warn, where the gradient of a row is not what differences along some directions say."""
+        """Raise, or warn, where the gradient of a row differs from differences along some directions."""
         given = along @ gradient
         low, high, middle = found.low[:, k], found.high[:, k], found.middle[:, k]
         size = max(float(np.abs(given).max()), float(np.abs(middle[np.isfinite(middle)]).max(initial=0.0)))
@@ -184,13 +255,12 @@ class Given:
         if not (opposite | different).any():
             return
         if entries == len(gradient):
-            told, measured = gradient, middle[:entries]
-            what = f"is {short(told)}, and differences of f give {short(measured)}"
+            what = f"is {short(gradient)}, and differences of f give {short(middle[:entries])}"
         else:
             worst = int(np.argmax(np.where(opposite if opposite.any() else different, np.abs(given - middle), -1.0)))
             what = f"changes f by {given[worst]:.6g} along {short(along[worst])}, and differences of f give "
             what += f"{middle[worst]:.6g}"
-        where = f"the gradient of {self._name(k)} at t = {t:.9g} s, q = {short(q)} {what}"
+        where = f"the gradient of {self._name_of(k)} at t = {t:.9g} s, q = {short(q)} {what}"
         if not gradient.any():
             raise InputError(f"{where}: no percussion can act on f there; give the gradient that f has")
         if opposite.any():
@@ -200,18 +270,53 @@ class Given:
             warnings.warn(f"{where}: impacts go by the gradient that is given", MbviWarning, stacklevel=3)
 
 
+class GivenRows(GivenConstraint):
+    """A user's object that selects its active rows itself, by `active(t, q, tolerance, travel)`; nothing is checked."""
+
+    def gap(self, t: float, q: Array) -> Array:
+        """Return f(q) as the user's object gives it."""
+        return np.atleast_1d(np.asarray(self._constraint.gap(t, q), dtype=float))
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return grad f(q) as the user's object gives it."""
+        return np.atleast_2d(np.asarray(self._constraint.gradient(t, q), dtype=float))
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows that the user's object selects, as arrays that kernels take."""
+        rows = self._constraint.active(t, q, tolerance, None)
+        if rows is None:
+            return None
+        number, gap, jacobian, own, point, normal, rate = rows
+        e = np.where(np.isnan(own), np.broadcast_to(self.restitution, (self.size,)).take(number, mode="clip"), own)
+        return Rows(
+            np.asarray(number, dtype=np.int64),
+            plain_array(gap),
+            plain_array(jacobian) if isinstance(jacobian, np.ndarray) else jacobian,
+            plain_array(e),
+            plain_array(point),
+            plain_array(normal),
+            None if rate is None else plain_array(rate),
+        )
+
+    def check(self, t: float, q: Array) -> None:
+        """Check nothing: the object may be evaluated near its rows only."""
+
+    def check_rows(self, t: float, q: Array, rows: Array) -> None:
+        """Check nothing, as `check`."""
+
+
 def _scale(q: Array) -> float:
     return max(1.0, float(np.abs(q).max(initial=0.0)))
 
 
 def _directions(system: System, q: Array, gradient: Array, full: bool) -> Array:
-    """Return the directions of gradients and, if `full`, of what percussions along them do, shape (k, nv)."""
+    """Return unit directions of gradients and, if `full`, of the velocities M^-1 gradient, shape (k, nv)."""
     along = gradient
     if full:
         try:
             along = np.concatenate([along, system.metric(q).solve_rows(gradient)])
         except MbviError:
-            # that is said where M is needed
+            # the error is raised where M is needed
             pass
     lengths = np.linalg.norm(along, axis=1)
     usable = np.isfinite(lengths) & (lengths > 0.0)
@@ -219,5 +324,5 @@ def _directions(system: System, q: Array, gradient: Array, full: bool) -> Array:
 
 
 def _random_directions(nv: int) -> Array:
-    ways = np.random.default_rng(0).normal(size=(_DIRECTIONS, nv))
-    return np.asarray(ways / np.linalg.norm(ways, axis=1)[:, None])
+    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, nv))
+    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])

@@ -1,4 +1,4 @@
-"""Shapes against half-spaces, by the points they can stand on: exact, smooth, and all of a flat face at once.
+"""The family of shapes against half-spaces, by the points on which a shape can stand.
 
 A polyhedron stands on its vertices, a capsule on its two end balls, a cylinder on its rims: each point is a row of its
 own, whose gap and gradient are smooth functions of the configuration. On a rim or an ellipsoid one point moves along
@@ -19,7 +19,8 @@ from ..geometry.shapes import HalfSpace, PlacedShape
 from ..geometry.support_points import lowest, stand
 from ..system import System
 from ..system.articulated import row
-from .pairs import Array, Contacts, Pairs
+from .family import RowTable
+from .pairs import Array, Contacts, PairCandidates, Pairs
 from .rows import Rows
 
 _MOST_SELECTIONS = 1000
@@ -148,9 +149,9 @@ class HalfSpaceContacts(Pairs):
         restitution: Array,
         lines: Array | None = None,
     ) -> None:
-        self._numbered_from, self.in_line = -1, 0
+        self.in_line = 0
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
-        # there one kernel does it all
+        # one kernel does it all for a single mechanism
         self._one_mechanism = hasattr(system, "kinematics")
         numbers, owner = [np.zeros((0, 17))], []
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
@@ -167,18 +168,15 @@ class HalfSpaceContacts(Pairs):
             numbers.append(np.concatenate([points, swell, rest], axis=1))
             owner.extend([pair] * len(points))
         self._numbers, self.owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
-        self._selection: _Selection
         self._points: dict[bytes, _Selection] = {}
+        self._selections: dict[bytes, _Selection] = {}
+        # the last selection, and its pairs, which may be the same array at the next query
+        self._selection: _Selection
+        self._pairs: Array | None = None
 
-    def forget(self) -> None:
-        """Ask every pair next time."""
-        super().forget()
-        if self.first_number != self._numbered_from:
-            # rows are numbered otherwise from now on
-            self._numbered_from = self.first_number
-            self._selections: dict[bytes, _Selection] = {}
-            # the pairs of the last of them, which may be the same array again
-            self._pairs: Array | None = None
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.size} pairs of a shape and a half-space"
 
     def _select(self, pairs: Array) -> _Selection:
         """Gather the points of the asked pairs; the same few sets of pairs come again and again."""
@@ -211,7 +209,13 @@ class HalfSpaceContacts(Pairs):
             _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
         )
 
-    def standing(self, q: Array, points: Array) -> Contacts:
+    def row_table(self, t: float, q: Array) -> RowTable:
+        """Return the table of the rows: one for each point that a shape can stand on."""
+        pair = self.owner
+        smooth = np.ones(len(pair), bool)
+        return RowTable(pair, self.restitution[pair], smooth, self.reach()[pair], self.thickness[pair])
+
+    def _row_contacts(self, q: Array, points: Array) -> Contacts:
         """Return the contacts of some of all the points, in ascending order."""
         key = points.tobytes()
         selection = self._points.get(key)
@@ -221,11 +225,11 @@ class HalfSpaceContacts(Pairs):
             selection = self._points[key] = self._gather_points(points)
         return self._standing(q, selection)
 
-    def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
-        return self._standing(q, self._select(due))
+    def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
+        return self._standing(q, self._select(pairs))
 
-    def bias(self, q: Array, v: Array, points: Array) -> Array:
-        """Return (dJ/dt) v of some of all the points; NaN of those that move along their bodies."""
+    def row_bias(self, t: float, q: Array, v: Array, points: Array) -> Array:
+        """Return (dJ/dt) v of some of all the points; NaN for those that move along their bodies."""
         numbers = self._numbers[points]
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
@@ -239,10 +243,10 @@ class HalfSpaceContacts(Pairs):
         stand(places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
 
-    def rows(self, q: Array, due: Array, tolerance: float) -> Rows | None:
+    def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         if not self._one_mechanism:
-            return super().rows(q, due, tolerance)
-        selection = self._selection if due is self._pairs else self._select(due)
+            return super()._rows(q, pairs, tolerance, candidates)
+        selection = self._selection if pairs is self._pairs else self._select(pairs)
         poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
         owners, numbers, index = selection.owners, selection.numbers, selection.index
         while True:
@@ -250,12 +254,11 @@ class HalfSpaceContacts(Pairs):
             size = len(number)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, vain, same = _touch(
-                poses, columns, support, owners, numbers, tolerance, self._budget, index, gap, point, rows
+                poses, columns, support, owners, numbers, tolerance, candidates.clearance, index, gap, point, rows
             )  # fmt: skip
             if same:
-                if vain:
-                    self.spare = -np.inf
+                candidates.any_empty = vain
                 return Rows(number, gap, rows, restitution, point, up) if count else None
             near = index[1 : 1 + count]
             pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])
-            selection.near = _Near(pair + self.first_number, self.restitution[pair], up)
+            selection.near = _Near(pair, self.restitution[pair], up)

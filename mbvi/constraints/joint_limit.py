@@ -1,4 +1,4 @@
-"""Position limits of joints: lower <= q_k <= upper."""
+"""The family of position limits of joints: lower <= q_k <= upper."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..compiled import kernel
+from .family import ConstraintFamily
 from .rebuilt import Rebuilt
 from .rows import NO_POINT, Array, Rows
 
@@ -50,7 +51,7 @@ def _reached(
     return nearest, same
 
 
-class JointLimits(Rebuilt):
+class JointLimits(Rebuilt, ConstraintFamily):
     """All position limits of a system, one constraint a side.
 
     Parameters
@@ -66,8 +67,8 @@ class JointLimits(Rebuilt):
     restitution : float or ndarray, shape (n,)
         e of each joint.
     lever : float or ndarray, shape (n,)
-        The length that a gap of 1 counts as where it is held against one: the scene's for a joint that turns [m/rad],
-        1 for one that slides.
+        The factor that makes a length of a gap: the scene's length for a joint that turns [m/rad], 1 for one that
+        slides.
 
     Attributes
     ----------
@@ -95,19 +96,15 @@ class JointLimits(Rebuilt):
         self._offset = -self._sign * bound[kept]
         self._position, self._velocity = (np.asarray(p, dtype=np.int64)[joint] for p in (position, velocity))
         self._nv = nv
-        self.asked_by: object = None
-        self.first_number = 0
-        self.envelope = np.zeros(nv)
-        self.lever = np.broadcast_to(np.asarray(lever, dtype=float), (n,))[joint].copy()
-        self.envelope[self._velocity] = self.lever
-        self.busy = False
-        # which limits were reached the last time, and what is known of them
+        self.lever: Array = np.broadcast_to(np.asarray(lever, dtype=float), (n,))[joint].copy()
+        self.restitution: Array = e[joint]
+        self.size = len(kept)
+        # how many limits were reached at the last query, and which
         self._index = np.zeros(len(kept) + 1, np.int64)
-        self.restitution = e[joint]
+        self._reached_rows = self._rows_of(self._index[1:1])
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
         )
-        self.forget()
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the distances to the limits, shape (m,) [rad or m]."""
@@ -118,37 +115,38 @@ class JointLimits(Rebuilt):
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return rows of +1 or -1, shape (m, nv)."""
-        return self.rows(np.arange(len(self._sign)))
+        return self.row_gradient(t, q, np.arange(self.size))
 
-    def bias(self, q: Array, v: Array, index: Array) -> Array:
-        """Return (dJ/dt) v of some limits: none."""
-        return np.zeros(len(index))
+    def reach(self) -> Array:
+        """Return the absolute gradients: a limit comes no nearer than its joint travels."""
+        return np.abs(self.row_gradient(0.0, np.zeros(0), np.arange(self.size)))
 
-    def rows(self, index: Array) -> Array:
+    def row_gradient(self, t: float, q: Array, rows: Array) -> Array:
         """Return the gradients of some limits, shape (k, nv)."""
-        rows = np.zeros((len(index), self._nv))
-        rows[np.arange(len(index)), self._velocity[index]] = self._sign[index]
-        return rows
+        gradient = np.zeros((len(rows), self._nv))
+        gradient[np.arange(len(rows)), self._velocity[rows]] = self._sign[rows]
+        return gradient
 
-    def forget(self) -> None:
-        """Look at every limit next time."""
-        self.spare = -np.inf
-        # rows may be numbered otherwise from now on
-        self._index[0], self._near = 0, self._rows_of(np.zeros(0, np.int64))
+    def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
+        """Return (dJ/dt) v of some limits, which is zero."""
+        return np.zeros(len(rows))
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
-        """Return the rows of the limits that are reached."""
-        if not self._sign.size:
-            self.spare = np.inf
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.size} joint limits"
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows of the limits that are reached, or None."""
+        if not self.size:
+            self._clearance = np.inf
             return None
-        number, rows, restitution, nowhere = self._near
+        number, rows, restitution, nowhere = self._reached_rows
         where, gap = q.take(self._position), np.empty(len(number))
         nearest, same = _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
-        # a limit comes no nearer than its joint travels; while one is reached, all are looked at every time
-        self.busy = nearest <= tolerance
-        self.spare = np.inf if self.busy else nearest - tolerance
+        # while a limit is reached, all are evaluated at every step
+        self._clearance = -np.inf if nearest <= tolerance else nearest - tolerance
         if not same:
-            self._near = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
+            self._reached_rows = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
             gap = np.empty(len(number))
             _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
         if not gap.size:
@@ -156,6 +154,6 @@ class JointLimits(Rebuilt):
         return Rows(number, gap, rows.copy(), restitution, nowhere, nowhere)
 
     def _rows_of(self, index: Array) -> tuple[Array, Array, Array, Array]:
-        """Return what is the same for some limits whenever they are reached: numbers, gradients, e, and no point."""
+        """Return the constant part of the rows of some limits: numbers, gradients, e, and points that are NaN."""
         nowhere = np.tile(NO_POINT, (len(index), 1))
-        return index + self.first_number, self.rows(index), self.restitution[index], nowhere
+        return index.copy(), self.row_gradient(0.0, np.zeros(0), index), self.restitution[index], nowhere

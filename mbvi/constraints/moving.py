@@ -1,4 +1,4 @@
-"""Walls with a prescribed motion: constraints of the world, looked at from the frame that moves."""
+"""Walls with a prescribed motion: any family, evaluated in the frame that moves with its walls."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..arguments import all_finite
 from ..errors import DivergedError
 from ..geometry.motion import Motion
 from ..system import System
+from .family import ConstraintFamily
 from .rows import Array, Rows
 
 
@@ -67,35 +68,38 @@ class MovingFrame:
         return -np.vecdot(normal, self._u + np.cross(self._w, point))
 
 
-class MovingWalls:
-    """A constraint of walls that move together; a wall is the first of every pair.
+class MovingWalls(ConstraintFamily):
+    """A family of walls that move together; a wall is the first of every pair.
 
     Parameters
     ----------
     seen : MovingFrame
         The system that the constraint was made for.
-    constraint : Constraint
-        Its walls standing still.
+    constraint : ConstraintFamily
+        The same walls, as if they stood still.
+
+    Notes
+    -----
+    It has no envelope: walls travel while q stays the same.
     """
 
-    def __init__(self, seen: MovingFrame, constraint: Any) -> None:
-        self.seen, self.constraint = seen, constraint
-        self.size = constraint.size if hasattr(constraint, "size") else len(constraint.names)
+    moving = True
 
-    @property
-    def restitution(self) -> Array:
-        """Restitution of its pairs."""
-        return np.asarray(self.constraint.restitution)
+    def __init__(self, seen: MovingFrame, constraint: ConstraintFamily) -> None:
+        self.seen, self.constraint = seen, constraint
+        self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
 
     def name(self, number: int) -> str:
         """Return the name of one pair."""
-        named = self.constraint
-        return str(named.name(number) if hasattr(named, "name") else named.names[number])
+        return self.constraint.name(number)
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.constraint.describe()}, with a prescribed motion"
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        # what walls travel is in no budget
-        rows = self.constraint.active(t, self.seen.look(t, q), tolerance, None)
+        rows = self.constraint.contacts(t, self.seen.look(t, q), tolerance)
         if rows is None:
             return None
         point, normal = self.seen.world(rows.point, rows.normal)
@@ -111,10 +115,5 @@ class MovingWalls:
 
     def rate(self, t: float, q: Array) -> Array:
         """Return df/dt of every pair at a fixed q, shape (m,) [m/s]."""
-        place = self.seen.look(t, q)
-        if hasattr(self.constraint, "nearest"):
-            found = self.constraint.nearest(place, np.arange(self.size))
-        else:
-            # these have one row a pair
-            found = self.constraint.active(t, place, np.inf, None)
-        return self.seen.rate(*self.seen.world(found.point, found.normal))
+        point, normal = self.constraint.nearest_points(self.seen.look(t, q))
+        return self.seen.rate(*self.seen.world(point, normal))

@@ -1,4 +1,4 @@
-"""The active constraints at one (t, q), and what a constraint must give."""
+"""The active constraints at one (t, q) as arrays, and the least that a user's constraint provides."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from ..system.sparse_rows import stack_rows
 Array = np.ndarray
 
 NO_POINT = np.full(3, np.nan)
-# the travel of which nothing need be reckoned
-STILL = np.zeros(0)
 
 
 class Rows(NamedTuple):
@@ -109,16 +107,9 @@ def owners(rows: Rows, others: Rows) -> Array:
 
 
 class Constraint(Protocol):
-    """What a new constraint must give; `active`, `names`, `restitution` and `rate` are optional beside it.
+    """The least that a user's constraint provides; `names`, `restitution` and `rate(t, q)` are optional beside it.
 
-    `rate(t, q)` is df/dt at a fixed q, shape (m,), of one that depends on time.
-
-    One that remembers between calls of `active` has more: `asked_by`, which whoever asks sets to itself;
-    `first_number`, from which whoever asks lets its rows be numbered; `forget()`; `envelope`, shape (nv,), how fast
-    each velocity can bring it nearer; `spare`, how far it was from any other row when last asked; `busy`, whether it
-    has rows to give or refuse at every step. One that is not busy need not be asked before `envelope . travel` has
-    used up `spare`, and until then a busy one is asked with `STILL` for its travel. Travel that it has taken account
-    of it sets to zero.
+    A constraint that provides more derives from `ConstraintFamily`.
     """
 
     def gap(self, t: float, q: Array) -> Array | float:

@@ -1,4 +1,4 @@
-"""Signed distances between convex shapes from Coal, with all the points that two flat faces share."""
+"""The family of convex shapes against each other: Coal's signed distances, and all points that two faces share."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ..geometry.separating_axis import SeparatingAxes
 from ..geometry.shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
 from ..geometry.sphere_capsule import Balls, out_of_cylinder
 from ..system import System
+from .family import RowTable
 from .pairs import Array, Contacts, Pairs
 
 # Coal's tolerances, which are absolute: it is given geometry in units of the pair's size. At its own, normals of curved
@@ -121,7 +122,7 @@ class SignedDistances(Pairs):
             self._requests.append(request)
         self._patches = PatchFinder(self._geometry)
         shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
-        self._smooth = [a.smooth or b.smooth for a, b in shapes]
+        self._curved = [a.smooth or b.smooth for a, b in shapes]
         # of the faces that a normal may stand for; None where a shape has none
         self._normals = [s.shape.faces[0].copy() if hasattr(s.shape, "faces") else None for s in self._placed]
         self._round_ends = [{type(a), type(b)} == {Sphere, Cylinder} for a, b in shapes]
@@ -131,7 +132,9 @@ class SignedDistances(Pairs):
         self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
         self._bounds = np.empty(len(self._sides))
         self._balls = Balls(self._placed, self._axes.frame, both)
-        self._round = self._balls.are.tolist().__getitem__
+        # pairs of spheres and capsules have a continuous gradient
+        self.smooth: Array = self._balls.are
+        self._is_smooth = self._balls.are.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._scaled]
         for (side, unit), pose in zip(self._scaled, self._pose, strict=True):
             placed_shape = self._placed[side]
@@ -141,24 +144,30 @@ class SignedDistances(Pairs):
     def _coal(self, placed: PlacedShape, unit: float) -> Any:
         return placed.shape.coal(unit)
 
-    @property
-    def round(self) -> Array:
-        """Which pairs have a smooth gradient: balls and capsules, shape (n,)."""
-        return self._balls.are
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.size} pairs of shapes"
 
-    def near(self, q: Array, due: Array, tolerance: float) -> tuple[Contacts | None, bool]:
+    def row_table(self, t: float, q: Array) -> RowTable:
+        """Return the table of the rows: one for each pair, its least distance."""
+        return RowTable(np.arange(self.size), self.restitution, self.smooth, self.reach(), self.thickness)
+
+    def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self.system.placements(q, self._axes.bodies)
-        asked = self._axes.clear(places, due, tolerance, self._budget)
+        asked = self._axes.clear(places, pairs, tolerance, clearance)
         if not asked.size:
             return None, True
-        contacts, vain = self._near(self._measured(places, asked, tolerance, rough=True), tolerance)
-        return contacts, vain or len(asked) < len(due)
+        contacts, any_empty = self._within(self._measured(places, asked, tolerance, rough=True), tolerance, clearance)
+        return contacts, any_empty or len(asked) < len(pairs)
 
-    def contacts(self, q: Array, due: Array, tolerance: float) -> Contacts:
-        return self._measured(self.system.placements(q, self._axes.bodies), due, tolerance)
+    def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
+        return self._measured(self.system.placements(q, self._axes.bodies), pairs, tolerance)
 
-    def at_least(self, q: Array, pairs: Array) -> Array:
-        """Return what some signed distances are at least: more than 0 by an axis that separates, or themselves."""
+    def row_lower_bound(self, t: float, q: Array, rows: Array) -> Array:
+        return self._lower_bound(q, rows)
+
+    def _lower_bound(self, q: Array, pairs: Array) -> Array:
+        """Return lower bounds of some signed distances: positive by an axis that separates, or the distances."""
         places = self.system.placements(q, self._axes.bodies)
         asked = self._axes.clear(places, pairs, 0.0, self._bounds)
         if asked.size:
@@ -167,10 +176,10 @@ class SignedDistances(Pairs):
             np.minimum.at(self._bounds, contacts.pair, contacts.gap)
         return self._bounds[pairs]
 
-    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        pairs, travel, thickness = super().passable(q, way)
-        # most that could travel so far have nothing on their way
-        near = self.at_least(q, pairs) <= travel if pairs.size else np.zeros(0, bool)
+    def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
+        pairs, travel, thickness = super().passable(q, displacement)
+        # most pairs that could travel so far are farther apart than that
+        near = self._lower_bound(q, pairs) <= travel if pairs.size else np.zeros(0, bool)
         return pairs[near], travel[near], thickness[near]
 
     def _place(self, places: Array, pairs: list[int]) -> None:
@@ -184,7 +193,7 @@ class SignedDistances(Pairs):
 
     def _measured(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
         """Return the contacts of some pairs; `rough` where a bound of what exceeds the tolerance will do."""
-        if all(map(self._round, pairs.tolist())):
+        if all(map(self._is_smooth, pairs.tolist())):
             balls = self._balls.contacts(places, pairs)
             # of balls about one centre Coal knows a way apart
             if balls is not None:
@@ -223,7 +232,7 @@ class SignedDistances(Pairs):
         n, patch = axis, None
         if self._faced[k]:
             n = self._face_of(k, places, axis, distance) if exact else self._sharpened(k, axis, distance)
-        if not self._smooth[k]:
+        if not self._curved[k]:
             patch = self._patch(k, middle, n, distance)
             if patch is not None and self._line is not None:
                 one = unique_along(patch[0], self._line)

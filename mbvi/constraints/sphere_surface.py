@@ -1,4 +1,4 @@
-"""Triangle meshes as they are, hollows and all, against frictionless spheres in closed form."""
+"""The family of spheres against a triangle mesh, which may be hollow, in closed form."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ..compiled import plain_array
 from ..geometry.shapes import PlacedShape
 from ..geometry.triangles import Cells, Surface, near_triangles, nearest_on_triangles, sorted_into_cells
 from ..system import System
+from .family import ConstraintFamily
 from .pairs import Contacts
 from .rows import Array, Rows
 
@@ -19,7 +20,7 @@ _MARGIN, _ROOM = 0.1, 1.5
 _ROUNDING = 1e-12
 
 
-class SphereSurface:
+class SphereSurface(ConstraintFamily):
     """A mesh of the world (first) against many spheres (second).
 
     Parameters
@@ -43,6 +44,9 @@ class SphereSurface:
     be shorter than a radius.
     """
 
+    # the nearest feature of the mesh changes along the motion
+    smooth = False
+
     def __init__(
         self,
         system: System,
@@ -51,7 +55,8 @@ class SphereSurface:
         name: str,
         restitution: Array,
     ) -> None:
-        self.system, self._surface, self.restitution = system, surface, restitution
+        self.system, self._surface = system, surface
+        self.restitution: Array = restitution
         self._names, self._surface_name = [s.name for s in spheres], name
         self._bodies = np.array([s.body for s in spheres], dtype=np.int64)
         self._local = np.array([s.position for s in spheres])
@@ -60,19 +65,19 @@ class SphereSurface:
         self._largest = float(self._radii.max())
         self._reach, self._room = -np.inf, 4 * len(spheres)
         self._cells: Cells | None = None
+        self.size = len(self._radii)
 
-    @property
-    def size(self) -> int:
-        """How many spheres there are."""
-        return len(self._radii)
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.size} spheres at a mesh"
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
         return f"{self._names[constraint]} | {self._surface_name}"
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        found = self._contacts(q, tolerance)
+        found = self._measure(q, tolerance)
         near = np.flatnonzero(found.gap <= tolerance)
         if not near.size:
             return None
@@ -82,14 +87,19 @@ class SphereSurface:
 
     def nearest(self, q: Array, spheres: Array) -> Contacts:
         """Return the nearest contact of each of some spheres in ascending order."""
-        found = self._contacts(q, np.inf)
+        found = self._measure(q, np.inf)
         order = np.lexsort((found.gap, found.pair))
         first = order[np.searchsorted(found.pair[order], spheres)]
         return Contacts(*(part[first] for part in found))
 
-    def places(self, q: Array) -> tuple[Array, Array]:
+    def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return the nearest point of every sphere and the normal there, shapes (n, 3)."""
         return self.nearest(q, np.arange(self.size))[2:]
+
+    def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Return the nearest points of some spheres and the normals there, shapes (k, 3)."""
+        point, normal = self.nearest_points(q)
+        return point[rows], normal[rows]
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the distance of every sphere, shape (n,) [m]."""
@@ -104,7 +114,7 @@ class SphereSurface:
         bodies = self._bodies[sphere]
         return self.system.separation_rows(q, np.zeros_like(bodies), bodies, point, normal)
 
-    def _contacts(self, q: Array, tolerance: float) -> Contacts:
+    def _measure(self, q: Array, tolerance: float) -> Contacts:
         """Return the points that are nearest among those about them, of all within the tolerance at least."""
         places = self.system.placements(q, self._bodies)
         centres = np.vecmat(self._local, places[:, :3]) + places[:, 3]

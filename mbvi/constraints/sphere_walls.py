@@ -1,4 +1,4 @@
-"""Many spheres against half-spaces, boxes and capsules, in closed form and in bulk."""
+"""The family of many spheres against half-spaces, boxes and capsules, in closed form."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..compiled import kernel, plain_array
 from ..geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
 from ..system import System
 from ..system.sparse_rows import dense
+from .family import ConstraintFamily
 from .rows import Array, Rows
 
 _PLANE, _BOX, _CAPSULE = range(3)
@@ -99,7 +100,7 @@ def _wall_contacts(
     return count
 
 
-class SphereWalls:
+class SphereWalls(ConstraintFamily):
     """Half-spaces of the world, boxes and capsules on any body (first) against many free spheres (second).
 
     Parameters
@@ -147,10 +148,12 @@ class SphereWalls:
         self._kind = np.array([_kind(w) for w in walls], dtype=np.int64)
         self._local = np.array([_numbers(w, np.eye(3), np.zeros(3)) for w in walls])
         self._moving = [(a, w) for a, w in enumerate(walls) if isinstance(w, PlacedShape) and w.body]
-        # what travels less than it is thick within a step passes through nothing, and nothing a half-space
+        # nothing passes through a half-space
         self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
-        # how far each velocity takes those that move
+        # how far each velocity carries the walls that move
         self._reach = [(a, system.reach(w.body, w.position, w.shape.bound)) for a, w in self._moving]
+        self.size = len(self._radii) * len(self._kind)
+        self.restitution = np.asarray(group_restitution[group].ravel())
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
@@ -159,10 +162,9 @@ class SphereWalls:
             return f"{self._sphere_names[i]} | {self._wall_names[a]}"
         return f"{self._wall_names[a]} | {self._sphere_names[i]}"
 
-    @property
-    def size(self) -> int:
-        """How many pairs there are."""
-        return len(self._radii) * len(self._kind)
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.size} pairs of a sphere and a wall, in bulk"
 
     def _placed(self, q: Array) -> Array:
         """Return the walls' numbers where their bodies are."""
@@ -181,7 +183,7 @@ class SphereWalls:
         count = _wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
         return number[:count], gap[:count], point[:count], normal[:count]
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
         number, gap, point, normal = self._near(q, tolerance)
         if not number.size:
@@ -190,16 +192,11 @@ class SphereWalls:
         rows = self.system.separation_rows(q, self._bodies[a], self._first_body + i, point, normal)
         return Rows(number, gap, rows, self._e[self._group[i], a], point, normal)
 
-    @property
-    def restitution(self) -> Array:
-        """Restitution of every pair, shape (n w,)."""
-        return np.asarray(self._e[self._group].ravel())
-
     def gap(self, t: float, q: Array) -> Array:
         """Return the gap of every pair, shape (n w,) [m]."""
         return self._near(q, np.inf)[1]
 
-    def gaps(self, q: Array, pairs: Array) -> Array:
+    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
         centres, walls, gap = plain_array(q[self._where]).reshape(-1, 3), self._placed(q), np.empty(len(pairs))
         number, point, normal = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
@@ -218,30 +215,28 @@ class SphereWalls:
             )
         return gap
 
-    def places(self, q: Array) -> tuple[Array, Array]:
+    def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair, shapes (n w, 3)."""
         return self._near(q, np.inf)[2:]
 
-    @property
-    def least_way(self) -> float:
-        """What tangent vectors, entry by entry, must exceed to carry a sphere and a wall as far as both are thick."""
+    def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Return point and normal of some pairs, shapes (k, 3)."""
+        point, normal = self.nearest_points(q)
+        return point[rows], normal[rows]
+
+    def least_displacement(self) -> float:
+        """Return the largest entry of a tangent vector up to which no sphere passes through a wall."""
         carried = np.full(len(self._kind), np.sqrt(3.0))
         for a, reach in self._reach:
             carried[a] += reach.sum()
         return float(((self._radii.min() + self._inner) / carried).min(initial=np.inf))
 
-    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        """Return the pairs that may meet on a way longer than both are thick, their ways, and how thick they are.
-
-        Parameters
-        ----------
-        q, way : ndarray, shapes (nq,) and (nv,)
-            Configuration, and the tangent vector that leads on from it.
-        """
-        moved = (self.system.integrate(q, way)[self._where] - q[self._where]).reshape(-1, 3)
+    def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
+        moved = (self.system.integrate(q, displacement)[self._where] - q[self._where]).reshape(-1, 3)
         travel = np.tile(np.linalg.norm(moved, axis=1)[:, None], len(self._kind))
         for a, reach in self._reach:
-            travel[:, a] += reach @ np.abs(way)
+            travel[:, a] += reach @ np.abs(displacement)
         thick = self._radii[:, None] + self._inner
         if not (travel > thick).any():
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
@@ -251,7 +246,7 @@ class SphereWalls:
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair, shape (n w, nv)."""
-        rows = self.active(t, q, np.inf, None)
+        rows = self.contacts(t, q, np.inf)
         return np.zeros((0, self.system.nv)) if rows is None else dense(rows.jacobian)
 
 

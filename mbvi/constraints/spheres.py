@@ -1,4 +1,4 @@
-"""Frictionless spheres against each other, in bulk."""
+"""The family of all pairs of spheres, which are found by a Verlet list."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from ..geometry.sweep import may_pass
 from ..geometry.verlet_list import VerletList
 from ..system import System
 from ..system.sparse_rows import dense
+from .family import ConstraintFamily, RowTable
 from .rows import Array, Rows
 
 
@@ -55,7 +56,7 @@ def _touching(
     return count
 
 
-class SphereContacts:
+class SphereContacts(ConstraintFamily):
     """Every pair of the free spheres; only neighbours are listed.
 
     Parameters
@@ -94,6 +95,10 @@ class SphereContacts:
         self._radii, self._sphere_names = plain_array(radii), names
         self._group, self._e = group, group_restitution
         self._neighbours = VerletList(radii)
+        self.size = len(radii) ** 2
+        # a sphere that is an entity of its own has no pair within that entity
+        several = np.bincount(group, minlength=len(group_restitution)) > 1
+        self.restitution = np.asarray(group_restitution[~np.diag(~several)])
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
@@ -101,27 +106,26 @@ class SphereContacts:
         return f"{self._sphere_names[i]} | {self._sphere_names[j]}"
 
     @property
-    def size(self) -> int:
-        """How many numbers the pairs take up."""
-        return len(self._radii) ** 2
-
-    @property
     def count(self) -> int:
-        """How many spheres there are."""
-        return len(self._radii)
+        """How many pairs there are."""
+        return len(self._radii) * (len(self._radii) - 1) // 2
 
-    @property
-    def restitution(self) -> Array:
-        """Every e that pairs have, shape (k,)."""
-        # a sphere that is an entity of its own has no pair within that
-        several = np.bincount(self._group, minlength=len(self._e)) > 1
-        return np.asarray(self._e[~np.diag(~several)])
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return "every pair of spheres, found when near"
 
-    def restitution_of(self, i: Array, j: Array) -> Array:
-        """Return e of pairs of spheres."""
-        return np.asarray(self._e[self._group[i], self._group[j]])
+    def row_table(self, t: float, q: Array) -> RowTable:
+        """Return the table of all pairs i < j."""
+        i, j = np.triu_indices(len(self._radii), 1)
+        e, thickness = self._e[self._group[i], self._group[j]], self._radii[i] + self._radii[j]
+        return RowTable(self._all(), e, np.ones(len(i), bool), self._reach_of(i, j), thickness)
 
-    def reach_of(self, i: Array, j: Array) -> Array:
+    def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Return point and normal of some pairs i < j, shapes (k, 3)."""
+        point, normal = self.nearest_points(q)
+        return point[rows], normal[rows]
+
+    def _reach_of(self, i: Array, j: Array) -> Array:
         """Return how fast each velocity can bring pairs of spheres nearer, shape (k, nv)."""
         rows, here = np.zeros((len(i), self.system.nv)), np.arange(len(i))
         for body in np.unique(np.concatenate([i, j])).tolist():
@@ -129,32 +133,21 @@ class SphereContacts:
             rows[here[(i == body) | (j == body)]] += reach
         return rows
 
-    @property
-    def least_way(self) -> float:
-        """What tangent vectors, entry by entry, must exceed to carry a sphere by its radius."""
+    def least_displacement(self) -> float:
+        """Return the largest entry of a tangent vector up to which no sphere travels its radius."""
         return float(self._radii.min() / np.sqrt(3.0))
 
-    def passable(self, q: Array, way: Array) -> tuple[Array, Array, Array]:
-        """Return the pairs that may pass through each other on a way, how far each travels, and how thick it is.
-
-        Parameters
-        ----------
-        q, way : ndarray, shapes (nq,) and (nv,)
-            Configuration, and the tangent vector that leads on from it.
-        """
+    def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
+        """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
         centres = q[self._where].reshape(-1, 3)
-        moved = self.system.integrate(q, way)[self._where].reshape(-1, 3) - centres
+        moved = self.system.integrate(q, displacement)[self._where].reshape(-1, 3) - centres
         i, j = may_pass(centres, moved, np.linalg.norm(moved, axis=1), self._radii, self._radii)
         travel = np.linalg.norm(moved[j] - moved[i], axis=1)
         return i * len(self._radii) + j, travel, self._radii[i] + self._radii[j]
 
-    def gaps(self, q: Array, pairs: Array) -> Array:
+    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
         return self._near(q, pairs, np.inf)[1]
-
-    def thickness_of(self, i: Array, j: Array) -> Array:
-        """Return what pairs of spheres travel at least in passing through each other [m]."""
-        return np.asarray(self._radii[i] + self._radii[j])
 
     def _near(self, q: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         """Return numbers, gaps, points and normals of those pairs that are within the tolerance."""
@@ -165,7 +158,7 @@ class SphereContacts:
         )
         return number[:count], gap[:count], point[:count], normal[:count]
 
-    def active(self, t: float, q: Array, tolerance: float, travel: Array | None) -> Rows | None:
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
         centres = plain_array(q[self._where]).reshape(-1, 3)
         number, gap, point, normal = self._near(q, self._neighbours.within(centres, max(tolerance, 0.0)), tolerance)
@@ -175,7 +168,7 @@ class SphereContacts:
         rows = self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal)
         return Rows(number, gap, rows, self._e[self._group[i], self._group[j]], point, normal)
 
-    def places(self, q: Array) -> tuple[Array, Array]:
+    def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair i < j, shapes (n (n - 1) / 2, 3)."""
         return self._near(q, self._all(), np.inf)[2:]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import array, shown
 from ..errors import InputError
-from ..system.rotations import matrices
+from .rotations import matrices
 
 Array = np.ndarray
 

@@ -1,7 +1,7 @@
-"""Where the grains of a scene start: lattices, random packings, layers to be dropped, and what has been poured.
+"""Initial positions of spheres: lattices, random packings, layers to be dropped, and poured beds.
 
-Each function returns a `Packing`, positions and radii, that no two spheres of overlap, and
-`scene.add_spheres(*packing, density=2500.0)` takes. The same seed gives the same bytes.
+Each function returns a `Packing`, positions and radii of spheres that do not overlap, as
+`scene.add_spheres(*packing, density=2500.0)` expects them. The same seed gives the same bytes.
 """
 
 from .poured import poured

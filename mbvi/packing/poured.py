@@ -1,4 +1,4 @@
-"""Spheres that were poured into a box."""
+"""Packings made by a simulated pouring into a box."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from .sites import Packing, layers
 from .sizes import Array, Size
 
-# step of a pouring, in times of a fall through a mean diameter, and the speed that counts as rest, in speeds of it
+# time step, in units of the time of a fall through a mean diameter; speed that counts as rest, in units of the speed
+# after that fall
 _POUR, _STILL = 0.03, 0.03
 
 
@@ -29,22 +30,23 @@ def poured(
     upper : array_like, shape (2,) or (3,)
         Its opposite corner in x and y [m].
     radius, count, seed
-        As of `layers`, which fall from where these put them. The radii that come back are smaller by what spheres
-        overlap in the end, some 1e-6 of the smallest.
+        As in `layers`, whose positions are the start of the fall. Returned radii are smaller by the final overlap of
+        spheres, about 1e-6 of the smallest.
 
     Raises
     ------
     InputError
-        As `layers`.
+        As in `layers`.
     ProjectionError
         If a step of the pouring does not converge.
 
     Notes
     -----
-    Simulated by `StewartTrinkle` until the root mean square speed is a thirtieth of that of a fall through a diameter,
-    or ten times the time of the highest sphere's fall is over: without friction the last of it may slosh for long.
+    Simulated by `StewartTrinkle` until the root mean square speed is a thirtieth of that after a fall through a
+    diameter. Without friction a bed may slosh for long, so the simulation ends at the latest after ten times the time
+    of the highest sphere's fall.
     """
-    # only here, for packings are imported with the package
+    # imported here, because importing mbvi imports packings
     from ..run.simulate import steps
     from ..scene import Scene
     from ..schemes import StewartTrinkle

@@ -1,4 +1,4 @@
-"""Spheres on sites: a lattice, and layers to be dropped."""
+"""Packings on regular sites: a cubic lattice, and loose layers to be dropped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import InputError
 from .sizes import Array, Size, sizes
 
 _ROUNDING = 1e-12
-# sites along an axis that an integer can count
+# limit of sites along an axis, so that integers can count them
 _MOST_SITES = 1e9
 
 
@@ -45,17 +45,17 @@ def lattice(
     Parameters
     ----------
     shape : sequence of int, shape (3,)
-        How many along x, y and z.
+        Number of spheres along x, y and z.
     radius : float, array_like of shape (n,), or a size distribution
         Radii [m].
     spacing : float, optional
-        Distance of neighbouring sites [m]; by default as near as radii and jitter allow.
+        Distance of neighbouring sites [m]; by default the least that radii and jitter allow.
     corner : array_like, shape (3,)
-        Site of the lowest corner [m].
+        Site with the least coordinates [m].
     jitter : float
-        Each centre is off its site by up to this along each axis [m].
+        Largest random displacement of a centre from its site along each axis [m].
     seed : int
-        Of sizes and jitter.
+        Seed of sizes and jitter.
 
     Raises
     ------
@@ -84,22 +84,22 @@ def layers(
     clearance: float = 0.1,
     seed: int = 0,
 ) -> Packing:
-    """Return spheres in loose layers on top of each other, to be dropped into what is below.
+    """Return spheres in loose layers on top of each other, to be dropped.
 
     Parameters
     ----------
     lower : array_like, shape (3,)
         Corner of the lowest layer's floor [m].
     upper : array_like, shape (2,) or (3,)
-        Its opposite corner in x and y [m]; there are as many layers as it takes, so that a height is no bound.
+        Opposite corner in x and y [m]. A third number has no effect: there are as many layers as spheres need.
     radius : float, array_like of shape (n,), or a size distribution
         Radii [m].
     count : int, optional
-        How many, unless radii are given one by one.
+        Number of spheres, unless radii are given one by one.
     clearance : float
-        Room around each, in largest radii, over which centres are spread at random.
+        Free space around each sphere, in units of the largest radius; centres are random within it.
     seed : int
-        Of sizes and places.
+        Seed of sizes and positions.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def layers(
     if not (room >= 1.0).all():
         raise InputError(f"a layer of {(far[:2] - corner[:2]).tolist()} m has no room for spheres {pitch:g} m apart")
     sites = room.astype(int)
-    # spread over the whole floor
+    # sites spread over the whole floor
     width = np.append((far[:2] - corner[:2]) / sites, pitch)
     across, number = int(sites.prod()), np.arange(len(radii))
     layer, site = np.divmod(number, across)

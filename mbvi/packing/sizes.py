@@ -11,14 +11,13 @@ import numpy as np
 from ..arguments import Array, all_positive, array, between, function, integer, positive, returned
 from ..errors import InputError
 
-# the widest distribution whose radii are still numbers, the least share of radii that are not drawn again, and more
-# spheres than a packing takes
+# largest sigma whose radii are finite; least share of drawn radii that are kept; largest number of spheres
 _LARGEST_SIGMA, _LEAST_SHARE, _MOST_SPHERES = 10.0, 1e-3, 100_000_000
 Size = float | Sequence[float] | Array | Callable[[np.random.Generator, int], Array]
 
 
 def uniform(low: float, high: float) -> Callable[[np.random.Generator, int], Array]:
-    """Return a size distribution: radii spread evenly between two [m].
+    """Return a size distribution: radii are uniform between two limits [m].
 
     Raises
     ------
@@ -41,7 +40,7 @@ def lognormal(
     sigma : float
         Standard deviation of the logarithm.
     low, high : float, optional
-        Radii beyond these are drawn again [m]; three standard deviations by default.
+        Radii outside are drawn again [m]; by default those beyond three standard deviations.
 
     Raises
     ------
@@ -57,7 +56,7 @@ def lognormal(
         raise InputError(f"the median {median} must lie between low and high, {least:g} and {most:g}")
     below, above = (0.5 * (1.0 + math.erf(math.log(x / median) / (math.sqrt(2.0) * sigma))) for x in (least, most))
     if above - below < _LEAST_SHARE:
-        raise InputError(f"low and high keep a share of {above - below:.1g} of the radii: widen them, or lessen sigma")
+        raise InputError(f"low and high keep a share of {above - below:.1g} of the radii: widen them, or reduce sigma")
 
     def draw(rng: np.random.Generator, count: int) -> Array:
         radii = np.zeros(count)
@@ -81,7 +80,7 @@ def sizes(radius: Size, count: int | None, rng: np.random.Generator) -> Array:
     elif np.ndim(array(radius, "radius")):
         return all_positive(radius, "radius", len(array(radius, "radius", ("n",))) if number is None else number)
     if number is None:
-        raise InputError("say how many spheres: count must be a positive integer; got None")
+        raise InputError("the number of spheres is missing: count must be a positive integer; got None")
     return all_positive(given, "radius", number)
 
 

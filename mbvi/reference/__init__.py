@@ -1,4 +1,4 @@
-"""Problems that carry their exact solution, found by other means than mbvi's schemes and projection."""
+"""Problems with exact solutions, computed without mbvi's schemes and projection."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
     "tumbling_body",
 ]
 
-# each takes e; names are those of what it makes
+# functions of e, by the name of the problem
 MAKERS: dict[str, Callable[[float], Reference]] = {
     "bouncing ball": bouncing_ball,
     "impact oscillator": impact_oscillator,
@@ -49,7 +49,7 @@ MAKERS: dict[str, Callable[[float], Reference]] = {
 
 
 def references(e: float) -> tuple[Reference, ...]:
-    """Return every problem that has a solution at this restitution, each under a name of its own.
+    """Return every problem that has a solution at this restitution.
 
     Parameters
     ----------
@@ -59,13 +59,13 @@ def references(e: float) -> tuple[Reference, ...]:
     Returns
     -------
     tuple of Reference
-        With their default arguments. Left out is what raises at this e: the oscillators, where e is small and impacts
-        accumulate or the periodic orbit is none.
+        The problems with their default arguments. Oscillators are left out where e is so small that impacts accumulate
+        or no periodic orbit exists.
 
     Raises
     ------
     InputError
-        On e outside [0, 1].
+        If e is outside [0, 1].
     """
     e, _ = checked(e, 1.0)
     found = []

@@ -1,4 +1,4 @@
-"""Motions of one point in closed form: a ball through its accumulation of impacts, sliding inside a circle."""
+"""Closed-form motions of one point: a bouncing ball that comes to rest, and sliding inside a circle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..problem import Problem
 from ..system import LagrangianSystem
 from .solution import Array, Pieces, Reference, State, checked, times
 
-# bounces slower than this, relative to the first, are below rounding
+# speed of a bounce, relative to the first, below which it is rounding
 _SLOWEST = 1e-13
 _MOST_BOUNCES = 100_000
 
@@ -26,7 +26,7 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     e : float
         Restitution in [0, 1].
     height : float
-        Height it is dropped from [m].
+        Height of the drop [m].
     gravity : float
         [m/s^2].
     duration : float
@@ -35,7 +35,7 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     Raises
     ------
     InputError
-        On e outside [0, 1], or lengths, gravity, durations that are not positive.
+        If e is outside [0, 1], or height, gravity or duration is not positive.
 
     Notes
     -----
@@ -53,7 +53,7 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
             raise InputError(f"more than {_MOST_BOUNCES} impacts: choose a shorter duration or another e")
         starts.append(landing)
         states.append(partial(_thrown, landing, 0.0, speed, gravity))
-        # times are sums of ever shorter flights: no cancellation
+        # times are sums of ever shorter flights, so nothing cancels
         landing, speed = landing + 2 * speed / gravity, e * speed
     impacts = times(starts[1:], duration)
     starts.append(landing)
@@ -76,12 +76,12 @@ def _thrown(start: float, height: float, speed: float, gravity: float, t: float)
 
 
 def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Reference:
-    """Return a force-free point sliding along the inside of the unit circle for ever.
+    """Return a force-free point that slides along the inside of the unit circle.
 
     Parameters
     ----------
     e : float
-        Restitution in [0, 1]; there is no impact, so any gives the same.
+        Restitution in [0, 1]; it has no effect, because there is no impact.
     speed : float
         [m/s].
     duration : float
@@ -90,7 +90,7 @@ def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Refe
     Raises
     ------
     InputError
-        On e outside [0, 1], a speed that is not finite, a duration that is not positive.
+        If e is outside [0, 1], the speed is not finite, or the duration is not positive.
 
     Notes
     -----

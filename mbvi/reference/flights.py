@@ -1,4 +1,4 @@
-"""Flights of q'' + q = cos(W t + phi) above a stop, from impact to impact, without ever missing one."""
+"""Flights of q'' + q = cos(W t + phi) above a stop between impacts; no impact is missed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ..errors import InputError
 from .solution import Array, Pieces, State, times
 
 _MOST_IMPACTS, _MOST_ADVANCES = 5000, 100_000
-# impacts nearer to one another than this are taken for an accumulation [s]
+# impacts closer in time than this count as an accumulation [s]
 _NEAREST = 1e-6
-# an acceleration off the stop below this is none
+# accelerations away from the stop below this count as zero
 _STILL = 1e-13
 
 
@@ -29,8 +29,8 @@ class Flight:
     b: float
 
     @classmethod
-    def launch(cls, start: float, phase: float, frequency: float, q: float, v: float) -> Flight:
-        """Return the flight through (q, v) at its start, where the forcing has that phase."""
+    def through(cls, start: float, phase: float, frequency: float, q: float, v: float) -> Flight:
+        """Return the flight that starts at (q, v), where the forcing has the given phase."""
         c = 1 / (1 - frequency**2)
         return cls(start, phase, frequency, q - c * np.cos(phase), v + c * frequency * np.sin(phase))
 
@@ -47,7 +47,7 @@ class Flight:
         return np.array([q]), np.array([v])
 
     def bound(self, order: int) -> float:
-        """Return what no derivative of that order (>= 1) exceeds."""
+        """Return a bound of the derivative of that order, >= 1."""
         return float(np.hypot(self.a, self.b) + abs(self.c) * self.frequency**order)
 
     def landing(self, stop: float, end: float) -> float | None:
@@ -58,7 +58,7 @@ class Flight:
         Conservative advancement: q - stop >= d + v s - B s^2 / 2 with B the bound of |q''|, so that no root can lie
         before the positive root of the right hand side.
         """
-        B, s = self.bound(2), self._off(stop)
+        B, s = self.bound(2), self._time_to_leave(stop)
         for _ in range(_MOST_ADVANCES):
             if self.start + s > end:
                 return None
@@ -68,19 +68,19 @@ class Flight:
             advance = (rate + root) / B if rate > 0 else 2 * d / (root - rate) if d > 0 else 0.0
             s += advance
             if advance <= 1e-15 * (1 + abs(s)):
-                return self._polished(s, stop)
-        raise InputError(f"an impact near {self.start + s:g} s grazes too closely to be located: take another start")
+                return self._refined_by_newton(s, stop)
+        raise InputError(f"an impact near {self.start + s:g} s grazes too closely to be located: choose another start")
 
-    def _off(self, stop: float) -> float:
-        """Return how long it takes to be off the stop for sure, where it starts there at rest [s]."""
+    def _time_to_leave(self, stop: float) -> float:
+        """Return a time after which a flight that starts at rest on the stop has certainly left it [s]."""
         q, v = self(self.start)
         if q[0] - stop > _STILL or v[0] > _STILL:
             return 0.0
         push, jerk = np.cos(self.phase) - stop, -self.frequency * np.sin(self.phase)
-        # half way to where the next term of Taylor's series could outweigh the first
+        # half of the time until the next term of Taylor's series can outweigh the first
         return float(1.5 * push / self.bound(3) if push > _STILL else 2.0 * jerk / self.bound(4))
 
-    def _polished(self, s: float, stop: float) -> float:
+    def _refined_by_newton(self, s: float, stop: float) -> float:
         for _ in range(3):
             q, v = self(self.start + s)
             if v[0] < 0:
@@ -88,8 +88,8 @@ class Flight:
         return self.start + s
 
 
-class Motion:
-    """What the oscillator does from (q, v) at time 0, where the forcing has that phase, until the end.
+class OscillatorMotion:
+    """The motion of the oscillator from (q, v) at time 0, where the forcing has the given phase.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Motion:
         struck: list[float] = []
         released: list[float] = []
         monodromy, last = np.eye(2), 0.0
-        flight: Flight | None = Flight.launch(0.0, phase, frequency, q, v)
+        flight: Flight | None = Flight.through(0.0, phase, frequency, q, v)
         while flight is not None:
             self._add(flight.start, flight)
             t = flight.landing(stop, duration)
@@ -129,41 +129,41 @@ class Motion:
             last, before = t, float(flight(t)[1][0])
             with np.errstate(over="ignore", invalid="ignore"):
                 monodromy = self._saltation(t, before) @ monodromy
-            flight = self._onward(t, before, released)
+            flight = self._next_flight(t, before, released)
         self.at = Pieces(self._starts, self._states, duration)
         self.impacts, self.releases = times(struck, duration), times(released, duration)
-        # a product of thousands of impacts may be larger than any float
+        # the product over thousands of impacts may overflow
         self.amplification = float(np.linalg.norm(monodromy, 2)) if np.isfinite(monodromy).all() else np.inf
 
     def _add(self, start: float, state: Callable[[float], State]) -> None:
         self._starts.append(start)
         self._states.append(state)
 
-    def _push(self, t: float) -> float:
-        """Return the acceleration off the stop of what rests on it."""
+    def _acceleration_off_stop(self, t: float) -> float:
+        """Return the acceleration away from the stop at rest on it."""
         return float(np.cos(self._frequency * t + self._phase) - self._stop)
 
     def _saltation(self, t: float, before: float) -> Array:
         e = self._e
-        if e == 0.0 and self._push(t) <= _STILL:
+        if e == 0.0 and self._acceleration_off_stop(t) <= _STILL:
             return np.zeros((2, 2))
-        return np.array([[-e, 0.0], [(1 + e) * self._push(t) / before, -e]])
+        return np.array([[-e, 0.0], [(1 + e) * self._acceleration_off_stop(t) / before, -e]])
 
-    def _onward(self, t: float, before: float, released: list[float]) -> Flight | None:
-        """Return the flight after an impact, None where it rests on the stop for good."""
+    def _next_flight(self, t: float, before: float, released: list[float]) -> Flight | None:
+        """Return the flight after an impact, or None if the mass rests on the stop from then on."""
         phase = self._frequency * t + self._phase
-        if self._e > 0.0 or self._push(t) > _STILL:
-            return Flight.launch(t, phase, self._frequency, self._stop, -self._e * before)
+        if self._e > 0.0 or self._acceleration_off_stop(t) > _STILL:
+            return Flight.through(t, phase, self._frequency, self._stop, -self._e * before)
         self._add(t, partial(_at_rest, self._stop))
         if self._stop >= 1.0:
             return None
-        # the forcing outgrows the spring where its cosine rises through the stop's position
+        # release: the cosine of the forcing rises through the stop's position
         leaving = -float(np.arccos(self._stop))
         release = t + float(np.mod(leaving - phase, 2 * np.pi)) / self._frequency
         if release > self._end:
             return None
         released.append(release)
-        return Flight.launch(release, leaving, self._frequency, self._stop, 0.0)
+        return Flight.through(release, leaving, self._frequency, self._stop, 0.0)
 
 
 def _rotation(s: float) -> Array:

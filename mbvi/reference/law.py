@@ -1,4 +1,4 @@
-"""The impact law for a few constraints by enumeration: too slow for more, and with nothing in it that could err."""
+"""The impact law for at most ten constraints, by enumeration of active sets."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..errors import InputError
 
 Array = np.ndarray
 
-# rows whose subsets are gone through
+# largest number of rows whose subsets are enumerated
 _MOST_ROWS = 10
-# relative to the largest number of the problem: a violation below this is rounding, a pivot below that a dependence
+# violations that count as rounding, and eigenvalues that count as dependence; relative to the problem's largest number
 _ROUNDING, _DEPENDENT = 1e-11, 1e-12
 
 
@@ -29,7 +29,7 @@ def complementary(G: Array, c: Array) -> Array:
     Returns
     -------
     ndarray, shape (m,)
-        The p of fewest positive entries; G p is unique.
+        The solution with the fewest positive entries; G p is unique.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def complementary(G: Array, c: Array) -> Array:
     """
     m = len(c)
     if m > _MOST_ROWS:
-        raise InputError(f"{m} rows are too many to go through their subsets; mbvi.impact takes any number")
+        raise InputError(f"{m} rows are too many to enumerate their subsets; mbvi.impact accepts any number")
     size = np.sqrt(np.diag(G)) if m else np.ones(0)
     if not (size > 0).all():
         raise InputError("a gradient is zero: such a constraint cannot be struck")
@@ -60,7 +60,7 @@ def complementary(G: Array, c: Array) -> Array:
             after[S] = 0.0
             if min(p.min(initial=0.0), after.min(initial=0.0)) >= -_ROUNDING * scale:
                 return np.maximum(p, 0.0) / size
-    raise InputError("no velocity meets these constraints")
+    raise InputError("no velocity satisfies these constraints")
 
 
 def law(M: Array, J: Array, v: Array, e: float) -> Array:
@@ -80,7 +80,7 @@ def law(M: Array, J: Array, v: Array, e: float) -> Array:
     Raises
     ------
     InputError
-        As `complementary`.
+        As in `complementary`.
     """
-    turned = np.linalg.solve(M, J.T)
-    return v + turned @ complementary(J @ turned, (1 + e) * (J @ v))
+    response = np.linalg.solve(M, J.T)
+    return v + response @ complementary(J @ response, (1 + e) * (J @ v))

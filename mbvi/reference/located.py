@@ -1,6 +1,7 @@
-"""Motions under few constraints, integrated to rounding between events located to rounding; slow, and to be so.
+"""Reference motions under few constraints: integration and event times accurate to rounding, at any cost.
 
-Between events DOP853 at its tightest tolerances and a small largest step; at impacts the law by enumeration.
+DOP853 integrates between events, with its tightest tolerances and a small largest step. At impacts the law is solved
+by enumeration.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from .law import complementary, law
 from .solution import Array, Pieces, State, times
 
 _RTOL, _ATOL = 1e-13, 1e-14
-# so short that what leaves contact is off before it can be back [s]
+# first step after an event, so short that a contact that opens cannot close again within it [s]
 _FIRST_STEP = 1e-7
 _MOST_EVENTS = 200
-# impacts nearer to one another than this are taken for an accumulation, and a motion that is to end before it ends
-# where they are nearer than that [s]
+# impacts closer in time than the first count as an accumulation; a motion that may be shortened ends where impacts are
+# closer than the second [s]
 _NEAREST, _NEAR = 1e-4, 1e-2
-# gaps below this are closed, normal speeds below that are none
+# gaps below the first count as closed, normal speeds below the second as zero
 _TOUCHING, _STILL = 1e-10, 1e-11
 
 
@@ -39,36 +40,36 @@ class Mechanism:
         force(t, q, v) -> (nv,).
     gap, gradient : callable
         gap(q) -> (m,), gradient(q) -> (m, nv).
-    bend : callable
-        bend(q, v) -> (dJ/dt) v, shape (m,).
+    bias : callable
+        bias(q, v) -> (dJ/dt) v, shape (m,).
     rate : callable
         rate(q, v) -> dq/dt, shape (nq,).
     normalise : callable
-        Put a q that is off its manifold by rounding back on it.
+        normalise(q) -> q, with rounding off the manifold removed.
     """
 
     mass: Callable[[Array], Array]
     force: Callable[[float, Array, Array], Array]
     gap: Callable[[Array], Array]
     gradient: Callable[[Array], Array]
-    bend: Callable[[Array, Array], Array]
+    bias: Callable[[Array, Array], Array]
     rate: Callable[[Array, Array], Array] = lambda q, v: v
     normalise: Callable[[Array], Array] = lambda q: q
 
     def multipliers(self, t: float, q: Array, v: Array, closed: list[int], choose: bool = False) -> Array:
-        """Return the forces of closed contacts that keep them closed, or, to choose, those that press at all."""
+        """Return the forces that keep contacts closed; with `choose`, only nonnegative ones, by complementarity."""
         J = self.gradient(q)[closed]
         M = self.mass(q)
-        turned = np.linalg.solve(M, J.T)
-        apart = turned.T @ self.force(t, q, v) + self.bend(q, v)[closed]
-        return complementary(J @ turned, apart) if choose else np.linalg.solve(J @ turned, -apart)
+        response = np.linalg.solve(M, J.T)
+        opening = response.T @ self.force(t, q, v) + self.bias(q, v)[closed]
+        return complementary(J @ response, opening) if choose else np.linalg.solve(J @ response, -opening)
 
     def acceleration(self, t: float, q: Array, v: Array, closed: list[int]) -> Array:
-        """Return dv/dt with those contacts kept closed."""
-        push = self.force(t, q, v)
+        """Return dv/dt with the given contacts kept closed."""
+        generalised_force = self.force(t, q, v)
         if closed:
-            push = push + self.gradient(q)[closed].T @ self.multipliers(t, q, v, closed)
-        return np.linalg.solve(self.mass(q), push)
+            generalised_force = generalised_force + self.gradient(q)[closed].T @ self.multipliers(t, q, v, closed)
+        return np.linalg.solve(self.mass(q), generalised_force)
 
 
 @dataclass(frozen=True)
@@ -103,19 +104,19 @@ def locate(
     duration : float
         [s].
     shorten : bool
-        Whether to end before impacts accumulate.
+        Whether to end the motion before impacts accumulate.
     largest_step : float
-        Largest step of the integrator [s]: a gap that opens again within one is not seen.
+        Largest step of the integrator [s]. A gap that closes and opens within one step is not found.
 
     Raises
     ------
     InputError
-        If impacts accumulate before the end and it is not to be shortened.
+        If impacts accumulate before the end and `shorten` is false.
 
     Notes
     -----
-    Contacts that an impact at e = 0 leaves closed stay so while their multipliers press, which are chosen by the
-    complementarity problem of accelerations.
+    Contacts that an impact at e = 0 leaves closed stay closed while their multipliers are positive. The complementarity
+    problem of accelerations selects them.
     """
     nq = len(q0)
     t, y, closed = 0.0, np.concatenate([q0, v0]), list[int]()
@@ -127,12 +128,12 @@ def locate(
         if len(starts) == _MOST_EVENTS or (len(struck) > 1 and struck[-1] - struck[-2] < _NEAREST):
             if not shorten:
                 raise InputError(f"impacts accumulate near {t:g} s: choose a duration that ends before")
-            # well after an impact and well before the next
+            # in the middle between two impacts
             first = int(np.argmax(np.diff(struck) < _NEAR))
             duration = 0.5 * (sum(struck[first - 1 : first + 1]) if first else struck[0])
             break
         start = t
-        solution, t, y, event = _stretch(mechanism, t, y, closed, duration, largest_step, nq)
+        solution, t, y, event = _integrate_to_event(mechanism, t, y, closed, duration, largest_step, nq)
         starts.append(start)
         states.append(partial(_state, mechanism, solution, nq))
         if event is None:
@@ -141,12 +142,12 @@ def locate(
             released.append(t)
         else:
             struck.append(t)
-        y, closed = _through(mechanism, t, y, closed, event, e, nq)
+        y, closed = _apply_event(mechanism, t, y, closed, event, e, nq)
     states[0] = partial(_from_start, states[0], q0, v0)
     return Located(Pieces(starts, states, duration), duration, times(struck, duration), times(released, duration))
 
 
-def _stretch(
+def _integrate_to_event(
     mechanism: Mechanism, t: float, y: Array, closed: list[int], end: float, largest_step: float, nq: int
 ) -> tuple[Any, float, Array, int | None]:
     """Integrate until the first event; return the dense solution, time and state there, and which constraint it is."""
@@ -158,7 +159,7 @@ def _stretch(
 
     events, numbers = [], list(range(len(mechanism.gap(y[:nq]))))
     for a in numbers:
-        event = partial(_pressing, mechanism, closed, a, nq) if a in closed else partial(_gap, mechanism, a, nq)
+        event = partial(_contact_force, mechanism, closed, a, nq) if a in closed else partial(_gap, mechanism, a, nq)
         event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
         events.append(event)
     options: dict[str, Any] = {"method": "DOP853", "rtol": _RTOL, "atol": _ATOL, "max_step": largest_step}
@@ -167,11 +168,11 @@ def _stretch(
     if run.status != 1:
         return run.sol, end, run.y[:, -1], None
     number = next(a for a in numbers if len(run.t_events[a]))
-    # again from the step before, without dense output in between: its error is of lower order
+    # integrate the last step again, because the dense output has an error of lower order
     before, state, when = float(run.t[-2]), run.y[:, -2], float(run.t[-1])
     for _ in range(3):
         again = solve_ivp(flow, (before, when), state, **options).y[:, -1]
-        # a multiplier has no rate at hand
+        # the rate of a multiplier is not available
         value, rate = _slope(mechanism, flow, events[number], closed, number, when, again, nq)
         if abs(value / rate) < 1e-16 or when - value / rate <= before:
             break
@@ -189,7 +190,7 @@ def _slope(
     return event(t, y), (event(t + h, y + h * dy) - event(t - h, y - h * dy)) / (2 * h)
 
 
-def _through(
+def _apply_event(
     mechanism: Mechanism, t: float, y: Array, closed: list[int], event: int, e: float, nq: int
 ) -> tuple[Array, list[int]]:
     """Return the state after an event and the contacts that are closed from then on."""
@@ -200,18 +201,18 @@ def _through(
     touching = [int(a) for a in np.flatnonzero(mechanism.gap(q) < _TOUCHING)]
     J = mechanism.gradient(q)
     v = law(mechanism.mass(q), J[touching], v, e)
-    still = [a for a in touching if J[a] @ v < _STILL]
-    if still:
-        press = mechanism.multipliers(t, q, v, still, choose=True)
-        still = [a for a, p in zip(still, press, strict=True) if p > 0]
-    return np.concatenate([q, v]), still
+    resting = [a for a in touching if J[a] @ v < _STILL]
+    if resting:
+        forces_at_rest = mechanism.multipliers(t, q, v, resting, choose=True)
+        resting = [a for a, p in zip(resting, forces_at_rest, strict=True) if p > 0]
+    return np.concatenate([q, v]), resting
 
 
 def _gap(mechanism: Mechanism, number: int, nq: int, t: float, y: Array) -> float:
     return float(mechanism.gap(y[:nq])[number])
 
 
-def _pressing(mechanism: Mechanism, closed: list[int], number: int, nq: int, t: float, y: Array) -> float:
+def _contact_force(mechanism: Mechanism, closed: list[int], number: int, nq: int, t: float, y: Array) -> float:
     return float(mechanism.multipliers(t, y[:nq], y[nq:], closed)[closed.index(number)])
 
 
@@ -221,5 +222,5 @@ def _state(mechanism: Mechanism, solution: Any, nq: int, t: float) -> State:
 
 
 def _from_start(state: Callable[[float], State], q0: Array, v0: Array, t: float) -> State:
-    # the dense output rounds at its own start
+    # the dense output has rounding errors at its start
     return (q0.copy(), v0.copy()) if t == 0.0 else state(t)

@@ -1,4 +1,4 @@
-"""Mechanisms whose motions are located: a double pendulum at a wall, a rod and a block on a floor, a tumbling box."""
+"""Reference motions of mechanisms: a double pendulum at a wall, a rod and a block on a floor, a tumbling box."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .located import Mechanism, locate
 from .solution import Array, Reference, checked
 
 G = 9.81
-# a located motion costs a second of CPU for some twenty of its own [s]
+# longest duration; about twenty simulated seconds cost a second of CPU [s]
 _LONGEST = 50.0
 
 _SOURCE = (
@@ -31,12 +31,12 @@ def double_pendulum(e: float, duration: float | None = None) -> Reference:
     e : float
         Restitution in [0, 1].
     duration : float, optional
-        [s]; by default 2.5, or less where impacts accumulate before.
+        [s]; by default 2.5, or less if impacts accumulate earlier.
 
     Raises
     ------
     InputError
-        On e outside [0, 1], a duration that is not positive, or one given that passes an accumulation of impacts.
+        If e is outside [0, 1], the duration is not positive, or a given duration contains an accumulation of impacts.
 
     Notes
     -----
@@ -57,7 +57,7 @@ def double_pendulum(e: float, duration: float | None = None) -> Reference:
         force,
         gap=lambda q: np.array([np.sin(q).sum() + 0.1]),
         gradient=lambda q: np.cos(q)[None],
-        bend=lambda q, v: np.array([-np.sin(q) @ v**2]),
+        bias=lambda q, v: np.array([-np.sin(q) @ v**2]),
     )
 
     def potential(q: Array) -> float:
@@ -76,12 +76,12 @@ def rod(e: float, duration: float | None = None) -> Reference:
     e : float
         Restitution in [0, 1].
     duration : float, optional
-        [s]; by default 0.6, or less where impacts accumulate before.
+        [s]; by default 0.6, or less if impacts accumulate earlier.
 
     Raises
     ------
     InputError
-        On e outside [0, 1], a duration that is not positive, or one given that passes an accumulation of impacts.
+        If e is outside [0, 1], the duration is not positive, or a given duration contains an accumulation of impacts.
 
     Notes
     -----
@@ -96,7 +96,7 @@ def rod(e: float, duration: float | None = None) -> Reference:
         force=lambda t, q, v: np.array([-G, 0.0]),
         gap=lambda q: q[0] + half * side * np.sin(q[1]),
         gradient=lambda q: np.column_stack([np.ones(2), half * side * np.cos(q[1])]),
-        bend=lambda q, v: -half * side * np.sin(q[1]) * v[1] ** 2,
+        bias=lambda q, v: -half * side * np.sin(q[1]) * v[1] ** 2,
     )
     labels = ("right end | floor", "left end | floor")
     return _reference("rod", mechanism, lambda q: G * q[0], [0.7, 0.35], [0.0, 0.0], labels, e, end, duration is None)
@@ -110,12 +110,12 @@ def rocking_block(e: float, duration: float | None = None) -> Reference:
     e : float
         Restitution in [0, 1].
     duration : float, optional
-        [s]; by default 0.6, or less where impacts accumulate before.
+        [s]; by default 0.6, or less if impacts accumulate earlier.
 
     Raises
     ------
     InputError
-        On e outside [0, 1], a duration that is not positive, or one given that passes an accumulation of impacts.
+        If e is outside [0, 1], the duration is not positive, or a given duration contains an accumulation of impacts.
 
     Notes
     -----
@@ -138,7 +138,7 @@ def rocking_block(e: float, duration: float | None = None) -> Reference:
         force=lambda t, q, v: np.array([0.0, -G, 0.0]),
         gap=gap,
         gradient=gradient,
-        bend=lambda q, v: (height * np.cos(q[2]) - width * side * np.sin(q[2])) * v[2] ** 2,
+        bias=lambda q, v: (height * np.cos(q[2]) - width * side * np.sin(q[2])) * v[2] ** 2,
     )
     labels = ("right corner | floor", "left corner | floor")
     return _reference(
@@ -154,12 +154,12 @@ def tumbling_body(e: float, duration: float | None = None) -> Reference:
     e : float
         Restitution in [0, 1].
     duration : float, optional
-        [s]; by default 0.45, or less where impacts accumulate before.
+        [s]; by default 0.45, or less if impacts accumulate earlier.
 
     Raises
     ------
     InputError
-        On e outside [0, 1], a duration that is not positive, or one given that passes an accumulation of impacts.
+        If e is outside [0, 1], the duration is not positive, or a given duration contains an accumulation of impacts.
 
     Notes
     -----
@@ -170,7 +170,7 @@ def tumbling_body(e: float, duration: float | None = None) -> Reference:
     size, centre, speed, spin = np.array([0.3, 0.5, 0.7]), (0.0, 0.0, 0.54), (0.3, 0.1, 0.0), (1.2, 3.0, 2.4)
     scene = Scene(gravity=(0, 0, -G), restitution=e)
     scene.add_halfspace((0, 0, 1), name="floor")
-    # at the identity the world's axes are the body's
+    # the initial rotation is the identity, so world axes and body axes agree
     scene.add_box(tuple(size), mass=2.0, position=centre, velocity=speed, angular_velocity=spin, name="box")
     problem = scene.build()
     found = locate(_free_box(size, 2.0), problem.q0, problem.v0, e, end, duration is None)
@@ -199,8 +199,8 @@ def _free_box(size: Array, mass: float) -> Mechanism:
         rows[:, 2], rows[:, 3:] = 1.0, np.cross(vertices, up(q))
         return rows
 
-    def bend(q: Array, v: Array) -> Array:
-        # up turns against the body
+    def bias(q: Array, v: Array) -> Array:
+        # the vertical, in body axes, rotates against the body
         return np.cross(vertices, _cross(up(q), v[3:])) @ v[3:]
 
     return Mechanism(
@@ -208,14 +208,14 @@ def _free_box(size: Array, mass: float) -> Mechanism:
         force=lambda t, q, v: np.concatenate([[0, 0, -mass * G], _cross(inertia * v[3:], v[3:])]),
         gap=lambda q: q[2] + vertices @ up(q),
         gradient=gradient,
-        bend=bend,
+        bias=bias,
         rate=rate,
         normalise=normalise,
     )
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the vector product; np.cross takes ten times as long for a single pair."""
+    """Return the vector product; np.cross is ten times slower for a single pair."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

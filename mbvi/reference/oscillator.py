@@ -11,7 +11,7 @@ from ..constraints import GapFunction
 from ..errors import InputError
 from ..problem import Problem
 from ..system import LagrangianSystem
-from .flights import Flight, Motion
+from .flights import Flight, OscillatorMotion
 from .solution import Array, Pieces, Reference, checked, times
 
 _MOST_PERIODS = 100_000
@@ -20,7 +20,7 @@ _MOST_PERIODS = 100_000
 def impact_oscillator(
     e: float, frequency: float = 2.5, stop: float = 0.2, n: int = 1, duration: float = 5.0
 ) -> Reference:
-    """Return the orbit with one impact every n periods of the forcing; for e = 0 one that rests on the stop.
+    """Return the orbit with one impact every n periods of the forcing; at e = 0 an orbit that rests on the stop.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def impact_oscillator(
     frequency : float
         W of the forcing cos(W t + phi), not 1 [rad/s].
     stop : float
-        Where the stop is [m].
+        Position of the stop [m].
     n : int
         Periods of the forcing between impacts (e > 0).
     duration : float
@@ -38,13 +38,13 @@ def impact_oscillator(
     Raises
     ------
     InputError
-        If an argument is out of its range, or there is no such orbit that is stable: an unstable one is left by
-        rounding.
+        If an argument is out of its range, or no such orbit is stable, because rounding errors grow on an unstable
+        orbit.
 
     Notes
     -----
-    From an impact on, q = a cos t + b sin t + c cos(W t + phi) with c = 1 / (1 - W^2). That q be back at the stop after
-    P = 2 pi n / W with the velocity -u / e, u = q'(0+), gives with T = tan(P / 2)
+    From an impact on, q = a cos t + b sin t + c cos(W t + phi) with c = 1 / (1 - W^2). The condition that q returns to
+    the stop after P = 2 pi n / W with the velocity -u / e, u = q'(0+), gives with T = tan(P / 2)
 
         a = stop - c cos phi,  b = a T,  u = 2 a T e / (1 + e),  sin phi = a T (1 - e) / ((1 + e) c W),
 
@@ -77,7 +77,7 @@ def chaotic_oscillator(
     v0: float = 0.0,
     duration: float = 6.0,
 ) -> Reference:
-    """Return a motion of the impact oscillator from any start, by default one that is sensitive to it.
+    """Return a motion of the impact oscillator from any start, by default a start with sensitive dependence.
 
     Parameters
     ----------
@@ -86,11 +86,11 @@ def chaotic_oscillator(
     frequency : float
         W of the forcing cos(W t), not 1 [rad/s].
     stop : float
-        Where the stop is [m].
+        Position of the stop [m].
     q0, v0 : float
         Start, above the stop [m, m/s].
     duration : float
-        [s]; `source` tells by how much an error at the start is amplified until its end.
+        [s]; `source` states how much an error at the start has grown at the end.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def chaotic_oscillator(
     q0, v0 = finite(q0, "q0"), finite(v0, "v0")
     if q0 <= stop:
         raise InputError(f"q0 must be above the stop at {stop:g}; got {q0:g}")
-    motion = Motion(e, frequency, 0.0, stop, q0, v0, duration)
+    motion = OscillatorMotion(e, frequency, 0.0, stop, q0, v0, duration)
     problem = _problem(e, frequency, 0.0, stop, np.array([q0]), np.array([v0]))
     grown = motion.amplification
     source = (
@@ -120,17 +120,19 @@ def chaotic_oscillator(
 
 
 def _sticking(frequency: float, stop: float, duration: float) -> Reference:
-    """Return the periodic orbit at e = 0 of one flight and one rest on the stop a period."""
+    """Return the periodic orbit at e = 0 with one flight and one rest on the stop in each period."""
     if not -1 < stop < 1:
-        raise InputError(f"at e = 0 the stop must lie in (-1, 1), else the forcing never presses and lifts; got {stop}")
+        raise InputError(
+            f"at e = 0 the stop must lie in (-1, 1), so that the forcing holds and lifts the mass; got {stop}"
+        )
     leaving = -float(np.arccos(stop))
-    flight, period = Flight.launch(0.0, leaving, frequency, stop, 0.0), 2 * np.pi / frequency
+    flight, period = Flight.through(0.0, leaving, frequency, stop, 0.0), 2 * np.pi / frequency
     landing = flight.landing(stop, period)
     if landing is None or np.cos(frequency * landing + leaving) >= stop:
-        raise InputError("at e = 0 it does not land while the forcing presses: choose another frequency or stop")
+        raise InputError("at e = 0 the mass does not land while the forcing holds it: choose another frequency or stop")
     q0, v0 = flight(0.5 * landing)
     phase = leaving + 0.5 * frequency * landing
-    motion = Motion(0.0, frequency, phase, stop, float(q0[0]), float(v0[0]), duration)
+    motion = OscillatorMotion(0.0, frequency, phase, stop, float(q0[0]), float(v0[0]), duration)
     problem = _problem(0.0, frequency, phase, stop, q0, v0)
     source = (
         "closed form in flight and at rest on the stop until the forcing outgrows the spring, "
@@ -179,5 +181,5 @@ def _problem(e: float, W: float, phase: float, stop: float, q0: Array, v0: Array
 def _checked(frequency: float, stop: float) -> tuple[float, float]:
     rate = positive(frequency, "frequency")
     if abs(rate - 1) <= 1e-3:
-        raise InputError(f"frequency must be away from the resonance at 1; got {rate:g}")
+        raise InputError(f"frequency must differ from the resonance at 1; got {rate:g}")
     return rate, finite(stop, "stop")

@@ -1,4 +1,4 @@
-"""Force-free motions with a constant mass matrix between plane walls: straight lines, so that every impact is exact."""
+"""Force-free motions between plane walls, with a constant mass matrix: straight lines with exact impacts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .law import law
 from .solution import Array, Pieces, Reference, State, checked
 
 _MOST_IMPACTS = 1000
-# gaps below this, and speeds relative to the largest below that, are zero but for rounding
+# gaps below the first, and speeds relative to the largest below the second, count as zero
 _TOUCHING, _STILL = 1e-13, 1e-14
-# impacts nearer to one another than this are an accumulation, whose limit straight lines do not give [m]
-_NEAREST = 1e-10
+# impacts closer than this travel count as an accumulation, whose limit is not computed [m]
+_LEAST_TRAVEL = 1e-10
 
 _STRAIGHT = "straight lines between impacts at the roots of linear functions, the law (8) by enumeration; "
 
@@ -42,7 +42,7 @@ def corner(
     mass : array_like, shape (2, 2)
         Mass matrix, constant.
     aim : bool
-        Whether it is started exactly at the corner; else it strikes one wall after the other in their interior.
+        Whether the point aims exactly at the corner. Otherwise it strikes one wall after the other.
     duration : float
         [s].
 
@@ -61,7 +61,7 @@ def corner(
     M, aim = array(mass, "mass", (2, 2)), boolean(aim, "aim")
     if not np.allclose(M, M.T) or not np.linalg.eigvalsh(M)[0] > 0:
         raise InputError(f"mass must be symmetric positive definite, shape (2, 2); got {shown(mass)}")
-    # beyond that K is no intersection of two walls
+    # beyond pi, K is not an intersection of two half-planes
     angle = between(angle, "angle", 0.0, np.pi, ends=False)
     L = np.linalg.cholesky(M)
     N = np.array([[0.0, 1.0], [np.sin(angle), -np.cos(angle)]]) @ L.T
@@ -69,7 +69,7 @@ def corner(
     if aim:
         y0, speed = middle, -middle
     else:
-        # towards the lower wall, at half the way from where the perpendicular meets it to the corner
+        # towards the lower wall, at the middle between the foot of the perpendicular and the corner
         y0 = middle
         speed = np.array([0.5 * middle[0], 0.0]) - y0
     q0, v0 = np.linalg.solve(L.T, y0), np.linalg.solve(L.T, speed)
@@ -83,7 +83,7 @@ def chain(
     gaps: Sequence[float] = (0.5, 0.0),
     duration: float = 2.0,
 ) -> Reference:
-    """Return balls in a row, the first of which comes in at speed one and strikes the others at rest.
+    """Return balls in a row; the first arrives at speed one and strikes the others, which are at rest.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def chain(
     masses : sequence of float, n of them
         [kg].
     gaps : sequence of float, n - 1 of them
-        Distances between neighbours, zero where they touch [m]; the first is what the first ball has to go.
+        Distances between neighbours, zero where they touch [m]; the first is the travel of the first ball.
     duration : float
         [s].
 
@@ -103,8 +103,8 @@ def chain(
 
     Notes
     -----
-    Condition (12) fails at e > 0 where balls touch: the law's outcome is not that of balls that almost touch, and
-    rounding decides which a scheme finds unless it takes touching balls as active.
+    Condition (12) fails at e > 0 if balls touch: the outcome of the law differs from that of balls that almost touch.
+    Rounding decides which one a scheme finds, unless it treats touching balls as active.
     """
     e, duration = checked(e, duration)
     m, d = array(masses, "masses", ("n",)), array(gaps, "gaps")
@@ -116,7 +116,7 @@ def chain(
         )
     n = len(m)
     N = np.eye(n)[1:] - np.eye(n)[:-1]
-    # so placed that touching balls are at equal coordinates to the last bit
+    # coordinates in which touching balls are at equal values to the last bit
     q0, v0 = np.concatenate([[0.0], np.cumsum(d)]), np.eye(n)[0]
     kind = "touching" if (d[1:] == 0).any() else "apart"
     equal = "" if (m == m[0]).all() else ", unequal masses"
@@ -155,11 +155,11 @@ def _fly(M: Array, N: Array, c: Array, q: Array, v: Array, e: float, duration: f
         if len(impacts) == _MOST_IMPACTS:
             raise InputError(f"more than {_MOST_IMPACTS} impacts before {t:g} s: choose a shorter duration")
         dt = float(wait.min())
-        if impacts and 0.0 < dt * np.abs(v).max() < _NEAREST:
+        if impacts and 0.0 < dt * np.abs(v).max() < _LEAST_TRAVEL:
             raise InputError(f"impacts accumulate near {t:g} s: choose a shorter duration, or another angle or e")
         t, q, gap = t + dt, q + dt * v, gap + dt * rate
         touching = gap < _TOUCHING
-        # taken together: whatever is struck, and whatever touched already
+        # the law acts on closing and touching walls together
         v = law(M, N[touching], v, e)
         starts.append(t)
         states.append(partial(_straight, t, q, v))

@@ -1,4 +1,4 @@
-"""What a problem with a known solution carries."""
+"""A problem together with its exact solution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..problem import Problem
 Array = np.ndarray
 State = tuple[Array, Array]
 
-# how far past its end a solution may be asked, relative to the duration: sums of steps are rounded
+# time beyond the end at which a solution is still evaluated, relative to the duration; sums of steps are rounded
 _PAST = 1e-9
 
 
@@ -26,17 +26,17 @@ class Reference:
     Attributes
     ----------
     name : str
-        What it is called, with whatever arguments tell it from its kind.
+        Name, with the arguments that distinguish it from others of its kind.
     problem : Problem
-        What is to be solved.
+        The problem.
     duration : float
-        How long the solution is known from `problem.t0` on [s].
+        Time from `problem.t0` on for which the solution is known [s].
     at : callable
-        at(t) -> (q, v), shapes (nq,) and (nv,): exact, v the velocity after an impact at its instant.
+        at(t) -> (q, v), shapes (nq,) and (nv,); at an impact v is the velocity after it.
     impacts : ndarray, shape (k,)
-        Times at which v jumps, in (t0, t0 + duration] [s]; of an accumulation, those above rounding.
+        Times at which v jumps, in (t0, t0 + duration] [s]; in an accumulation those above rounding.
     source : str
-        Where the solution comes from and how accurate it is.
+        Origin and accuracy of the solution.
     switches : ndarray, shape (s,)
         Times at which the motion is not smooth without a jump: the end of an accumulation, a release [s].
     """
@@ -51,28 +51,28 @@ class Reference:
 
     @property
     def breakpoints(self) -> Array:
-        """Start, end, and between them all times at which the motion is not smooth, sorted [s]."""
+        """Start, end, and all times between them at which the motion is not smooth, sorted [s]."""
         ends = (self.problem.t0, self.problem.t0 + self.duration)
         return np.unique(np.concatenate([ends, self.impacts, self.switches]))
 
     def started(self, t: float) -> Problem:
-        """Return the same problem started at time t [s] on its exact solution: impacts fall elsewhere in the steps."""
+        """Return the problem that starts at time t [s] on the exact solution, so that impacts have another phase."""
         problem, t = self.problem, finite(t, "t")
         e, length = problem.restitution, problem.length
         return Problem(problem.system, problem.constraints.constraints, *self.at(t), restitution=e, t0=t, length=length)
 
 
 class Pieces:
-    """A motion put together of smooth pieces.
+    """A motion composed of smooth pieces.
 
     Parameters
     ----------
     starts : sequence of float
-        When each piece starts, sorted, the first at or before 0; of pieces that start at once the last counts [s].
+        Start of each piece, sorted, the first at or before 0 [s]. Of pieces with equal starts the last is used.
     states : sequence of callable
-        One a piece: t -> (q, v).
+        t -> (q, v) of each piece.
     end : float
-        When the last piece ends [s].
+        End of the last piece [s].
     """
 
     def __init__(self, starts: Sequence[float], states: Sequence[Callable[[float], State]], end: float) -> None:
@@ -86,18 +86,19 @@ class Pieces:
         InputError
             If t is before 0 or after the end.
         """
-        t, slack = number(t, "t"), _PAST * self._end
+        # a float that is not finite is outside, too
+        t, slack = t if type(t) is float else number(t, "t"), _PAST * self._end
         if not -slack <= t <= self._end + slack:
             raise InputError(f"the solution is known from 0 s to {self._end:g} s; got t = {t}")
         return self._states[max(0, bisect_right(self._starts, t) - 1)](t)
 
 
 def checked(e: float, duration: float, longest: float = 1e4) -> tuple[float, float]:
-    """Return restitution and duration, or raise `InputError` where they are none or no solution goes on for so long."""
+    """Return restitution and duration; raise `InputError` if they are invalid or the duration is too long."""
     return between(e, "restitution e", 0.0, 1.0), between(positive(duration, "duration"), "duration", 0.0, longest)
 
 
 def times(values: Sequence[float], end: float) -> Array:
-    """Return as an array the times that are not after the end [s]."""
+    """Return the times that are not after the end, as an array [s]."""
     found = np.array(values, dtype=float)
     return found[found <= end]

@@ -1,4 +1,4 @@
-"""Whether columns and a problem can be those of a run: shapes, order, numbers, names, energies."""
+"""Checks that the columns of a file belong to a run of its problem: shapes, order, numbers, names, energies."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import TrajectoryFileError
 from ..scene.description import CONSTRAINTS_BY_HAND, describe
 from ..schemes import EventDriven
-from ..system import ArticulatedSystem, BlockSystem, FreeBodies
+from .energies import energies
 from .metadata import Metadata, ProblemData
-from .trajectory import Array, energies
+from .run_data import Array
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -50,7 +50,7 @@ def check_states(states: dict[str, Array], dense: Array | None, metadata: Metada
     if dense is not None and (len(dense) != max(n - 1, 0) or not np.isfinite(dense).all()):
         raise TrajectoryFileError(f"dense has {len(dense)} rows for {n} states, or numbers that are not finite")
     if problem is not None:
-        for group in _unit_groups(problem.system):
+        for group in problem.system.unit_groups():
             length = np.linalg.norm(states["q"][:, group], axis=-1)
             if np.abs(length - 1.0).max(initial=0.0) > _UNIT:
                 raise TrajectoryFileError("q holds a rotation that is not of unit length")
@@ -123,7 +123,7 @@ def check_problem(problem: Problem, kept: ProblemData, states: dict[str, Array],
     alone = not len(active.gap) and CONSTRAINTS_BY_HAND not in problem.not_kept
     if states["v"][0].tobytes() != kept.v0.tobytes() and alone:
         raise TrajectoryFileError("its first velocity is not that of its problem, and nothing touches at the start")
-    for group in _unit_groups(problem.system):
+    for group in problem.system.unit_groups():
         if (np.abs(np.linalg.norm(kept.q0[group], axis=-1) - 1.0) > _UNIT).any():
             raise TrajectoryFileError("problem/q0 holds a rotation that is not of unit length")
     if metadata.old:
@@ -147,23 +147,6 @@ def check_problem(problem: Problem, kept: ProblemData, states: dict[str, Array],
             raise TrajectoryFileError("its energies are not those of its states: its scene is another one")
 
 
-def _unit_groups(system: Any) -> list[Array]:
-    """Return which numbers of q are unit quaternions or unit vectors, shapes (n, 4) and (n, 2)."""
-    if isinstance(system, BlockSystem):
-        return [group + b.q.start for b in system.blocks for group in _unit_groups(b.system)]
-    if isinstance(system, FreeBodies):
-        return [7 * np.arange(system.nq // 7)[:, None] + np.arange(3, 7)]
-    if not isinstance(system, ArticulatedSystem):
-        return []
-    model, groups = system.model, []
-    for nq, nv, start in zip(list(model.nqs)[1:], list(model.nvs)[1:], list(model.idx_qs)[1:], strict=True):
-        # a free base, a base in a plane (cosine and sine), a joint without limits
-        width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
-        if width is not None:
-            groups.append(np.arange(start + nq - width, start + nq)[None, :])
-    return groups
-
-
 def _constraint_names(problem: Problem, wanted: set[str]) -> set[str]:
     """Return which of the wanted names are those of constraints."""
     constraints, scene = problem.constraints, problem.scene
@@ -178,7 +161,7 @@ def _constraint_names(problem: Problem, wanted: set[str]) -> set[str]:
 
 
 def _difference(given: Any, found: Any, where: str) -> str | None:
-    """Return where something that was given is not found, or None; what is found beside it does not count."""
+    """Return the first place where `found` lacks or changes a value of `given`, or None; it may hold more values."""
     if isinstance(given, dict) and "source" in given and found is None:
         # a motion of the user's, which no file can keep
         return None

@@ -11,6 +11,7 @@ import pinocchio as pin
 from ..arguments import shown
 from ..errors import InputError
 from .contacts import ContactTable
+from .run_data import RunData
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -22,27 +23,27 @@ _MOST_NAMED = 50
 
 
 class ContactNames:
-    """What stands on either side of contacts, by their names.
+    """The two parts of each contact, by the name of its constraint.
 
     Parameters
     ----------
     problem : Problem or None
-        What was run; None where a file could not bring it back.
+        The problem that was run; None where a file could not bring it back.
     constraints : sequence of str
         Names of constraints.
 
     Attributes
     ----------
     sides : list of (str, str, float) or None
-        Of each constraint the first part, the second, and the sign of the force on the first along the normal; None of
-        what is no contact.
+        Of each constraint the first part, the second, and the sign of the force on the first along the normal; None
+        where the constraint is no contact.
     things : dict of str to set of str
         The parts of every robot, link, body, wall and group of bodies.
     """
 
     def __init__(self, problem: Problem | None, constraints: Sequence[str]) -> None:
         scene = None if problem is None else problem.scene
-        # a normal leads out of these, which are named second
+        # normals point out of walls and meshes, which are named second
         self._sheets: set[str] = set() if scene is None else {*scene.walls, *(s.name for s in scene.surfaces)}
         self._parts = set(self._sheets) if scene is None else {*self._sheets, *(s.name for s in scene.shapes)}
         self.sides = [self._sides(name) for name in constraints]
@@ -61,7 +62,7 @@ class ContactNames:
                     self.things.setdefault(link, shapes)
 
     def parts(self, name: str) -> set[str]:
-        """Return the parts of a thing, or raise `InputError` if nothing goes by that name."""
+        """Return the parts of a thing, or raise `InputError` if nothing has that name."""
         if not isinstance(name, str) or name not in self.things:
             known = sorted(self.things)
             more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
@@ -133,6 +134,26 @@ def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) ->
         total[:, k] = np.bincount(interval, wrench[:, k], minlength=len(durations))
     passes = durations > 0.0
     total[passes] /= durations[passes, None]
-    # at an instant, as of impacts that are located, it is what it was just before
+    # an interval without duration, at a located impact, has the force of the interval before
     passes[0] = True
     return np.asarray(total[np.maximum.accumulate(np.where(passes, np.arange(len(passes)), 0))])
+
+
+def recorded_contacts(run: RunData) -> ContactTable:
+    """Return the contacts of a run; raise `InputError` if it did not record them."""
+    if run.record.contacts is None:
+        raise InputError('this run did not record contacts: simulate(..., record="contacts") does')
+    return run.record.contacts
+
+
+def durations(run: RunData) -> Array:
+    """Return the duration of each interval between recorded states, shape (n + 1,) [s]; that of the first is zero."""
+    found = np.diff(run.t, prepend=run.t[:1])
+    if run.step > 0.0:
+        # differences of times are rounded; multiples of the step are known exactly
+        whole = run.step * np.rint(found / run.step)
+        found = np.where(np.abs(found - whole) < 1e-6 * run.step, whole, found)
+        if run.record.timing.whole_steps:
+            # the last step goes on beyond the end of the run, and so do its percussions
+            found[-1:] = run.step * np.ceil(found[-1:] / run.step)
+    return found

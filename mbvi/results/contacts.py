@@ -1,4 +1,4 @@
-"""Contacts at one instant and over a run: where they are and how hard they push."""
+"""The contacts of a run: points, normals and percussions in each interval between recorded states."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..constraints.contact import Contact
 from ..constraints.rows import Rows, owners
 
 Array = np.ndarray
-# rows that there is room for at first
+# rows allocated at first
 _ROOM = 64
 
 
 @dataclass(frozen=True)
 class ContactTable:
-    """The contacts of a run, interval after interval between recorded states.
+    """The contacts of a run, in the order of the intervals between recorded states.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ContactLog:
         self._same = same
         self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, 7))
         self.starts = [0]
-        # where the rows of each step of the present interval begin, and the last of them ends
+        # first rows of the steps of the present interval, and the end of the last one
         self._begins: list[int] = []
         self._end = 0
 
@@ -128,7 +128,7 @@ class ContactLog:
         return ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0])
 
     def _merge(self) -> None:
-        """Make one row of each contact of the present interval."""
+        """Merge the rows of each contact of the present interval into one."""
         first = self._begins[0]
         ends = [*self._begins[1:], self._end]
         number = self.number[first : ends[0]].copy()
@@ -143,7 +143,7 @@ class ContactLog:
         length = np.sqrt(np.vecdot(total[:, 3:6], total[:, 3:6]))
         left = length != 0.0
         number, total, length = number[left], total[left], length[left]
-        # limits have no normal: their percussions add up as they are
+        # joint limits have no normal: their percussions are added as numbers
         length = np.where(np.isnan(length), total[:, 6], length)
         self._end = first + len(number)
         self.number[first : self._end] = number
@@ -155,7 +155,7 @@ class ContactLog:
         )
 
     def _owner(self, number: Array, moments: Array, others: Array, known: Array) -> Array:
-        """Return which of the other contacts each row continues, -1 where it begins one."""
+        """Return the contact that each row continues, -1 where it begins a new one."""
         point, place = moments[:, :3] / moments[:, 6:], known[:, :3] / known[:, 6:]
         if len(number) == len(others) and (number == others).all():
             apart = point - place

@@ -1,9 +1,9 @@
-"""What of a run may be trusted: goes through its states again and looks at where several constraints are active."""
+"""Computes the diagnosis of a run from its states and the instants with several active constraints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,27 +11,26 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ..projection import Projector
-from ..schemes import EventDriven
 from ..schemes.observer import observer
 from ..system.sparse_rows import dense
 from .diagnosis import Array, Diagnosis, Instant
+from .run_data import RunData
 
 if TYPE_CHECKING:
     from ..constraints import Rows
     from ..problem import Problem
     from ..projection import Metric
-    from ..schemes import Step
-    from .trajectory import Trajectory
+    from ..schemes import Scheme, Step
 
-# single impacts followed at one instant
+# most single impacts followed at one instant
 _MOST_IMPACTS = 2_000
-# sines of the angle between a gradient and the span of others below this: dependent
+# a gradient depends on others if the sine of its angle to their span is below this
 _DEPENDENT = 1e-6
-# times nearer than this, in steps, are one; velocities nearer than that, relative to the speed, too
+# differences of times, in steps, and of velocities, relative to the speed, that count as zero
 _INSTANT, _ROUNDING = 1e-6, 1e-10
-# numbers of all gradients and angles at one time
+# most numbers of all gradients and angles at one instant
 _MOST_ENTRIES = 30_000_000
-# gradients shorter than this are none
+# length below which a gradient counts as zero
 _VANISHING = 1e-12
 
 
@@ -49,8 +48,8 @@ class _State(NamedTuple):
     step: Step | None = None
 
 
-def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
-    """Return what of a run may be trusted; see `Trajectory.diagnosis`."""
+def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
+    """Return the diagnosis of a run; see `Trajectory.diagnosis`."""
     if run.problem is None:
         raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
     if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
@@ -67,21 +66,21 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         if step is not None:
             gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
         else:
-            # the same by the balance of percussions: the work of the forces within the step is no impact's doing
+            # the same by the balance of percussions, less the work of the forces within the step
             gained = 0.5 * float((v - before) @ metric.apply(v + before))
             if run.step > 0.0:
                 gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
             elif h > 0.0:
-                # located impacts are jumps, and between them there are none
+                # located impacts take no time: between two states there are none
                 gained = 0.0
             active = _dense(problem.constraints.active(t, q, problem.tolerance))
             if active.rate is not None:
-                pushed = metric.apply(v - before) - h * system.force(t, q, before)
-                gained += float(np.linalg.lstsq(active.jacobian.T, pushed)[0] @ active.rate)
-        if run._missing:
+                percussions = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
+        if run.lacks_functions:
             gained = np.nan
         energy += gained
-        excess = np.nan if run._missing else max(excess, energy)
+        excess = np.nan if run.lacks_functions else max(excess, energy)
         lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
         vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
         if len(active.gap) > 1:
@@ -91,7 +90,7 @@ def diagnose(run: Trajectory, tolerance: float = 1e-3) -> Diagnosis:
         else:
             found.end()
     found.end()
-    unseen = run.step > 0.0 and not _can_step(run) and bool((np.diff(run.t) > 1.5 * run.step).any())
+    unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),
         np.nan if unseen and np.isinf(found.horizon) else found.horizon,
@@ -112,31 +111,32 @@ def _dense(active: Rows) -> Rows:
     return active._replace(jacobian=dense(active.jacobian))
 
 
-def _can_step(run: Trajectory) -> bool:
-    return run.step > 0.0 and run._scheme is not None and not run._missing
+def _stepping_scheme(run: RunData) -> Scheme | None:
+    """Return the scheme that can take the steps of a run again, None where there is none."""
+    if run.step <= 0.0 or run.record.scheme is None or run.lacks_functions:
+        return None
+    return cast("Scheme", run.record.scheme)
 
 
-def _states(run: Trajectory) -> Iterator[_State]:
-    """Yield every state of a run; those a thinned run did not record are stepped to again from the last recorded.
+def _states(run: RunData) -> Iterator[_State]:
+    """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
-    So is every state of a scheme whose law acts within its steps or on positions too. Where a file brings no scheme
-    back, the law is taken to act where the velocity jumps, on what is active there.
+    So is every state of a scheme that applies the law within its steps or projects positions. Where a file names an
+    unknown scheme, the law is taken to act where the velocity jumps, on the rows that are active there.
     """
     assert run.problem is not None
-    problem, projector, jump, steps = run.problem, Projector(), run._jump, _can_step(run)
-    scheme = None if isinstance(run._scheme, EventDriven) else run._scheme
-    # the work of walls that move is no impact's doing: only the step tells it apart
-    apart = getattr(scheme, "project_positions", False) or problem.constraints.moving
-    # a control may look at the contacts of the step before, which only that step tells
+    problem, projector, jump, scheme = run.problem, Projector(), run.record.timing.jump, _stepping_scheme(run)
+    # a control may look at the contacts of the step before, and only that step gives them
     observe = observer(problem)
-    apart = apart or observe is not None
-    again = steps and scheme is not None and (jump < 1.0 or apart)
-    if hasattr(problem.system, "start"):
-        problem.system.start()
+    # only the step separates the work of moving walls and of projected positions from that of the impact
+    again = scheme is not None and (
+        jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
+    )
+    problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
     for i in range(1, len(run.t)):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
-        while steps and scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
+        while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
             yield _State(step.t, acted, v, step.v, run.step, step if again else None)
@@ -152,23 +152,23 @@ def _states(run: Trajectory) -> Iterator[_State]:
 
 
 class _Instants:
-    """Collects instants; those in a row with the same rows and no impact become one."""
+    """Collects instants; consecutive instants with the same rows and no impact become one stretch."""
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self._problem, self._tolerance = problem, tolerance
         self.instants: list[Instant] = []
         self.horizon = np.inf
-        # the stretch that goes on: the rows, the instant so far, how far from (12) it was at its worst
+        # the present stretch: its rows, its instant so far, its largest violation of (12)
         self._stretch: tuple[bytes, Instant, float] | None = None
 
     def end(self) -> None:
-        """Let the stretch end."""
+        """End the present stretch."""
         if self._stretch is not None:
             self.instants.append(self._stretch[1])
             self._stretch = None
 
     def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
-        """Take an instant with several active rows."""
+        """Add an instant with several active rows."""
         columns, _ = unit_gradients(metric, active.jacobian)
         cosines, e = cosines_between(columns), active.restitution
         worst = float(condition_12_violation(cosines, e, self._tolerance).max())
@@ -176,12 +176,12 @@ class _Instants:
         if impact and worst and not np.isfinite(self.horizon):
             before = state.before
             if active.rate is not None:
-                # as seen from the walls; where they move apart there is no such velocity, but nearly
+                # relative to moving walls, in the sense of least squares where they move apart
                 before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
             found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
             jump = state.v - state.before
             moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
-            # rounding is no fork
+            # a spread of outcomes within rounding is no fork
             if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
                 self.horizon = state.t
         names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))

@@ -1,4 +1,4 @@
-"""What of a run may be trusted: condition (12), (H4), energy, variation, and where another answer is as good."""
+"""The diagnosis of a run: condition (12), (H4), energy, variation, and impacts with several outcomes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..impacts import Forks
 
 Array = np.ndarray
 
-# names and rows that a report spells out
+# most names and rows in a report
 _MOST_NAMES, _MOST_ROWS = 3, 12
 
 
@@ -24,13 +24,13 @@ class Instant:
     time, until : float
         The first and the last instant [s]; the same at an impact.
     constraints : tuple of str, length k
-        Names, one a contact point or limit.
+        Names, one for each contact point or limit.
     restitution : ndarray, shape (k,)
-        e of each.
+        e of each constraint.
     impact : bool
         Whether the velocity jumped.
     condition_12 : bool
-        Whether the angles meet condition (12), throughout a stretch.
+        Whether the angles satisfy condition (12), throughout a stretch.
     independent : bool
         Whether the gradients are linearly independent, assumption (H4), throughout a stretch.
     energy_change : float
@@ -53,7 +53,7 @@ class Instant:
 
     @property
     def angles(self) -> Array:
-        """Kinetic angles between the gradients, shape (k, k) [rad]; in a stretch, where (12) is met worst."""
+        """Kinetic angles between the gradients, shape (k, k) [rad]; in a stretch, at the largest violation of (12)."""
         cosines = self._cosines.toarray()
         np.fill_diagonal(cosines, 1.0)
         return np.arccos(cosines)
@@ -61,31 +61,32 @@ class Instant:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What of a run may be trusted.
+    """Which results of a run may be trusted, and until when.
 
     Attributes
     ----------
     instants : tuple of Instant
         Every instant with several active constraints, in order.
     horizon : float
-        First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none does, nan where
-        that cannot be told because states are unseen.
+        First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none do, nan where this
+        is unknown because states are missing.
     tolerance : float
-        Largest cosine that counts as a right angle, and largest spread of outcomes relative to the jump that counts
-        as none.
+        Largest cosine that counts as that of a right angle, and largest spread of outcomes, relative to the jump, that
+        counts as zero.
     variation : float
         Total variation of the velocity, sum of |v_i - v_{i-1}| (Lemma 3.4) [m/s, rad/s].
     largest_percussion : float
         Largest percussion of an impact (Lemma 3.3) [N s, N m s].
     energy_excess : float
-        Largest excess of the kinetic energy over its value at the start, the work of the forces and of walls that move
-        on their own, and the part of a changing M: at most rounding where the energy estimate holds (before
-        Proposition 3.1) [J]; nan where a file lacks the control that did work.
+        Largest excess of the kinetic energy over the sum of its initial value, the work of forces and of moving walls,
+        and the part due to a changing M [J]. It is at most rounding where the energy estimate before Proposition 3.1
+        holds; nan where a file lacks the control that did work.
     vanishing : tuple of str
-        Constraints whose gradient vanished while they were active, against assumption (H3): nothing holds those.
+        Constraints whose gradient vanished while they were active, against assumption (H3): no percussion can act on
+        them.
     unseen : bool
-        Whether states between the recorded ones could not be brought back: the run was thinned and comes from a file
-        that lacks its control, or of another version. The horizon is then the latest there can be.
+        Whether states between the recorded ones could not be computed again: the run was thinned and comes from a file
+        that lacks its control, or from another version. The horizon is then an upper bound.
     """
 
     instants: tuple[Instant, ...]
@@ -101,7 +102,7 @@ class Diagnosis:
         return self.report()
 
     def report(self) -> str:
-        """Return in words what may be trusted, then the instants as a table, impacts first."""
+        """Return the diagnosis in words, then the instants as a table, impacts first."""
         lines = [self._verdict()]
         if self.unseen and np.isfinite(self.horizon):
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
@@ -124,21 +125,21 @@ class Diagnosis:
         return "\n".join(lines + self._table())
 
     def _rounded(self, energy: float) -> float:
-        """Return an energy, zero where it is rounding."""
+        """Return an energy, or zero where it is rounding."""
         return energy if not abs(energy) <= 1e-12 * self.variation * self.largest_percussion else 0.0
 
     def _verdict(self) -> str:
-        asked = [(i.time, i.forks) for i in self.instants if i.forks is not None]
+        followed = [(i.time, i.forks) for i in self.instants if i.forks is not None]
         if np.isfinite(self.horizon):
             return (
                 f"Beyond t = {self.horizon:.6g} s this run is one of several answers: there changes of the data within "
-                f"one step's travel lead to velocities {asked[-1][1].spread:.3g} J^(1/2) apart in the kinetic norm."
+                f"one step's travel lead to velocities {followed[-1][1].spread:.3g} J^(1/2) apart in the kinetic norm."
             )
-        cut = [(time, forks.reason) for time, forks in asked if not forks.complete]
-        if cut:
+        incomplete = [(time, forks.reason) for time, forks in followed if not forks.complete]
+        if incomplete:
             return (
-                f"No impact was found to have several outcomes, but at {_count(len(cut), 'impact', 'impacts')}, first "
-                f"at t = {cut[0][0]:.6g} s, {cut[0][1]}."
+                f"No impact was found to have several outcomes, but at {_count(len(incomplete), 'impact', 'impacts')}, "
+                f"first at t = {incomplete[0][0]:.6g} s, {incomplete[0][1]}."
             )
         if self.unseen:
             return "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."

@@ -1,8 +1,7 @@
-"""Trajectories in HDF5, readable with h5py alone, written in pieces while a run goes on."""
+"""Writes runs to HDF5 files: whole ones, and piece by piece those that are still going on."""
 
 from __future__ import annotations
 
-import inspect
 import os
 from time import perf_counter
 from types import TracebackType
@@ -12,30 +11,28 @@ import numpy as np
 
 from ..errors import TrajectoryFileError
 from ..scene.description import describe
-from ..schemes import EventDriven, Scheme
+from ..schemes import SCHEMES, SchemeBase, Timing
 from ..schemes.event_driven.runge_kutta import DEGREE
 from .contacts import ContactLog, ContactTable
+from .energies import energies, energies_of_run
 from .metadata import Metadata, ProblemData
-from .reading import SCHEMES, load
-from .trajectory import Array, Impact, Trajectory, energies
+from .run_data import Array, Impact, RunData
 from .writing import RunFile
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
-__all__ = ["Record", "Writer", "load", "save"]
-
-# seconds between two pieces: what a killed run can lose
+# seconds between two pieces: a killed run loses at most the states of this time
 _INTERVAL = 0.5
 
 
-class Record(Protocol):
-    """What a run leaves behind while it goes on.
+class Recording(Protocol):
+    """States and impacts recorded so far by a run that is still going on.
 
     `dense` are polynomials between the states, or None; `contacts` is None where they are not recorded.
     """
 
-    jump: float
+    timing: Timing
     t: Any
     q: Any
     v: Any
@@ -58,11 +55,11 @@ class Writer:
     Parameters
     ----------
     path : path or None
-        Where to.
+        Path of the file.
     problem, scheme, h
-        What is run, and how.
-    recorder : Record
-        Where the states and impacts come from.
+        Problem, scheme and time step of the run.
+    recorder : Recording
+        Provides the states and impacts.
 
     Raises
     ------
@@ -74,17 +71,17 @@ class Writer:
         self,
         path: str | os.PathLike[str] | None,
         problem: Problem,
-        scheme: Scheme | EventDriven,
+        scheme: SchemeBase,
         h: float,
-        recorder: Record,
+        recorder: Recording,
     ) -> None:
         self._recorder, self._problem, self._h = recorder, problem, h
         self._file: RunFile | None = None
         self._energies: list[Array] = [np.zeros((0, 2))]
         self._next = float("inf")
         if path is not None:
-            # a killed run is to say why it was run so
-            metadata = _metadata(problem, scheme, type(scheme).__name__, h, recorder.jump, recorder.notes)
+            # the notes tell why the scheme was chosen: also the file of a killed run holds them
+            metadata = _metadata(problem, scheme, scheme.name, h, recorder.timing, recorder.notes)
             sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
             self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None)
             self._next = 0.0
@@ -93,7 +90,7 @@ class Writer:
         return self
 
     def poll(self) -> float:
-        """Write what is new if the last piece is old enough; return when it will be again."""
+        """Write new states if the last piece is old enough; return the time of the next piece."""
         if perf_counter() >= self._next:
             self._flush()
             self._next = perf_counter() + _INTERVAL
@@ -106,7 +103,7 @@ class Writer:
         names = ("t", "q", "v", "penetration", "residual")
         states = {name: np.asarray(getattr(r, name)[part]) for name in names} if part.start < part.stop else {}
         if states:
-            states["energy"] = energies(self._problem, states["t"], states["q"], states["v"], self._h, r.jump)
+            states["energy"] = energies(self._problem, states["t"], states["q"], states["v"], self._h, r.timing.jump)
             self._energies.append(states["energy"])
         dense = None if r.dense is None else np.array(r.dense[max(part.start - 1, 0) : max(part.stop - 1, 0)])
         file.append(states, impacts, dense, r.notes, self._contacts(part.start, part.stop))
@@ -136,34 +133,36 @@ class Writer:
                     error.add_note(str(second))
 
 
-def save(run: Trajectory, path: str | os.PathLike[str]) -> None:
-    """Write a trajectory to a file; see `Trajectory.save`."""
-    recorded = {"t": run.t, "q": run.q, "v": run.v, "penetration": run.penetration(), "residual": run.residual}
-    if run.problem is not None or run._energies is not None:
-        recorded["energy"] = np.stack(run.energies(), axis=1)
-    metadata = _metadata(run.problem, run._scheme, run.scheme, run.step, run._jump, run.notes)
+def save(run: RunData, path: str | os.PathLike[str]) -> None:
+    """Write a run to a file; see `Trajectory.save`."""
+    record = run.record
+    recorded = {"t": run.t, "q": run.q, "v": run.v, "penetration": record.penetration, "residual": run.residual}
+    if run.problem is not None or record.energies is not None:
+        recorded["energy"] = energies_of_run(run)
+    metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
     try:
-        sizes, contacts = _sizes(run.q.shape[1], run.v.shape[1], run._dense), run._contacts
-        with RunFile(path, metadata, sizes, contacts=contacts is not None) as file:
-            file.append(recorded, run.impacts, run._dense, run.notes, contacts)
-            if run._dense is not None:
-                recorded["dense"] = run._dense
-            file.finish(recorded, run.impacts, contacts, complete=run.complete)
+        sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
+        with RunFile(path, metadata, sizes, contacts=record.contacts is not None) as file:
+            file.append(recorded, run.impacts, record.dense, run.notes, record.contacts)
+            if record.dense is not None:
+                recorded["dense"] = record.dense
+            file.finish(recorded, run.impacts, record.contacts, complete=run.complete)
     except TrajectoryFileError as error:
         error.run = run
         raise
 
 
-def _metadata(problem: Problem | None, scheme: Any, name: str, h: float, jump: float, notes: Any) -> Metadata:
+def _metadata(
+    problem: Problem | None, scheme: SchemeBase | None, name: str, h: float, timing: Timing, notes: Any
+) -> Metadata:
     kept = None
     if problem is not None:
         kept = ProblemData(
             describe(problem), problem.q0, problem.v0, problem.restitution, problem.t0, float(problem.length)
         )
-    known = SCHEMES.get(type(scheme).__name__)
-    # of other schemes nothing is brought back
-    options = {} if known is None else {name: getattr(scheme, name) for name in inspect.signature(known).parameters}
-    return Metadata(name, options, float(h), float(jump), kept, False, tuple(notes))
+    # the options of users' schemes are not kept: a file cannot bring these back
+    options = scheme.options() if scheme is not None and scheme.name in SCHEMES else {}
+    return Metadata(name, options, float(h), float(timing.jump), kept, False, tuple(notes))
 
 
 def _sizes(nq: int, nv: int, dense: Any) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Whatever a trajectory file holds beside its columns, and the digest that guards it."""
+"""The metadata of a trajectory file: scheme, problem, notes, and the digest of the whole file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _UNITS = {"q0": "m, rad, unit quaternions (x, y, z, w)", "v0": "m/s, rad/s", "re
 
 @dataclass(frozen=True)
 class ProblemData:
-    """A problem as it is kept: the scene as JSON, and the state it starts from.
+    """A problem as a file keeps it: the scene as JSON, and the initial state.
 
     Attributes
     ----------
     scene : str
-        What `describe` returned.
+        The text of `scene.description.describe`.
     q0, v0, restitution : ndarray
         Those of the problem.
     t0 : float
@@ -62,7 +62,7 @@ class Metadata:
     step, jump : float
         Time step [s], and the part of it after which the scheme lets v jump.
     problem : ProblemData or None
-        What was run.
+        The problem that was run.
     complete : bool
         Whether the run reached its end, and the file was read back and found right.
     notes : tuple of str
@@ -111,7 +111,7 @@ class Metadata:
 
 
 def read_metadata(file: h5py.File) -> Metadata:
-    """Return what a file says of its run.
+    """Return the metadata of a file.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def read_metadata(file: h5py.File) -> Metadata:
 
 
 def check_digest(file: h5py.File, metadata: Metadata, columns: Sums) -> None:
-    """Raise `TrajectoryFileError` unless the digest is that of what was read; the old format has none."""
+    """Raise `TrajectoryFileError` unless the digest matches the columns read; the old format has none."""
     if metadata.old and "digest" not in file.attrs:
         return
     kept = file.attrs["digest"]

@@ -30,14 +30,14 @@ _MANY = 128
 
 @dataclass(frozen=True)
 class Record:
-    """What a record says.
+    """The contents of a record.
 
     Attributes
     ----------
     size : int
         Bytes of the image.
     pages : dict of int to bytes
-        Pages that take the place of those in the file.
+        Pages that replace those in the file.
     sums : ndarray of uint32, shape (number of pages,)
         Checksum of every page.
     """
@@ -58,7 +58,7 @@ def page_length(page: int, size: int) -> int:
 
 
 def record_length(size: int) -> int:
-    """Return how many bytes a record takes that holds no pages."""
+    """Return the length in bytes of a record without pages."""
     return _HEAD.size + 4 * page_count(size) + _FOOT.size
 
 
@@ -77,7 +77,7 @@ def pack(size: int, sums: np.ndarray, pages: Mapping[int, bytes | bytearray]) ->
 
 
 def unpack(raw: bytes) -> Record | None:
-    """Return the record that `raw` begins with, or None if there is no whole one."""
+    """Return the record at the beginning of `raw`, or None if it is incomplete."""
     if len(raw) < _HEAD.size + _FOOT.size:
         return None
     magic, size, count = _HEAD.unpack_from(raw)
@@ -104,7 +104,7 @@ def unpack(raw: bytes) -> Record | None:
 
 
 def find_record(file: int) -> tuple[Record | None, bool]:
-    """Find the record that says what a file holds.
+    """Find the last valid record of a file.
 
     Parameters
     ----------

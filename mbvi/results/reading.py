@@ -1,4 +1,4 @@
-"""A trajectory read from a file, with all of it checked."""
+"""Reads a run from a file and checks all of it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import copy
 import os
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -18,20 +19,18 @@ from ..errors import MbviError, MbviWarning, TrajectoryFileError
 from ..scene.description import CONSTRAINTS_BY_HAND, restore
 from ..scene.given_again import Controls, GivenAgain, given_again
 from ..scene.items import Force
-from ..schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
+from ..schemes import SCHEMES, SchemeBase, Timing
 from .checks import check_contacts, check_impacts, check_problem, check_states
 from .columns import CONTACTS, DENSE, IMPACTS, STATES, Sums, read_column
 from .contacts import ContactTable
 from .metadata import Metadata, ProblemData, check_digest, read_metadata
-from .trajectory import Array, Impact, Trajectory
+from .run_data import Array, Impact, RunRecord
+from .trajectory import Trajectory
 from .verification import opened
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
-SCHEMES: dict[str, type] = {
-    scheme.__name__: scheme for scheme in (Paoli, MoreauJean, Centered, SchatzmanPaoli, StewartTrinkle, EventDriven)
-}
 _FUNCTIONS = "the problem or its system was given by functions, which a file cannot keep: run.problem is None"
 
 
@@ -50,7 +49,7 @@ def load(
         The control of each robot that had one, by the robot's name; those of the whole scene as functions of the state,
         all of them in their order: `[{"hopper": f}, g]` for both. A file cannot keep functions.
     force : dict of str to callable, or to a list of them, optional
-        The external forces by the name of what they act on, a list where several act on one.
+        The external forces by the name of the body or link they act on; a list where several act on one.
 
     Returns
     -------
@@ -67,7 +66,7 @@ def load(
     """
     where = os.fsdecode(file_path(path))
     try:
-        # numbers of any size are judged, not warned of
+        # numbers of any size are checked below: no warnings of overflow
         with np.errstate(all="ignore"):
             run, kept = _read(where)
     except TrajectoryFileError as error:
@@ -76,14 +75,14 @@ def load(
     except MbviError as error:
         raise TrajectoryFileError(f"{where} holds a problem that cannot be built: {error}") from error
     except Exception as error:
-        # whatever a changed file makes the libraries below raise
+        # a changed file may make h5py or numpy raise any exception
         why = (str(error) or type(error).__name__).splitlines()[0]
         raise TrajectoryFileError(f"{where} holds contents that are not of a run: {why}") from error
     if run.problem is None or kept is None:
         return run
     if control is not None or force is not None:
         problem = _problem(kept, given_again(control, force, kept.scene, where))
-        run = _with(run, problem)
+        run = replace(run, problem=problem)
     return _named(run, where)
 
 
@@ -127,19 +126,20 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         metadata.notes if kept is None or problem is not None else _noted(metadata.notes, _FUNCTIONS),
         problem,
         metadata.complete,
-        penetration,
-        states["energy"] if len(states["energy"]) else None,
-        scheme,
-        metadata.jump,
-        dense,
-        problem is not None and bool(problem.not_kept),
-        None if contacts is None else _contacts(contacts, len(t)),
+        RunRecord(
+            penetration,
+            scheme,
+            replace(Timing() if scheme is None else scheme.timing, jump=metadata.jump),
+            dense,
+            states["energy"] if len(states["energy"]) else None,
+            None if contacts is None else _contacts(contacts, len(t)),
+        ),
     )
     return run, kept
 
 
 def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
-    """Return the problem that a file keeps, from the state it keeps; None if it was given by functions."""
+    """Return the problem of a file with its initial state; None if the problem was given by functions."""
     built = restore(kept.scene, functions)
     if built is None:
         return None
@@ -148,7 +148,7 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
         found, given = getattr(kept, name), getattr(built, name)
         if found.shape != given.shape:
             raise TrajectoryFileError(f"problem/{name} has shape {found.shape}; that of the scene is {given.shape}")
-    # from a state that need not be admissible, as the run's may not have been
+    # a copy, because the initial state of a run need not be admissible
     problem = copy.copy(built)
     problem.q0, problem.v0, problem.t0 = kept.q0, kept.v0, kept.t0
     for values in (problem.q0, problem.v0):
@@ -163,23 +163,14 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
     return problem
 
 
-def _with(run: Trajectory, problem: Problem | None) -> Trajectory:
-    changed = copy.copy(run)
-    object.__setattr__(changed, "problem", problem)
-    object.__setattr__(changed, "_missing", problem is not None and bool(problem.not_kept))
-    return changed
-
-
 def _named(run: Trajectory, path: str) -> Trajectory:
-    """Return the run with a note of what its file could not keep, and warn."""
+    """Return the run with a note naming the functions that its file could not keep, and warn."""
     lost = () if run.problem is None else run.problem.not_kept
     if not lost:
         return run
     note = f"the file could not keep: {', '.join(lost)}"
     warnings.warn(f"{path}: {note}; simulating this problem raises until it is given again", MbviWarning, stacklevel=3)
-    named = copy.copy(run)
-    object.__setattr__(named, "notes", _noted(run.notes, note))
-    return named
+    return replace(run, notes=_noted(run.notes, note))
 
 
 def _noted(notes: tuple[str, ...], note: str) -> tuple[str, ...]:
@@ -201,8 +192,8 @@ def _sizes(file: h5py.File, problem: Problem | None) -> dict[str, int]:
     return sizes
 
 
-def _scheme(metadata: Metadata) -> Any:
-    # files of other versions, and of schemes by users, may name others
+def _scheme(metadata: Metadata) -> SchemeBase | None:
+    """Return the scheme of a run, None where its name is that of another version or of a user's scheme."""
     known = SCHEMES.get(metadata.scheme)
     if known is None:
         return None
@@ -210,9 +201,10 @@ def _scheme(metadata: Metadata) -> Any:
         scheme = known(**metadata.options)
     except (TypeError, ValueError, MbviError) as error:
         raise TrajectoryFileError(f"{metadata.scheme} cannot be made with {metadata.options}: {error}") from error
-    if not metadata.old and getattr(scheme, "jump", 1.0) != metadata.jump:
-        raise TrajectoryFileError(f"its jump is {metadata.jump}; that of {metadata.scheme} is {scheme.jump}")
-    if isinstance(scheme, EventDriven) != (metadata.step == 0.0) or metadata.step < 0.0:
+    jump = scheme.timing.jump
+    if not metadata.old and jump != metadata.jump:
+        raise TrajectoryFileError(f"its jump is {metadata.jump}; that of {metadata.scheme} is {jump}")
+    if scheme.timing.own_steps != (metadata.step == 0.0) or metadata.step < 0.0:
         raise TrajectoryFileError(f"its step is {metadata.step:g}, which {metadata.scheme} cannot have")
     return scheme
 
@@ -220,7 +212,7 @@ def _scheme(metadata: Metadata) -> Any:
 def _whole_rows(
     states: dict[str, Array], impacts: dict[str, Array], dense: Array | None
 ) -> tuple[dict[str, Array], dict[str, Array], Array | None]:
-    """Cut columns of a killed run to the shortest: of the old format one may be a piece longer than another."""
+    """Cut the columns of a killed run to equal length: in the old format one may be a piece longer than another."""
     n = min(len(values) for name, values in states.items() if name != "energy")
     m = min(map(len, impacts.values()))
     states = {name: values[:n] for name, values in states.items()}

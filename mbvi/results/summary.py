@@ -1,4 +1,4 @@
-"""What happened in a run, in five lines."""
+"""A run as text: its summary in five lines, and the table of its impacts."""
 
 from __future__ import annotations
 
@@ -6,24 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arguments import integer
+from .energies import end_energies
+from .run_data import RunData
+
 if TYPE_CHECKING:
     from ..problem import Problem
-    from .trajectory import Trajectory
 
 # characters of a note that are shown, and names of things
 _NOTE, _THINGS = 100, 4
 _ROUNDING = 1e-12
 
 
-def summary(run: Trajectory) -> str:
-    """Return five lines: what ran, its impacts, its energy, how well it was solved, and its notes.
+def summary(run: RunData) -> str:
+    """Return five lines: the problem and scheme, impacts, energy, accuracy, and notes.
 
-    Costs the same for a run of any length, but for a look at each penetration, residual and impact.
+    The cost does not depend on the length of the run, except for the largest penetration, residual and percussion.
     """
     return "\n".join((_what(run), _impacts(run), _energy(run), _accuracy(run), _notes(run)))
 
 
-def _what(run: Trajectory) -> str:
+def _what(run: RunData) -> str:
     step = f", h = {run.step:g} s" if run.step else ""
     times = f"t = {run.t[0]:.6g} to {run.t[-1]:.6g} s" if len(run.t) else "no time"
     cut = "" if run.complete else ", cut off before its end"
@@ -34,7 +37,7 @@ def _what(run: Trajectory) -> str:
 
 
 def _things(problem: Problem | None) -> str:
-    """Return what moves, in words."""
+    """Return the names or numbers of the robots, bodies and spheres."""
     if problem is None or problem.scene is None:
         return "given functions"
     items = problem.scene.items
@@ -47,7 +50,7 @@ def _things(problem: Problem | None) -> str:
     return ", ".join([*names, *(f"{n} {one if n == 1 else many}" for n, one, many in groups if n)])
 
 
-def _impacts(run: Trajectory) -> str:
+def _impacts(run: RunData) -> str:
     found = run.impacts
     if not found:
         return "No impacts"
@@ -56,22 +59,22 @@ def _impacts(run: Trajectory) -> str:
     when = f"at t = {found[0].time:.6g} s"
     if len(found) > 1:
         when = f"from t = {found[0].time:.6g} to {found[-1].time:.6g} s"
-    # a limit has no normal, and turns or shifts
+    # a joint limit has no normal; its unit depends on the joint
     unit = " N s" if np.isfinite(strongest.normal[k]).all() else ""
     where = f"{strongest.percussion[k]:.4g}{unit} at t = {strongest.time:.6g} s, {strongest.constraints[k]}"
     return f"{len(found)} impact{'s' * (len(found) > 1)} {when}; the strongest percussion is {where}"
 
 
-def _energy(run: Trajectory) -> str:
-    known = run._end_energies()
+def _energy(run: RunData) -> str:
+    known = end_energies(run)
     if known is None or not np.isfinite(known).all():
         return "Energy not known"
     first, last = known
     return f"Energy {first:.6g} J at the start, {last:.6g} J at the end: {last - first:+.4g} J"
 
 
-def _accuracy(run: Trajectory) -> str:
-    depth, residual = run.penetration(), run.residual
+def _accuracy(run: RunData) -> str:
+    depth, residual = run.record.penetration, run.residual
     if not len(depth):
         return "No step was taken"
     k = int(depth.argmax())
@@ -79,11 +82,11 @@ def _accuracy(run: Trajectory) -> str:
     if depth[k] > 0.0:
         deepest = f"Deepest penetration {depth[k]:.3g} m or rad at t = {run.t[k]:.6g} s"
     worst = float(residual.max())
-    # less is rounding
+    # smaller residuals are rounding
     return f"{deepest}; largest residual {f'{worst:.2g}' if worst > _ROUNDING else f'below {_ROUNDING:.0e}'}"
 
 
-def _notes(run: Trajectory) -> str:
+def _notes(run: RunData) -> str:
     scene = run.problem is not None and run.problem.scene is not None
     further = f"run.impact_table(), run.diagnosis(){' and run.replay()' * scene} say more"
     if not run.notes:
@@ -93,3 +96,18 @@ def _notes(run: Trajectory) -> str:
     shown = first if len(first) <= _NOTE else f"{first[:_NOTE].rsplit(' ', 1)[0]} ..."
     more = f" (and {others} more in run.notes)" if others else ""
     return f"{shown}{more}; {further}".replace("\n", " ")
+
+
+def impact_table(run: RunData, most: int) -> str:
+    """Return the impacts as a table, the `most` strongest if there are more."""
+    most = integer(most, "most")
+    strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:most]
+    lines = [f"{'time [s]':>10}  {'p [N s]':>10}  {'before':>9}  {'after':>9}  constraint"]
+    for impact in sorted(strongest, key=lambda i: i.time):
+        for k, name in enumerate(impact.constraints):
+            time = f"{impact.time:10.4f}" if k == 0 else " " * 10
+            lines.append(
+                f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}  {name}"
+            )
+    left = len(run.impacts) - len(strongest)
+    return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))

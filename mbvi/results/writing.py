@@ -1,4 +1,4 @@
-"""A trajectory file that is being written: rows appended, committed, read back and marked complete."""
+"""Writes a trajectory file: appends and commits rows, reads the file back, and marks it complete."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from .verification import opened
 
 if TYPE_CHECKING:
     from .contacts import ContactTable
-    from .trajectory import Impact
+    from .run_data import Impact
 
-# bytes that are committed at once, and of longer files which part of what is written already
+# bytes that are committed at once; in longer files one part in this number of the bytes already written
 _PIECE, _PART = 1 << 17, 8
-# bytes that are compared at once
+# bytes compared at once
 _COMPARED = 1 << 22
 
-# those that are not closed: HDF5 must not call them while Python ends, as it would those of a daemon thread
+# open files: they must be closed before Python ends, because HDF5 would call them afterwards
 _open: weakref.WeakSet[RunFile] = weakref.WeakSet()
 
 
@@ -56,9 +56,9 @@ class RunFile:
     Parameters
     ----------
     path : path
-        Where to.
+        Path of the file.
     metadata : Metadata
-        How the run is made.
+        The metadata of the run.
     sizes : dict
         "nq", "nv" and, of schemes with dense output, its "degree".
     contacts : bool
@@ -156,7 +156,7 @@ class RunFile:
     ) -> None:
         """Read the file back, compare it with what was recorded, and mark it complete if the run is."""
         with self._writing():
-            # its end time was set to the last digit after the last piece
+            # the end time was corrected for rounding after the last piece
             if self.states:
                 self._file["t"][self.states - 1] = recorded["t"][self.states - 1]
                 del self._sums["t"]
@@ -168,7 +168,7 @@ class RunFile:
             self._metadata = replace(self._metadata, complete=complete)
             self._commit()
             self._disk.sync()
-        # what marked it complete is read back as well
+        # the mark itself is read back as well
         with opened(self.path, locked=True):
             pass
 
@@ -200,7 +200,7 @@ class RunFile:
         with self._busy, uninterrupted():
             if self._failed:
                 raise TrajectoryFileError(f"{self.path} is closed, or could not be written before")
-            # until it is known to have gone well
+            # until the write has succeeded
             self._failed = True
             try:
                 yield
@@ -242,7 +242,7 @@ def _close_all() -> None:
 
 
 def impact_rows(impacts: Sequence[Impact], first: int) -> dict[str, Any]:
-    """Return the columns of impacts, of which the first has the number `first`."""
+    """Return the columns of impacts, numbered from `first`."""
     counts = [len(i.constraints) for i in impacts]
     return {
         "instant": np.repeat(np.arange(first, first + len(impacts)), counts),
@@ -257,7 +257,7 @@ def impact_rows(impacts: Sequence[Impact], first: int) -> dict[str, Any]:
 
 
 def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
-    """Return the columns of contacts, of which the first interval has the number `first`."""
+    """Return the columns of contacts, their intervals numbered from `first`."""
     interval = np.repeat(np.arange(first, first + len(table.starts) - 1), np.diff(table.starts))
     names = encoded(table.names)[table.constraint] if table.names else encoded(())
     columns = {"percussion": table.percussion, "point": table.point, "normal": table.normal}

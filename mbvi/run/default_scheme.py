@@ -1,33 +1,30 @@
-"""Which scheme runs a problem when none is named, at which step, and why."""
+"""Chooses the scheme and the time step of a problem where the user names none, with the reason."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..constraints import SignedDistances, SphereContacts, SphereSurface
 from ..errors import DivergedError
 from ..geometry.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
 from ..schemes import Centered, EventDriven, Scheme, StewartTrinkle
-from ..system import ActuatedSystem, ArticulatedSystem, FreeBodies, Spheres, System, located_parts, parts_of
-from ..system.actuated import Part
+from ..system import System, located_parts, parts_of
 from ..system.lengths import velocity_units
-from ..system.system import Array
+from ..system.system import Array, Part
 
-# up to so many constraints error control costs at most some twice what steps of 1e-3 s do: benchmarks/default_scheme.py
+# up to this number of constraints error control costs at most twice the time of steps of 1e-3 s:
+# benchmarks/default_scheme.py
 _FEW = 100
-# of a time scale, the part that a step may take: of the time a body takes for its own size, of its fall by that, of the
-# fastest mode (1 / omega), of the run
-_WAY, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
-# of a system that knows no sizes, the part of the scene's length that counts as one
+# the step as a part of each time scale: the time in which a body travels its own size, the time in which it falls by
+# its size, the fastest mode (1 / omega), the duration
+_TRAVEL, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
+# size of the bodies of a system without shapes, in lengths of the scene
 _SIZE = 0.1
-# a body counts as no larger than so many times the ball that fits into its thickest shape: what is flat must not be
-# passed through
+# largest size of a body, in radii of the ball that fits into its thickest shape: flat bodies must not be passed through
 _FLAT = 5.0
-# difference of q and v, in lengths of the scene and radians, and the most degrees of freedom, for which modes are
-# looked for
+# step of the finite differences of modes, in lengths of the scene and radians, and the largest system they are made for
 _DIFFERENCE, _MOST_MODES = 1e-6, 200
-# relative difference of two differences of one slope
+# relative difference of two finite differences above which a force has no slope
 _SAME_SLOPE = 0.5
 _NEAT = (5.0, 2.0, 1.0)
 
@@ -38,38 +35,38 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     Parameters
     ----------
     problem : Problem
-        What moves.
+        The problem to run.
     duration : float
-        How long [s].
+        Duration of the run [s].
 
     Returns
     -------
     scheme : Scheme or EventDriven
-        `EventDriven` for few constraints with continuous gradients, no control and no external force, else what
-        `time_stepping` says.
+        `EventDriven` for few constraints with continuous gradients, no control and no external force, else that of
+        `time_stepping`.
     step : float or None
         h [s]; None for `EventDriven`.
     reason : str
-        In words.
+        The choice and its reason in words, as in the notes of a run.
     """
     against = _against_error_control(problem)
     if against is None:
         count = _count(problem)
         why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"
-        located = EventDriven()
-        return located, None, f"EventDriven(tolerance={located.tolerance:g}) was chosen: {why}"
+        scheme = EventDriven()
+        return scheme, None, f"EventDriven(tolerance={scheme.tolerance:g}) was chosen: {why}"
     h, scale = time_step(problem, duration)
-    scheme, words = time_stepping(problem)
-    return scheme, h, f"{words} at h = {h:g} s was chosen: {against}; the step by {scale}"
+    stepping, words = time_stepping(problem)
+    return stepping, h, f"{words} at h = {h:g} s was chosen: {against}; the step by {scale}"
 
 
 def time_stepping(problem: Problem) -> tuple[Scheme, str]:
-    """Return the scheme that fixed steps are taken by when none is named, and how it is called.
+    """Return the default scheme of fixed steps, and its name with its options.
 
-    `StewartTrinkle` for many free bodies without restitution, which then land on each other and not in each other. Else
+    `StewartTrinkle` for many free bodies without restitution, because they then land without penetration. Else
     `Centered` with position projection.
     """
-    free = all(isinstance(part, FreeBodies | Spheres) for part in parts_of(problem.system))
+    free = all(part.free_bodies for part in parts_of(problem.system))
     if problem.scene is not None and free and _count(problem) > _FEW:
         items = problem.scene.items
         if items.restitution == 0.0 and not any(items.pair_restitution.values()):
@@ -78,44 +75,40 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
 
 
 def _against_error_control(problem: Problem) -> str | None:
-    """Return what speaks against error control, if anything."""
-    for constraint in problem.constraints.constraints:
-        if isinstance(constraint, SphereSurface):
-            return f"the gradient of {constraint.name(0)} jumps"
-        if isinstance(constraint, SignedDistances) and not constraint.round.all():
-            jumping = constraint.names[int(np.flatnonzero(~constraint.round)[0])]
+    """Return the reason against error control in words, None if there is none."""
+    for family in problem.constraints.families:
+        if family.tracked and not family.moving and not np.all(family.smooth):
+            jumping = family.name(int(np.flatnonzero(np.logical_not(family.smooth))[0]))
             return f"the gradient of {jumping} jumps"
     if problem.constraints.moving:
         return "walls move on their own"
     count = _count(problem)
     if count > _FEW:
         return f"{count} constraints are many"
-    if isinstance(problem.system, ActuatedSystem):
+    if problem.system.loaded:
         return "a control of the scene or a force may switch"
-    controlled = [part for part in parts_of(problem.system) if getattr(part, "control", None) is not None]
+    controlled = [part for part in parts_of(problem.system) if part.controlled]
     if controlled:
-        return f"the control of {controlled[0].bodies[1].split('/')[0]} may switch"
+        return f"the control of {controlled[0].name} may switch"
     return None
 
 
 def _count(problem: Problem) -> int:
-    """Return how many constraints there are, every pair of spheres counted once."""
-    count = len(problem.constraints)
-    for constraint in problem.constraints.constraints:
-        if isinstance(constraint, SphereContacts):
-            # of n^2 numbers only those of i < j are used
-            count -= (constraint.size + constraint.count) // 2
-    return count
+    """Return the number of constraints; each pair of spheres counts once."""
+    return sum(family.count for family in problem.constraints.families)
 
 
 def time_step(problem: Problem, duration: float) -> tuple[float, str]:
-    """Return a step from the scene's own time scales, a neat number [s], and which scale it is due to."""
+    """Return a step from the time scales of the scene [s], and the scale it is due to.
+
+    The step is rounded down to 1, 2 or 5 times a power of ten.
+    """
     scales = [(_RUN * duration, "the duration")]
     scales += _modes(problem)
     scales += _motions(problem, duration)
     h, scale = min(scales)
     decade = 10.0 ** np.floor(np.log10(h))
-    # rounding must not lose a step that is neat already
+    # rounding must not reduce a step that is such a number already
     neat = next(n for n in _NEAT if n * decade <= h * (1.0 + 1e-9))
     return float(f"{neat * decade:.1g}"), scale
 
@@ -123,17 +116,17 @@ def time_step(problem: Problem, duration: float) -> tuple[float, str]:
 def _modes(problem: Problem) -> list[tuple[float, str]]:
     """Return the step for the fastest mode of each mechanism, linearised about the initial state."""
     found, parts = [], located_parts(problem.system)
-    if isinstance(problem.system, ActuatedSystem) and problem.system.nv <= _MOST_MODES:
-        # springs between parts
+    if problem.system.loaded and problem.system.nv <= _MOST_MODES:
+        # a force may couple the parts
         parts = [Part(problem.system, 0, 0, 0)]
     for system, q, v, _ in parts:
         q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
-        # bodies on their own have no forces that change
-        if isinstance(system, FreeBodies | Spheres) or system.nv > _MOST_MODES:
+        # the forces on free bodies do not change
+        if system.free_bodies or system.nv > _MOST_MODES:
             continue
         rate = _fastest(system, problem.t0, q0, v0, problem.length)
         if rate > 0.0:
-            name = system.bodies[1].split("/")[0] if isinstance(system, ArticulatedSystem) else "the forces"
+            name = system.name or "the forces"
             found.append((_MODE / rate, f"the fastest mode of {name}, {rate:.3g} 1/s"))
     return found
 
@@ -142,7 +135,7 @@ def _fastest(system: System, t: float, q: Array, v: Array, length: float) -> flo
     """Return the largest modulus of an eigenvalue of d(v, M^-1 g) / d(q, v) [1/s]."""
     n = system.nv
     fine, coarse = (_jacobian(system, t, q, v, s, length) for s in (_DIFFERENCE, 10.0 * _DIFFERENCE))
-    # a force that jumps, as dry friction or a switch, has no slope, and differences of it grow as they are refined
+    # a force that jumps, as dry friction or a switch, has no slope: its differences grow as they are refined
     slope = np.where(np.abs(fine - coarse) <= _SAME_SLOPE * np.abs(fine), fine, 0.0)
     block = np.block([[np.zeros((n, n)), np.eye(n)], [slope]])
     return float(np.abs(np.linalg.eigvals(block)).max())
@@ -152,29 +145,29 @@ def _jacobian(system: System, t: float, q: Array, v: Array, s: float, length: fl
     """Return d(M^-1 g) / d(q, v), shape (nv, 2 nv), by differences of s lengths of the scene and s radians."""
     units, columns = velocity_units(system, length), []
     for size, unit in zip(s * units, s * np.diag(units), strict=True):
-        ends = (_acceleration(system, t, system.integrate(q, way), v) for way in (unit, -unit))
+        ends = (_acceleration(system, t, system.integrate(q, shift), v) for shift in (unit, -unit))
         columns.append(np.subtract(*ends) / (2.0 * size))
     for size, unit in zip(s * units, s * np.diag(units), strict=True):
-        ends = (_acceleration(system, t, q, v + way) for way in (unit, -unit))
+        ends = (_acceleration(system, t, q, v + shift) for shift in (unit, -unit))
         columns.append(np.subtract(*ends) / (2.0 * size))
     return np.array(columns).T
 
 
 def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
-    """Return M^-1 g without the joints' damping, which steps take implicitly."""
+    """Return M^-1 g without joint damping, which steps treat implicitly."""
     try:
         free = system.acceleration(t, q, v)
     except DivergedError:
-        # beside the start: no slope can be told from that
+        # forces that are not finite beside the start give no slope
         return np.full(system.nv, np.nan)
-    damping = np.concatenate([getattr(part, "damping", np.zeros(part.nv)) for part in parts_of(system)])
+    damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts_of(system)])
     if damping.any():
         free = free + system.metric(q).solve_rows((damping * v)[None])[0]
     return free
 
 
 def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
-    """Return the steps in which no body moves by much of its own size."""
+    """Return steps in which no body travels more than a part of its size."""
     system = problem.system
     if problem.scene is None:
         pull = float(np.abs(system.acceleration(problem.t0, problem.q0, problem.v0)).max(initial=0.0))
@@ -185,11 +178,10 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
     for shape in problem.scene.shapes:
         if shape.body:
             bodies.setdefault(shape.body, []).append(shape)
-    # the largest shape of each body stands for it
+    # a body has the size of its largest shape
     largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
-    rates, found, forced = np.abs(problem.v0), [], np.zeros(system.nv)
-    if isinstance(system, ActuatedSystem):
-        forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
+    rates, found = np.abs(problem.v0), []
+    forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
     for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
         reach = system.reach(shape.body, shape.position, shape.shape.bound)
         speed, pull = float(reach @ rates), g + float(reach @ forced)
@@ -199,17 +191,17 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
 
 
 def _of_one(name: str, size: float, speed: float, pull: float) -> list[tuple[float, str]]:
-    """Return the steps for one size [m], by its speed and by its fall."""
+    """Return the steps of one body size [m], by its speed and by its fall."""
     found = []
     if speed > 0.0:
-        found.append((_WAY * size / speed, f"the speed of {name}, {speed:.3g} m/s at a size of {size:.3g} m"))
+        found.append((_TRAVEL * size / speed, f"the speed of {name}, {speed:.3g} m/s at a size of {size:.3g} m"))
     if pull > 0.0:
         found.append((_FALL * float(np.sqrt(2.0 * size / pull)), f"the fall of {name} by its size, {size:.3g} m"))
     return found
 
 
 def _drops(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
-    """Return how far each shape can fall, onto a wall or to where the lowest shape is [m]."""
+    """Return how far each shape can fall: to a wall, or to the height of the lowest shape [m]."""
     scene = problem.scene
     assert scene is not None
     if g == 0.0 or not moving:
@@ -226,7 +218,7 @@ def _drops(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
 
 
 def _above(wall: HalfSpace, centres: Array, up: Array) -> Array:
-    """Return how far below points a wall lies, infinite where it lies beside them."""
+    """Return the height of points above a wall, infinite where the wall is vertical."""
     normal = np.asarray(wall.normal)
     slope = float(normal @ up)
     return (centres @ normal - wall.offset) / slope if slope > 1e-3 else np.full(len(centres), np.inf)

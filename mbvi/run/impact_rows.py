@@ -1,4 +1,4 @@
-"""Which rows of an instant belong to its impact, where many rest on each other."""
+"""Finds the rows that take part in an impact, where many bodies rest on each other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..compiled import kernel
-from ..system import BlockSystem, FreeBodies, Spheres, System
+from ..system import System, parts_of
 
 Array = np.ndarray
 
@@ -35,7 +35,7 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
 
 
 def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
-    """Return which rows press more than twice as hard as their constraint did in any of some steps.
+    """Return the rows whose percussion is more than twice the largest of their constraint in some steps before.
 
     Parameters
     ----------
@@ -52,18 +52,18 @@ def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Ar
     return np.asarray(percussion > 2.0 * level[place])
 
 
-def parts_of(system: System) -> Array:
+def independent_parts(system: System) -> Array:
     """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
     parts, count = [], 0
-    for one in system.parts if isinstance(system, BlockSystem) else (system,):
-        bodies = len(one.bodies) - 1 if isinstance(one, FreeBodies | Spheres) else 1
+    for one in parts_of(system):
+        bodies = one.independent_bodies
         parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
         count += bodies
     return np.concatenate(parts)
 
 
 def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
-    """Return which rows are linked to a seed through parts of the system that two of the rows move.
+    """Return which rows are linked to a seed through parts of the system that both rows act on.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
     seeds : ndarray of bool, shape (k,)
         Which of them are seeds.
     parts : ndarray of int, shape (nv,)
-        Of `parts_of`.
+        Of `independent_parts`.
     """
     row, column = jacobian.nonzero()
     count = len(seeds)

@@ -1,4 +1,4 @@
-"""What was simulated goes with whatever ends a simulation half-way."""
+"""Attaches the run so far to exceptions that end a simulation, and saves interrupted runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..results.trajectory import Trajectory
 
 @contextmanager
 def run_so_far(trajectory: Callable[[], Trajectory]) -> Iterator[None]:
-    """Give an exception that passes, a KeyboardInterrupt included, the run so far as its `run`."""
+    """Set the attribute `run` of an exception that passes, also of a KeyboardInterrupt, to the run so far."""
     try:
         yield
     except BaseException as error:
@@ -23,7 +23,7 @@ def run_so_far(trajectory: Callable[[], Trajectory]) -> Iterator[None]:
 
 
 def save_interrupted(run: Trajectory) -> Path:
-    """Save a run in the working directory under a name that is free, "interrupted.h5" first, and return the name.
+    """Save a run in the working directory under an unused name, "interrupted.h5" first, and return the name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A bar on a terminal, for runs long enough to want one."""
+"""A progress bar on the terminal for long runs."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from types import TracebackType
 
 from tqdm import tqdm
 
-# seconds before a run's length is judged, and the length from which a bar is shown
+# seconds after which the length of a run is estimated, and the length from which a bar is shown
 _PATIENCE, _LONG = 0.5, 3.0
 
 
 class Progress:
-    """Shows how far a run is.
+    """A progress bar; a context that closes it.
 
     Parameters
     ----------
     total : int
-        Steps to take.
+        Number of steps.
     shown : bool or None
-        Always, never, or on a terminal where the run looks long.
+        Always, never, or on a terminal if the run is estimated to be long.
     """
 
     def __init__(self, total: int, shown: bool | None) -> None:
@@ -34,7 +34,7 @@ class Progress:
         return self
 
     def poll(self, done: int) -> float:
-        """Say that `done` steps are taken; return when to say so again."""
+        """Show that `done` steps are taken; return the time of the next update."""
         now = time.perf_counter()
         if now < self._next:
             return self._next

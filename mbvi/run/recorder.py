@@ -1,4 +1,4 @@
-"""Keeps what a run leaves behind, and tells an impact from a contact that merely goes on pressing."""
+"""Records the states of a run of fixed steps, and detects which contact percussions are impacts."""
 
 from __future__ import annotations
 
@@ -12,42 +12,43 @@ from ..compiled import kernel
 from ..errors import MbviWarning
 from ..problem import Problem
 from ..results.contacts import ContactLog
-from ..results.trajectory import Array, Impact, Trajectory
-from ..schemes import Scheme, Step
+from ..results.run_data import Array, Impact, RunRecord
+from ..results.trajectory import Trajectory
+from ..schemes import Scheme, Step, Timing
 from ..schemes.step import STILL
-from .impact_rows import exceeding, linked, parts_of
+from .impact_rows import exceeding, independent_parts, linked
 
-# two contact points of one pair nearer than this, in lengths of the scene, are the same point a step later
+# contact points of one pair in consecutive steps, nearer than this, are the same point [lengths of the scene]
 _SAME_POINT = 0.1
 # the rows before the first step: numbers, points, rates
 _NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
-# the steps whose percussions say how hard a contact presses while it rests: in piles many do so every few steps only
+# the percussion of a resting contact is its largest in so many steps: in piles many contacts act every few steps only
 _RECENT = 16
-# a run may repeat itself at every step
+# a note may repeat at every step
 _MOST_NOTES = 20
 
 
 @kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])")
-def _note(
+def _record_depth(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
     penetration: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
+    """Record the depth of a step and its residual; return whether an impact is possible.
 
-    One is where a row that presses approaches faster than the forces of one step explain.
+    An impact is possible if a row with a percussion approaches faster than the forces of one step explain.
 
     Parameters
     ----------
     k : int
-        Where to note it.
+        Index of the state that is recorded next.
     number, gap, rates, residual
-        Of a `Step`, `number` the constraints of its rows.
+        Those of a `Step`, `number` the constraints of its rows.
     lever : ndarray, shape (c,)
-        What rates of the first constraints are multiplied by to be lengths a second; those of others are.
+        Factors from rates of the first c constraints to m/s; that of other constraints is 1.
     still : float
-        What closes more slowly than this does not [m/s].
+        Closing speed below which a row counts as still [m/s].
     penetration, residuals : ndarray, shape (n,)
-        Where these are kept.
+        Receive the depth of the step, and the largest residual since the state before.
     """
     residuals[k] = max(residuals[k], residual)
     deepest, impact = 0.0, False
@@ -63,14 +64,14 @@ def _note(
 @kernel(
     "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8, f8[::1], f8, i1[::1])"
 )
-def _struck(
+def _choose_rows(
     number: Array, point: Array, rates: Array, e: Array,
     last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Choose the rows that may belong to an impact, if there is one, and add up its energy.
 
-    A row closes when it presses, approaches faster than the forces of one step explain and did not press just before.
-    Where one does, all that press more than twice as hard as the step before may take part.
+    A row closes if it has a percussion, approaches faster than the forces of one step explain, and had no percussion in
+    the step before. If a row closes, rows whose percussion is more than twice that of the step before may take part.
 
     Parameters
     ----------
@@ -81,14 +82,14 @@ def _struck(
     far : float
         Points of one constraint farther apart than this are not the same [m].
     lever, still
-        As of `_note`.
+        As of `_record_depth`.
     chosen : ndarray of int8, shape (k,)
         Receives 2 for rows that close, 1 for those that may take part, 0 for others.
 
     Returns
     -------
     count : int
-        How many rows may take part; 0 if nothing closes.
+        How many rows may take part; 0 if no row closes.
     energy : float
         Kinetic energy gained by the law (8) [J]; see `Impact`.
     """
@@ -96,7 +97,7 @@ def _struck(
     for a in range(len(number)):
         percussion, free, after, before = rates[0, a], rates[1, a], rates[2, a], rates[3, a]
         energy += 0.5 * percussion * (before + after + (free - before) * (1.0 - e[a]) / (1.0 + e[a]))
-        pressed = 0.0
+        previous = 0.0
         if percussion > 0.0:
             for b in range(np.searchsorted(last_number, number[a]), len(last_number)):
                 if last_number[b] != number[a]:
@@ -107,12 +108,12 @@ def _struck(
                         apart += (last_point[b, c] - point[a, c]) ** 2
                     # limits have no points: NaN is near
                     if not apart > far * far:
-                        pressed += last_rates[0, b]
+                        previous += last_rates[0, b]
         least = still / lever[number[a]] if number[a] < len(lever) else still
-        closing = percussion > 0.0 and pressed == 0.0 and before + 2.0 * abs(free - before) < -least
+        closing = percussion > 0.0 and previous == 0.0 and before + 2.0 * abs(free - before) < -least
         any_closes = any_closes or closing
         chosen[a] = 0
-        if percussion > 0.0 and percussion > 2.0 * pressed:
+        if percussion > 0.0 and percussion > 2.0 * previous:
             chosen[a] = 2 if closing else 1
             count += 1
     if not any_closes:
@@ -123,29 +124,29 @@ def _struck(
 
 
 class Recorder:
-    """States in arrays made once, impacts in a list.
+    """States in arrays allocated before the run, impacts in a list.
 
     Parameters
     ----------
     problem : Problem
-        What runs.
+        The problem that is run.
     count : int
-        How many states there will be.
-    jump : float
-        That of the scheme.
+        Number of states.
+    timing : Timing
+        Timing of the scheme.
     notes : sequence of str
-        What is known before the run.
+        Notes that are known before the run.
 
     Attributes
     ----------
     contacts : ContactLog or None
-        None: this one records no contacts.
+        None: this class records no contacts.
     """
 
-    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
+    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
         self.contacts: ContactLog | None = None
         self.problem = problem
-        self.jump = jump
+        self.timing = timing
         self.t = np.empty(count)
         self.q = np.empty((count, problem.system.nq))
         self.v = np.empty((count, problem.system.nv))
@@ -157,18 +158,18 @@ class Recorder:
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._warned = False
         self.count = 0
-        self._parts = parts_of(problem.system)
+        self._parts = independent_parts(problem.system)
         # constraints and rates of the rows of the last steps
         self._recent: deque[tuple[Array, Array]] = deque(maxlen=_RECENT)
         self._last: Step | None = None
 
     def step(self, step: Step, keep: bool) -> None:
-        """Take note of a step: its impacts always, its state if `keep`."""
+        """Record a step: its impacts always, its state if `keep`."""
         t, q, v, active, rates, residual = step
         k, gap = self.count, active.gap
         if not gap.size:
             self.penetration[k] = 0.0
-        elif _note(
+        elif _record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
         ):
             self._impact(step)
@@ -181,7 +182,7 @@ class Recorder:
         self._recent.append((active.constraint, rates))
 
     def trajectory(self, scheme: Scheme, h: float, *, complete: bool = True) -> Trajectory:
-        """Return what was recorded."""
+        """Return the run recorded so far."""
         n = self.count
         return Trajectory(
             self.t[:n],
@@ -189,19 +190,21 @@ class Recorder:
             self.v[:n],
             tuple(self.impacts),
             self.residual[:n],
-            type(scheme).__name__,
+            scheme.name,
             h,
             tuple(self.notes),
             self.problem,
             complete,
-            self.penetration[:n],
-            _scheme=scheme,
-            _jump=self.jump,
-            _contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+            RunRecord(
+                self.penetration[:n],
+                scheme,
+                self.timing,
+                contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
+            ),
         )
 
     def _impact(self, step: Step) -> None:
-        """Record an instant at which a constraint closed, with all that passed the blow on."""
+        """Record an impact: the rows that closed, and the rows linked to them."""
         active, rates, last = step.active, step.rates, self._last
         number, point, e = active.constraint, active.point, active.restitution
         found = np.empty(len(number), np.int8)
@@ -210,13 +213,15 @@ class Recorder:
             order = np.argsort(before, kind="stable")
             before, places, pressed = before[order], places[order], np.ascontiguousarray(pressed[:, order])
         far = _SAME_POINT * self.problem.length
-        count, energy = _struck(number, point, rates, e, before, places, pressed, far, self._lever, self._still, found)
+        count, energy = _choose_rows(
+            number, point, rates, e, before, places, pressed, far, self._lever, self._still, found
+        )
         if not count:
             return
         chosen = self._taking_part(step, found)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if energy > 1e-9 * scale and e.min() < e.max():
-            self._say(
+            self._note(
                 f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
                 f"{energy:.3g} J: Newton's law with several e promises no loss"
             )
@@ -227,19 +232,19 @@ class Recorder:
         )
 
     def _taking_part(self, step: Step, found: Array) -> Array:
-        """Return the rows that close, and those linked to them by rows that press harder than they did lately."""
+        """Return the rows that close, and rows linked to them whose percussion exceeds that of the steps before."""
         closing, others = found == 2, np.flatnonzero(found == 1)
         if not others.size:
             return closing
         chosen = closing.copy()
         chosen[others] = exceeding(step.active.constraint[others], step.percussion[others], self._recent)
         index = np.flatnonzero(chosen)
-        # of a single mechanism all rows are linked
+        # all rows of a single mechanism are linked
         if self._parts[-1] and len(index) > np.count_nonzero(closing):
             chosen[index] = linked(step.active.jacobian[index], closing[index], self._parts)
         return chosen
 
-    def _say(self, note: str) -> None:
+    def _note(self, note: str) -> None:
         if not self._warned:
             self._warned = True
             warnings.warn(note, MbviWarning, stacklevel=6)
@@ -248,19 +253,19 @@ class Recorder:
 
 
 class ContactRecorder(Recorder):
-    """A recorder that keeps the contacts of all steps too; see `ContactLog`."""
+    """A recorder that also records the contacts of all steps; see `ContactLog`."""
 
-    def __init__(self, problem: Problem, count: int, jump: float = 1.0, notes: Sequence[str] = ()) -> None:
-        super().__init__(problem, count, jump, notes)
+    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
+        super().__init__(problem, count, timing, notes)
         self.contacts: ContactLog = ContactLog(_SAME_POINT * problem.length)
 
     def step(self, step: Step, keep: bool) -> None:
-        """Take note of a step and its contacts; see `Recorder`."""
-        # percussions at the start come before the first interval
+        """Record a step and its contacts; see `Recorder`."""
+        # the law at the start comes before the first interval
         if self.count:
             active = step.active
             self.contacts.add(active.constraint, active.point, active.normal, step.rates[0])
-        # before the state: an interrupt between the two leaves no state without its contacts
+        # before the state, so that an interrupt leaves no state without its contacts
         if keep:
             self.contacts.close()
         super().step(step, keep)

@@ -1,4 +1,4 @@
-"""The loop, and nothing else."""
+"""`simulate` and `steps`: the loop over the steps of a scheme."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import ended, law
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
+from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .progress import Progress
 from .recorder import ContactRecorder, Recorder
@@ -43,7 +44,7 @@ def steps(
     Parameters
     ----------
     problem : Problem
-        What moves.
+        The problem to run.
     scheme : Scheme, optional
         By default `Centered(project_positions=True)`; for many free bodies at e = 0, `StewartTrinkle()`.
     step : float
@@ -63,11 +64,11 @@ def steps(
     InputError
         If h is not positive and finite, or the solver is none of those.
     UnsuitableError
-        If the scheme is not made for the problem.
+        If the scheme cannot run the problem.
     ProjectionError
         If a projection does not reach the residual; where a solver was chosen the message names it.
     DivergedError
-        If a step leaves numbers that are not finite, or a function of the user returns such.
+        If a step or a function of the user returns numbers that are not finite.
     """
     _problem(problem)
     check_kept(problem)
@@ -75,7 +76,7 @@ def steps(
     chosen = time_stepping(problem)[0] if scheme is None else _scheme(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
-    return _walk(problem, chosen, h, projector)
+    return _steps(problem, chosen, h, projector)
 
 
 def simulate(
@@ -96,21 +97,21 @@ def simulate(
     Parameters
     ----------
     problem : Problem
-        What moves.
+        The problem to run.
     scheme : Scheme or EventDriven, optional
-        By default chosen for the problem, which the run's first note says and why: `EventDriven(tolerance=1e-6)` for
-        few constraints whose gradients are continuous; where there are many, or gradients jump, or a control or an
-        external force acts, and wherever a step is given, `Centered(project_positions=True)`; for many free bodies at
-        e = 0 `StewartTrinkle()`.
+        By default chosen for the problem; the run's first note gives the scheme and the reason.
+        `EventDriven(tolerance=1e-6)` for few constraints with continuous gradients. `Centered(project_positions=True)`
+        for many constraints, for gradients that jump, under a control or an external force, and wherever a step is
+        given. `StewartTrinkle()` for many free bodies at e = 0.
     duration : float
-        How long [s]; the last step is cut so that the run ends there. `SchatzmanPaoli` takes whole steps only: its last
-        state is read within one.
+        Duration [s]; the last step is shortened so that the run ends there. `SchatzmanPaoli` takes whole steps only:
+        the last state is interpolated.
     step : float, optional
-        Time step h [s], not for `EventDriven`. By default 1e-3 of a scheme that was named, else from the scene's own
-        time scales.
+        Time step h [s], not for `EventDriven`. By default 1e-3 if a scheme is named, else from the time scales of the
+        scene.
     every : int
-        Only every so many steps are recorded, and the last; impacts always are. `EventDriven` takes steps of its own,
-        and keeps the states before and after each impact too; `run.at(t)` is then a cubic between what was kept.
+        One state in `every` steps is recorded, and the last; impacts always are. `EventDriven` chooses its own steps,
+        and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded states.
     residual : float
         Relative KKT residual above which a projection raises.
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
@@ -121,13 +122,13 @@ def simulate(
     progress : bool, optional
         Whether to show a bar; by default on a terminal, for long runs.
     record : "contacts", optional
-        What to record beside states and impacts: the percussions of all contacts, for `run.contacts(t)` and
-        `run.contact_forces()`. With `every` those of the steps between two states are added up.
+        Record the percussions of all contacts too, for `run.contacts(t)` and `run.contact_forces()`. With `every` those
+        of the steps between two recorded states are added up.
 
     Returns
     -------
     Trajectory
-        States, impacts and how well each projection was solved.
+        States, impacts and the residual of each projection.
 
     Raises
     ------
@@ -135,18 +136,18 @@ def simulate(
         If duration, step, every or residual is not positive and finite, the solver is none of those, or record is
         another word.
     UnsuitableError
-        If the scheme is not made for the problem: `EventDriven` for walls that move or too many bodies,
-        `StewartTrinkle` for e > 0.
+        If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies, `StewartTrinkle` with
+        e > 0.
     TrajectoryFileError
-        If `out` cannot be written: before the first step, or when the disk is full, and then `out` keeps what was
-        written before. A file is read back and compared with the run before it is marked complete.
+        If `out` cannot be written: before the first step, or when the disk is full; `out` then keeps the states written
+        before. A file is read back and compared with the run before it is marked complete.
     ProjectionError, DivergedError
         As `steps`; `DivergedError` also where `EventDriven` makes no progress in time.
 
     Notes
     -----
-    An error that ends the run half-way, and a KeyboardInterrupt, carries the run so far as its `run`, a `Trajectory`
-    that is not `complete`.
+    An error or a KeyboardInterrupt that ends the run has the run so far as its attribute `run`, a `Trajectory` that is
+    not `complete`.
     """
     _problem(problem)
     check_kept(problem)
@@ -168,7 +169,7 @@ def simulate(
     if isinstance(scheme, EventDriven):
         return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None
-    # whole steps, and what is left of the duration after them
+    # whole steps, and the remaining duration after them
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
     whole = int(duration / h * (1.0 + 1e-12))
@@ -176,11 +177,11 @@ def simulate(
     total = whole + (rest > 1e-9 * h)
     kind = Recorder if record is None else ContactRecorder
     try:
-        recorder = kind(problem, 1 + -(-total // every), getattr(scheme, "jump", 1.0), notes)
+        recorder = kind(problem, 1 + -(-total // every), scheme.timing, notes)
     except MemoryError as error:
         raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = TunnellingGuard(problem, scheme, h)
-    last = h if getattr(scheme, "whole_steps", False) else rest
+    last = h if scheme.timing.whole_steps else rest
     state = _start(problem, projector)
     recorder.step(state, True)
     with (
@@ -189,55 +190,58 @@ def simulate(
         Progress(total, progress) as bar,
         Sleepers(problem, h) as sleepers,
     ):
-        observe, look, swift, cut_steps, taken = _observed(guard, state), 0.0, True, 0, 0.0
+        observe, next_poll, fast, shortened_steps, taken = _observed(guard, state), 0.0, True, 0, 0.0
         for i in range(1, total + 1):
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
             if sleepers.any:
-                *cuts, new = sleepers.stepped(partial(_advanced, guard, t, state, taken, length, projector), length)
+                *parts, new = sleepers.stepped(partial(_advanced, guard, t, state, taken, length, projector), length)
             else:
-                # as `guard.steps`, whose call alone is a fifteenth of the leanest step
-                cuts = []
+                # `guard.steps` in line: the call alone would cost a fifteenth of the cheapest step
+                parts = []
                 new = scheme.step(problem, t, state.q, state.v, length, projector)
-                # written so that a NaN is swift too
-                was_swift, swift = swift, not new.v.dot(new.v) < guard.limit
-                if swift or was_swift:
-                    *cuts, new = guard.followed(t, state, new, length, projector)
+                # written so that a NaN counts as fast
+                was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
+                if fast or was_fast:
+                    *parts, new = guard.followed(t, state, new, length, projector)
             if i > whole and last > rest:
-                cuts, new = ended(problem.system, state, [*cuts, new], problem.t0 + duration)
-            for cut in cuts:
-                recorder.step(cut, False)
-            state, cut_steps = new, cut_steps + len(cuts)
+                parts, new = ended(problem.system, state, [*parts, new], problem.t0 + duration)
+            for part in parts:
+                recorder.step(part, False)
+            state, shortened_steps = new, shortened_steps + len(parts)
             if observe is not None:
-                taken = state.t - cuts[-1].t if cuts else length
+                taken = state.t - parts[-1].t if parts else length
                 observe(state, taken)
             recorder.step(state, i % every == 0 or i == total)
-            if perf_counter() >= look:
-                look = min(writer.poll(), bar.poll(i))
-        # the sum of the steps is off by rounding
+            if perf_counter() >= next_poll:
+                next_poll = min(writer.poll(), bar.poll(i))
+        # the sum of the steps has rounding errors
         recorder.t[-1] = problem.t0 + duration
-    if cut_steps:
-        recorder.notes.append(f"{cut_steps} steps were cut where a body would have passed through another")
+    if shortened_steps:
+        recorder.notes.append(f"{shortened_steps} steps were cut where a body would have passed through another")
     return recorder.trajectory(scheme, h)
 
 
 def _advanced(
     guard: TunnellingGuard, t: float, state: Step, taken: float, length: float, projector: Projector
 ) -> Iterator[Step]:
-    """Return `guard.steps` from a state whose step took `taken` [s], which a control may look at the contacts of."""
-    # a step that is taken again sees what it saw before
+    """Return `guard.steps` from a state; a control that looks at contacts receives those of the step that led there.
+
+    `taken` is the length of that step [s].
+    """
+    # a retried step must see the same contacts as before
     if guard.observe is not None and taken > 0.0:
         guard.observe(state, taken)
     return guard.steps(t, state, length, projector)
 
 
 def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], None] | None:
-    """Return what steps are shown to, if anything, after it was shown the initial state."""
+    """Return the guard's observer, after passing it the contacts of the initial state."""
     if guard.observe is not None and start.percussion.any():
         guard.observe(start, 0.0)
     return guard.observe
 
 
-def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
+def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
     state, guard, i = _start(problem, projector), TunnellingGuard(problem, scheme, h), 0
     observe = _observed(guard, state)
     if state.percussion.any():
@@ -255,9 +259,8 @@ def _walk(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> I
 
 def _start(problem: Problem, projector: Projector) -> Step:
     """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
-    if hasattr(problem.system, "start"):
-        problem.system.start()
-    # the problem's own are not to be written to
+    problem.system.start()
+    # copies, because the problem's own arrays are read-only
     t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
     active = problem.constraints.active(t, q, problem.tolerance)
     before = active.speeds(v)
@@ -288,12 +291,10 @@ def _chosen(
     return scheme, None, []
 
 
-def _scheme(problem: Problem, scheme: Scheme | EventDriven) -> Scheme | EventDriven:
-    """Return the scheme if it is one and made for the problem."""
-    if isinstance(scheme, type) or not (hasattr(scheme, "step") or isinstance(scheme, EventDriven)):
-        raise InputError(f"scheme must be an object such as mbvi.Paoli(); got {shown(scheme)}")
-    if hasattr(scheme, "check"):
-        scheme.check(problem)
+def _scheme(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
+    """Return the scheme that a user gives if it is one and can run the problem."""
+    scheme = checked_scheme(given)
+    scheme.check(problem)
     return scheme
 
 

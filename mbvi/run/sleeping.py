@@ -1,35 +1,35 @@
-"""Free bodies at rest sleep: neither their weight nor what carries them is looked at until something touches them.
+"""Sleeping bodies: free bodies at rest are left out of the steps until another body touches them.
 
-At rest the two balance at every step, so that leaving out both changes nothing; what the carrying rows were is kept
-for the record. A step in which a row touches a sleeper, or a force moves one, is taken again with its island awake.
+At rest, weight and contact forces balance at every step, so that leaving out both changes nothing. The rows of the
+sleeping contacts are kept for the record. A step in which a row acts on a sleeping body, or a force moves one, is
+retried with its island awake.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from ..constraints import BroadPhasePairs, Rows
-from ..constraints.pairs import Pairs
+from ..constraints import ConstraintFamily, Rows
 from ..constraints.rows import chosen, stacked
 from ..problem import Problem
 from ..schemes import Step
-from ..system import FreeBodies, located_parts
+from ..system import located_parts
 from ..system.system import Array
 
-# of so many steps the last two are watched: at rest before and after a step is at rest for good
+# the last two of so many steps are compared: a body at rest before and after a step stays at rest
 _TURNS = 8
-# speed that is none, in units of what a step of free fall adds
-_NONE = 1e-10
+# speed below which a body is at rest, in units of the speed that a step of free fall adds
+_REST = 1e-10
 
 
 class _Island(NamedTuple):
-    """Bodies that touch each other, and what carries them."""
+    """Sleeping bodies that touch each other, and the rows and rates of their contacts."""
 
     bodies: Array
     rows: Rows
@@ -37,19 +37,19 @@ class _Island(NamedTuple):
 
 
 class Sleepers:
-    """Which free bodies of a run sleep; a context, at whose end all are awake.
+    """The sleeping bodies of a run; a context, at whose end all are awake.
 
     Parameters
     ----------
     problem : Problem
-        What runs.
+        The problem that is run.
     h : float
         Time step [s].
 
     Attributes
     ----------
     any : bool
-        Whether there is anything that may sleep.
+        Whether the problem has bodies that may sleep.
     """
 
     def __init__(self, problem: Problem, h: float) -> None:
@@ -57,7 +57,7 @@ class Sleepers:
         self._islands: list[_Island] = []
         self._kept: _Island | None = None
         system = problem.system
-        found = [(p.system, p.v, p.body) for p in located_parts(system) if isinstance(p.system, FreeBodies)]
+        found = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         self.any = bool(found) and wanted
         if not self.any:
@@ -65,17 +65,17 @@ class Sleepers:
         self._system, self._first, self._body = found[0]
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
-        self._still = _NONE * h * self._system.pull
+        self._still = _REST * h * self._system.pull
         self._turn, self._quiet = 0, np.zeros(self._count, bool)
         self._asleep = np.zeros(self._count, bool)
-        # the constraints that can leave out what sleeps, and which numbers they have
-        self._asked: list[Any] = []
+        # the families that can leave out sleeping bodies, and the numbers of their rows
+        self._filtering: list[ConstraintFamily] = []
         starts, able = [], []
-        for constraint, start, _ in problem.constraints.numbered():
+        for family, start, _ in problem.constraints.numbered():
             starts.append(start)
-            able.append(isinstance(constraint, Pairs | BroadPhasePairs))
+            able.append(family.skips_resting)
             if able[-1]:
-                self._asked.append(constraint)
+                self._filtering.append(family)
         self._starts, self._able = np.array(starts, dtype=np.int64), np.array(able, dtype=bool)
 
     def __enter__(self) -> Sleepers:
@@ -88,7 +88,7 @@ class Sleepers:
             self._set([])
 
     def stepped(self, advance: Callable[[], Iterable[Step]], length: float) -> list[Step]:
-        """Return the steps of `advance`, the last of which takes `length` [s], with the rows that carry sleepers."""
+        """Return the steps of `advance`, the last of which has `length` [s], with the rows of sleeping contacts."""
         found = list(advance())
         while self._islands:
             touched = self._touched(found)
@@ -97,7 +97,7 @@ class Sleepers:
             self._set([island for island in self._islands if not touched[island.bodies].any()])
             found = list(advance())
         kept = self._kept
-        # what is kept is that of a whole step
+        # percussions are kept for a whole step
         if len(found) == 1 and length == self._h:
             self._watch(found[0])
         if kept is None:
@@ -109,7 +109,7 @@ class Sleepers:
         ]
 
     def _touched(self, found: list[Step]) -> Array:
-        """Return which bodies sleep and are touched or moved, shape (n,)."""
+        """Return which sleeping bodies are touched or moved, shape (n,)."""
         touched, v = np.zeros(self._count, bool), slice(self._first, self._first + self._width * self._count)
         for step in found:
             touched |= step.v[v].reshape(-1, self._width).any(axis=1)
@@ -131,7 +131,7 @@ class Sleepers:
         rows, free = step.active, self._count
         row, column = rows.jacobian.nonzero()
         body = (column - self._first) // self._width
-        # one node for all that is no free body, or cannot leave out what sleeps
+        # one node for all bodies that are not free, and for constraints that cannot leave out sleeping bodies
         body = np.where((column >= self._first) & (body < free), body, free)
         able = self._able[np.searchsorted(self._starts, rows.constraint, "right") - 1]
         other = np.flatnonzero(~able)
@@ -164,18 +164,18 @@ class Sleepers:
         still = None
         if islands:
             still = np.zeros(len(self._problem.system.bodies), bool)
-            # nothing of the world moves either
+            # the world is at rest too
             still[0] = True
             still[1 + self._body : 1 + self._body + self._count] = self._asleep
         self._system.hold(self._asleep)
-        for constraint in self._asked:
-            constraint.leave_out(still)
+        for family in self._filtering:
+            family.skip_resting(still)
 
 
 def _with(step: Step, kept: _Island, share: float) -> Step:
-    """Return a step, by its share of a whole one, with what carries the sleepers."""
+    """Return a step with the rows of sleeping contacts; `share` is its length as a part of a whole step."""
     rows, rates = kept.rows, kept.rates.copy()
-    # percussions, and what the forces alone would do
+    # percussions and free rates are proportional to the length of the step
     rates[:2] *= share
     if not step.active.gap.size:
         return step._replace(active=rows, rates=rates)

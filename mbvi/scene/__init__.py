@@ -1,4 +1,4 @@
-"""What a user writes: robots, bodies, walls and their restitution, assembled to a Problem of what they need."""
+"""Scenes: robots, bodies, walls and their restitution, from which a Problem is built."""
 
 from .reductions import REDUCTIONS
 from .scene import Scene

@@ -1,4 +1,4 @@
-"""What acts on a scene from outside: controls that see all of it, and external forces."""
+"""The part of a scene that adds controls of the whole scene and external forces."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from ..arguments import function, shown
 from ..errors import InputError
 from .items import Force, ForceItem, SceneControl, SceneItems
 
-# names that an error lists
+# most names that an error lists
 _MOST_NAMED = 50
 
 
 class Actions:
-    """What adds controls of the whole scene, and forces."""
+    """Methods of `Scene` that add controls of the whole scene, and external forces."""
 
     _items: SceneItems
 

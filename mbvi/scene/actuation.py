@@ -1,59 +1,30 @@
-"""From the controls and forces of a scene to what acts on its system."""
+"""Turns the controls and forces of a scene into loads of its system."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
-from dataclasses import replace
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import cast
 
 import numpy as np
-import pinocchio as pin
 
-from ..geometry.shapes import Array, PlacedShape, Sphere
+from ..geometry.shapes import Array
 from ..system import ActuatedSystem, ArticulatedSystem, System, located_parts
-from ..system.actuated import Part
-from .items import BodyItem, ForceItem, RobotItem
+from ..system.actuated import Load
+from ..system.system import Part
+from .blocks import Blocks
+from .items import BodyItem
 from .loads import BodyForce, LinkForce, SceneControls, SphereForce
 from .plane import axes_of
 from .state import Place, Places
 
-if TYPE_CHECKING:
-    from .blocks import Blocks
-
-_POINT = Sphere(1.0)
-
-
-def with_centres(item: RobotItem, forces: Iterable[ForceItem]) -> RobotItem:
-    """Return a robot with a mark at the centre of mass of each link that a force acts on, behind its shapes.
-
-    Marks are shapes, so that whatever moves these to other bodies moves marks too.
-    """
-    links = {f.body.partition("/")[2] for f in forces if f.body.startswith(f"{item.robot.name}/")}
-    if not links:
-        return item
-    model, marks = item.robot.model, []
-    for link in ElementTree.fromstring(item.robot.text.encode()).findall("link"):
-        name = link.get("name", "")
-        if name not in links:
-            continue
-        origin, centre = link.find("inertial/origin"), np.zeros(3)
-        if origin is not None and origin.get("xyz"):
-            centre = np.array(origin.get("xyz", "").split(), dtype=float)
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        place = frame.placement.act(centre)
-        marks.append(PlacedShape(f"{item.robot.name}/{name}", _POINT, int(frame.parentJoint), np.eye(3), place))
-    return replace(item, robot=replace(item.robot, shapes=(*item.robot.shapes, *marks)))
-
 
 def actuated(blocks: Blocks, system: System, length: float) -> System:
-    """Return a system with the scene's controls and forces acting on it; the same where there are none.
+    """Return a system under the scene's controls and forces; the same system where there are none.
 
     Parameters
     ----------
     blocks : Blocks
-        What the system was made of.
+        The blocks that the system was made of.
     system : System
         Robots, bodies and spheres.
     length : float
@@ -66,14 +37,21 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
     normal = axes_of(items.plane)[2] if items.plane else None
     robots = {item.robot.name: part.system for item, part in zip(items.robots, located_parts(system), strict=False)}
     spheres = {name for s in items.spheres for name in (s.name, *s.names())}
-    loads: list[SceneControls | BodyForce | SphereForce | LinkForce] = []
+    loads: list[Load] = []
     for force in items.forces:
         given = force.body, force.function
         owner, _, link = force.body.partition("/")
         if link:
-            robot = robots[owner]
-            assert isinstance(robot, ArticulatedSystem)
-            loads.append(LinkForce(robot, *blocks.centres[force.body], *given, places.of(owner), normal, length))
+            loads.append(
+                LinkForce(
+                    cast("ArticulatedSystem", robots[owner]),
+                    *blocks.centres[force.body],
+                    *given,
+                    places.of(owner),
+                    normal,
+                    length,
+                )
+            )
             continue
         kind = SphereForce if force.body in spheres else BodyForce
         loads.append(kind(*given, places.of(force.body), normal, length))
@@ -84,7 +62,7 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
 
 
 def _places(blocks: Blocks, system: System) -> Places:
-    """Return where everything that moves stands."""
+    """Return the places in q and v of everything that moves."""
     items, parts = blocks.items, located_parts(system)
     places = Places()
     for item in items.robots:
@@ -105,7 +83,7 @@ def _places(blocks: Blocks, system: System) -> Places:
 
 
 def _lift(axes: Array | None, bodies: list[BodyItem]) -> Array | None:
-    """Return the velocities in space that the velocities of bodies in a plane stand for, shape (n, 6, 3)."""
+    """Return the matrices from velocities of bodies in a plane to velocities in space, shape (n, 6, 3)."""
     if axes is None:
         return None
     lift = np.zeros((len(bodies), 6, 3))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..constraints import (
     BroadPhasePairs,
-    Constraint,
+    ConstraintFamily,
     HalfSpaceContacts,
     JointLimits,
     MovingFrame,
@@ -24,12 +24,11 @@ from ..errors import InputError
 from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
-from ..system.lengths import are_lengths
 from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
-from .plane import check_plane, in_line
+from .plane import check_plane, collinear_points
 from .reductions import REDUCTIONS
 
 # more spheres than these meet their walls in bulk
@@ -47,12 +46,14 @@ class _ConstraintBuilder:
         self.blocks, self.items, self.lines = blocks, blocks.items, lines
         self.line = None if blocks.axes is None else blocks.axes[2]
         self.at_rest = "rest" in blocks.reduce
+        # points over half-spaces that are left out, in all families made so far
+        self.collinear_points = 0
         self.shapes, self.spheres, self.walls, self.apart = blocks.shapes, blocks.spheres, blocks.walls, blocks.apart
 
-    def constraints(self, system: System) -> Iterator[Constraint]:
+    def constraints(self, system: System) -> Iterator[ConstraintFamily]:
         items = self.items
         if self.blocks.limits:
-            turns = ~are_lengths(system)
+            turns = ~system.are_lengths()
         for here, rate, lower, upper, names in self.blocks.limits:
             lever = np.where(turns[rate], self.blocks.length, 1.0)
             yield JointLimits(system.nv, here, rate, lower, upper, names, items.restitution, lever)
@@ -82,7 +83,9 @@ class _ConstraintBuilder:
             labels = [f"{s.name} | {name}" for name, _, s in pairs]
             e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
             lines = np.array([self.lines[s.body] for _, _, s in pairs]) if self.lines else None
-            yield HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines)
+            made = HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines)
+            self.collinear_points += made.in_line
+            yield made
 
     def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:
         for item in surfaces:
@@ -104,7 +107,7 @@ class _ConstraintBuilder:
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
-    ) -> Iterator[Constraint]:
+    ) -> Iterator[ConstraintFamily]:
         """Yield what meets walls that move on their own, those of one motion together.
 
         `single` are the shapes that meet walls and shapes one by one, of all that are moving.
@@ -255,8 +258,9 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = REDUCTIONS) -> Problem
     system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
     q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
     blocks.leave_out_pairs(system, q0)
-    constraints = list(_ConstraintBuilder(blocks, blocks.lines(system, q0)).constraints(system))
-    omitted = (*blocks.omitted, *blocks.simplified.omitted(), *in_line(constraints))
+    builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
+    constraints = list(builder.constraints(system))
+    omitted = (*blocks.omitted, *blocks.simplified.omitted(), *collinear_points(builder.collinear_points))
     acted = actuated(blocks, system, blocks.length)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
     return Problem(acted, constraints, q0, v0, restitution=items.restitution, length=blocks.length, scene=scene)

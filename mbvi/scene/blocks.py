@@ -1,4 +1,4 @@
-"""The things in a scene as blocks of q and v: systems, placed shapes, initial state, and what was left out of them."""
+"""The robots, bodies and spheres of a scene as blocks of q and v: systems, shapes, initial state, and omissions."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from ..geometry.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
-from .actuation import with_centres
 from .certified_disjoint import always_apart
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .link_centres import with_centres
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
 from .simplified import Simplified
@@ -31,14 +31,14 @@ _PLANAR = "the scene is planar"
 
 @dataclass
 class Blocks:
-    """Systems, shapes and initial state, collected block after block.
+    """Systems, shapes and initial state, collected block by block.
 
     Attributes
     ----------
     items : SceneItems
         What the user added.
     reduce : tuple of str
-        The kinds of reductions that are asked for.
+        The kinds of reductions that are on.
     systems, q0, v0
         One each of what moves together.
     shapes : list of PlacedShape
@@ -48,7 +48,7 @@ class Blocks:
     omitted : list of Omission
         What was left out.
     apart : set of (str, str)
-        Pairs that are not asked.
+        Pairs that are left out of contact detection.
     limits
         Of each robot: where in q and in v, lower and upper limits, and names of its joints.
     spheres : list of int
@@ -123,7 +123,7 @@ class Blocks:
         return float(np.median(self.sizes)) if self.sizes else 1.0
 
     def add_bodies(self, bodies: list[BodyItem]) -> None:
-        """Add all bodies, those of the world too."""
+        """Add all bodies, fixed ones included."""
         moving = [b for b in bodies if not b.fixed]
         body = self.counts()[2]
         for k, b in enumerate(bodies):
@@ -181,13 +181,13 @@ class Blocks:
             self.omitted.append(Omission(f"motion {what} out of the plane", _PLANAR, dofs=len(radii)))
 
     def simplify(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
-        """Return a shape that does for another, whose size still counts."""
+        """Return a simpler shape in place of another; the size of the original enters the length of the scene."""
         if placed.body:
             self.sizes.append(placed.shape.bound)
         return self.simplified.of(placed, tolerance) if "shapes" in self.reduce else placed
 
     def lines(self, system: System, q0: Array) -> dict[int, Array]:
-        """Return the normal of a planar scene's plane as each body has it, by its number."""
+        """Return the normal of a planar scene's plane in each body's axes, by the number of the body."""
         if self.axes is None:
             return {}
         bodies = np.arange(1, len(system.bodies))

@@ -15,17 +15,17 @@ import numpy as np
 import pinocchio as pin
 
 from ..geometry.shapes import Array, HalfSpace, PlacedShape, length_unit
-from ..system import ArticulatedSystem, System
+from ..system import System
 
-# steps violate limits a little: what ranges are widened by, in radians and in sizes of the shapes
+# widening of joint ranges, because steps violate limits a little: in radians and in sizes of the shapes
 MARGIN = 0.05
 # distances to be measured, in all and for a pair, and what looking at a pair costs in such units
 _MOST, _MOST_EACH, _LOOK = 8_000, 400, 25
-# boxes looked at together
+# boxes evaluated together
 _AT_ONCE = 48
 _ONE = np.eye(3)
 _MOST_JOINTS = 4
-# part of a distance that a bound may leave unproven, so that bounds say something
+# part of a distance that a lower bound may lose
 _SURE = 0.75
 # what a distance must exceed, in sizes of the smaller shape: they are measured to some 1e-6
 _LEAST = 1e-3
@@ -58,7 +58,7 @@ class _Side(NamedTuple):
 def always_apart(
     systems: Sequence[System], shapes: Sequence[PlacedShape], walls: dict[str, HalfSpace], known: set[tuple[str, str]]
 ) -> Iterator[tuple[str, str, float]]:
-    """Yield pairs that can never meet, by name, and what their distance is at least [m].
+    """Yield the names of pairs that can never meet, and lower bounds of their distances [m].
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def always_apart(
     walls : dict of str to HalfSpace
         Those that stand still.
     known : set of (str, str)
-        Pairs that are not asked anyway.
+        Pairs that are left out for other reasons.
     """
     moving = [s.shape.bound for s in shapes if s.body]
     chains = _chains(systems, MARGIN * float(np.median(moving)) if moving else 0.0)
@@ -107,8 +107,8 @@ def _candidates(
                 continue
             assert chain is not None and other is not None
             shared = sum(1 for x, y in zip(other, chain, strict=False) if x[0] == y[0])
-            sides = [[joint for _, joint in way[shared:]] for way in (other, chain)]
-            if all(None not in way for way in sides) and sum(map(len, sides)) <= _MOST_JOINTS:
+            sides = [[joint for _, joint in links[shared:]] for links in (other, chain)]
+            if all(None not in side for side in sides) and sum(map(len, sides)) <= _MOST_JOINTS:
                 yield _Side(a, sides[0]), _Side(b, sides[1])  # type: ignore[arg-type]
         joints = [joint for _, joint in chain or ()]
         if joints and None not in joints and len(joints) <= _MOST_JOINTS:
@@ -125,7 +125,7 @@ def _chains(systems: Sequence[System], slide: float) -> list[list[tuple[int, _Jo
     """
     chains: list[list[tuple[int, _Joint | None]] | None] = [[]]
     for system in systems:
-        if not isinstance(system, ArticulatedSystem):
+        if system.model is None:
             chains += [None] * (len(system.bodies) - 1)
             continue
         first, model = len(chains), system.model
@@ -174,8 +174,8 @@ class _Pair:
             # Coal's tolerance is absolute
             self._size = min(s.shape.bound for s in sides)
             self._unit = length_unit([self._size])
-            self._asked = coal.ComputeDistance(*(_made(s.shape, self._unit, geometry) for s in sides))
-            self._poses_asked = coal.Transform3s(), coal.Transform3s()
+            self._distance = coal.ComputeDistance(*(_made(s.shape, self._unit, geometry) for s in sides))
+            self._coal_poses = coal.Transform3s(), coal.Transform3s()
             self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
             self._bounds = sum(s.shape.bound for s in sides)
             levers = np.minimum(_levers(first, second), _levers(second, first)[::-1])
@@ -236,10 +236,10 @@ class _Pair:
     def _measured(self, poses: list[tuple[Array, Array]], k: int) -> float:
         if not isinstance(self._first, _Side):
             return float(self._far([(poses[0][0][k : k + 1], poses[0][1][k : k + 1])])[0])
-        for pose, (turn, origin) in zip(self._poses_asked, poses, strict=True):
+        for pose, (turn, origin) in zip(self._coal_poses, poses, strict=True):
             pose.setTransform(turn[k], origin[k] / self._unit)
         self._result.clear()
-        return float(self._asked(*self._poses_asked, self._request, self._result)) * self._unit
+        return float(self._distance(*self._coal_poses, self._request, self._result)) * self._unit
 
 
 def _made(shape: Any, unit: float, geometry: dict[tuple[int, float], Any]) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 Array = np.ndarray
 Element = ElementTree.Element
 
-# of what has no colour in a file that colours other parts
+# colour of parts without a colour in a file that colours other parts
 _NONE = (np.nan, np.nan, np.nan)
 
 
@@ -98,7 +98,7 @@ class _File:
 
 
 def _fans(corners: Array, counts: Array) -> Array:
-    """Return the corners of the triangles that polygons of so many corners are cut into."""
+    """Return the corners of the triangles that polygons with the given numbers of corners are cut into."""
     starts, cut = np.cumsum(counts) - counts, np.maximum(counts - 2, 0)
     first = np.repeat(starts, cut)
     second = first + np.arange(cut.sum()) - np.repeat(np.cumsum(cut) - cut, cut) + 1
@@ -106,7 +106,7 @@ def _fans(corners: Array, counts: Array) -> Array:
 
 
 def _pose(node: Element) -> Array:
-    """Return where a node stands in its parent, shape (4, 4)."""
+    """Return the pose of a node in its parent, shape (4, 4)."""
     pose = np.eye(4)
     for element in node:
         kind, step = element.tag.rpartition("}")[2], np.eye(4)
@@ -116,7 +116,7 @@ def _pose(node: Element) -> Array:
             step[:3, 3] = _numbers(element)
         elif kind == "rotate":
             *axis, angle = _numbers(element)
-            # imported here for its weight: few files turn by angles
+            # imported here because it is slow to import, and few files rotate by angles
             from scipy.spatial.transform import Rotation
 
             step[:3, :3] = Rotation.from_rotvec(angle * np.array(axis), degrees=True).as_matrix()

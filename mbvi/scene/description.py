@@ -1,4 +1,4 @@
-"""A Problem as JSON text and back: everything that can be written down, which functions cannot.
+"""Converts a Problem to JSON text and back; functions of the user cannot be kept.
 
 A function is written as its source, for the reader. `not_kept` names each of them; in a problem that was restored
 a stand-in without effect stands for a control or a force, and what moved by a motion of the user's stands still.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..problem import Problem
 
 _MOTIONS: dict[str, type] = {c.__name__: c for c in (Translation, Oscillation, Rotation)}
-# what a problem may have that its scene was not built to
+# names of parts that a user replaced after building the scene
 SYSTEM_BY_HAND, CONSTRAINTS_BY_HAND = "a system given by hand", "constraints given by hand"
 _SHAPES: dict[str, type] = {c.__name__: c for c in (Sphere, Box, Ellipsoid, Capsule, Cylinder)}
 
@@ -39,12 +39,12 @@ def describe(problem: Problem) -> str:
     """Return a problem as JSON; of one given by functions, their source where Python has it."""
     if problem.scene is None:
         system = problem.system
-        functions = [getattr(system, name, None) for name in ("_mass", "_force")]
-        functions += [f for c in problem.constraints.constraints for f in (getattr(c, "_f", None),)]
+        functions: list[Any] = [*system.functions()]
+        functions += [f for family in problem.constraints.families for f in family.functions]
         sources = [_source(f) for f in functions if f is not None]
         return json.dumps({"kind": "functions", "system": type(system).__name__, "functions": sources})
     items = problem.scene.items
-    # many bodies may share one
+    # many bodies may share a shape
     shapes = {id(b.shape): b.shape for b in items.bodies}
     number = {shape: k for k, shape in enumerate(shapes)}
     return json.dumps(
@@ -99,7 +99,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     for one in data.get("forces", ()):
         again, stand_in = forces.get(one["body"]), LostForce(str(one["source"]), "/" in one["body"])
         items.forces.append(ForceItem(one["body"], again.pop(0) if again else stand_in))
-    # files of before there were reductions hold states of all
+    # older files without reductions hold the states of the full model
     problem = assemble(items, checked_reductions(data.get("reduce", ())))
     moved = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
     motions = [_motion_name(thing["name"]) for thing in moved if "source" in (thing.get("motion") or ())]
@@ -112,7 +112,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
 
 
 def _functions(items: SceneItems) -> list[str]:
-    """Return what of a scene is given by functions, which a file cannot keep."""
+    """Return the names of a scene's functions, which a file cannot keep."""
     moved: list[Any] = [*items.surfaces, *items.bodies]
     motions = [(name, wall.motion) for name, wall in items.walls.items()] + [(m.name, m.motion) for m in moved]
     return [
@@ -126,7 +126,7 @@ def _functions(items: SceneItems) -> list[str]:
 
 
 def _actions(items: SceneItems) -> list[tuple[str, Any]]:
-    """Return the controls and forces of a scene, each with what it is called."""
+    """Return the controls and forces of a scene with their names."""
     return [
         *((f"control of robot {r.robot.name!r}", r.control) for r in items.robots if r.control is not None),
         *(("control of the scene", control) for control in items.controls),
@@ -135,7 +135,7 @@ def _actions(items: SceneItems) -> list[tuple[str, Any]]:
 
 
 def _changed_by_hand(problem: Problem) -> list[str]:
-    """Return what of a problem is not what its scene was built to."""
+    """Return which parts of a problem differ from those that its scene was built to."""
     assert problem.scene is not None
     system, constraints = problem.scene.system, problem.scene.constraints
     same = len(constraints) == len(problem.constraints.constraints) and all(
@@ -213,7 +213,7 @@ def _motion_back(data: dict[str, Any] | None) -> Motion | None:
 
 @cache
 def _motion_of(kind: str, fields: str) -> Motion:
-    """Return one and the same motion for all that move by it."""
+    """Return the same motion object for all parts that move by it."""
     motion: Motion = _MOTIONS[kind](**json.loads(fields))
     return motion
 

@@ -1,4 +1,4 @@
-"""Functions of a scene that its file could not keep: what stands for them, and those that a user gives again."""
+"""Functions of a scene that a file could not keep: their placeholders, and functions that a user gives again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Controls = Mapping[str, Control] | SceneControl | Sequence[Mapping[str, Control]
 
 @dataclass(frozen=True)
 class LostControl:
-    """Stands for a control that a file could not keep: no torque, and what is left of the function's text."""
+    """Placeholder of a control that a file could not keep: zero torque, with the source text of the function."""
 
     source: str
 
@@ -31,7 +31,7 @@ class LostControl:
 
 @dataclass(frozen=True)
 class LostSceneControl:
-    """Stands for a control of the whole scene, as `LostControl`."""
+    """Placeholder of a control of the whole scene; see `LostControl`."""
 
     source: str
 
@@ -41,7 +41,7 @@ class LostSceneControl:
 
 @dataclass(frozen=True)
 class LostForce:
-    """Stands for an external force, as `LostControl`; that on a link is given its robot's q and v."""
+    """Placeholder of an external force; see `LostControl`. A force on a link receives its robot's q and v."""
 
     source: str
     on_link: bool
@@ -56,7 +56,7 @@ LOST = (LostControl, LostSceneControl, LostForce)
 
 @dataclass
 class GivenAgain:
-    """Functions that a user gives for those that a file could not keep.
+    """Functions that a user gives in place of those that a file could not keep.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def given_again(
     scene: str,
     path: str,
 ) -> GivenAgain:
-    """Return the functions that a user gives, in the places that a file has for them.
+    """Return the functions that a user gives, sorted into the placeholders of a file.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Many bodies at once: the part of a scene that granular setups are made of."""
+"""The part of a scene that adds many bodies at once, for granular media."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Numbers = float | Sequence[float] | Array
 
 
 class Grains:
-    """What adds many bodies under one name."""
+    """Methods of `Scene` that add many bodies under one name."""
 
     _items: SceneItems
 
@@ -30,7 +30,7 @@ class Grains:
         name: str | None = None,
         density: Numbers | None = None,
     ) -> str:
-        """Add many frictionless spheres; `add_spheres(*packing, density=2500.0)` takes what `mbvi.packing` returns.
+        """Add many frictionless spheres; `add_spheres(*packing, density=2500.0)` accepts the result of `mbvi.packing`.
 
         Parameters
         ----------

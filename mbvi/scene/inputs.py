@@ -1,4 +1,4 @@
-"""What the bodies of a scene are given: arguments by name, masses or densities, mesh files."""
+"""Arguments of bodies in a scene: their types, masses from densities, points of mesh files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 class BodyArguments(TypedDict, total=False):
-    """What every rigid body may be given by name.
+    """Keyword arguments of every rigid body.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class BodyArguments(TypedDict, total=False):
 def many_masses(
     mass: float | Sequence[float] | Array | None, density: float | Sequence[float] | Array | None, volumes: Array
 ) -> Array:
-    """Return masses, shape (n,) [kg], as they are given or from a density [kg/m^3]."""
+    """Return masses, shape (n,) [kg], as given or from a density [kg/m^3]."""
     if (mass is None) == (density is None):
         raise InputError("give either mass or density")
     if mass is not None:

@@ -1,4 +1,4 @@
-"""What was added to a scene, as it was checked."""
+"""Checked data of the robots, bodies, spheres, walls and forces that were added to a scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Force = Callable[[float, Array, Array], Any]
 
 @dataclass(frozen=True)
 class RobotItem:
-    """A robot, where it stands, how it starts, and which of its joints stay as they are.
+    """A robot with its pose, its initial state and its locked joints.
 
     `tolerance` is that of simpler shapes than its hulls.
     """
@@ -70,7 +70,7 @@ class BodyItem:
 
 @dataclass(frozen=True)
 class SurfaceItem:
-    """A mesh of the world, where it stands, and how it moves."""
+    """A mesh of the world with its pose and its motion."""
 
     name: str
     surface: Surface
@@ -79,7 +79,7 @@ class SurfaceItem:
     motion: Motion | None
 
     def placed(self) -> Surface:
-        """Return the mesh where it stands."""
+        """Return the mesh at its pose."""
         return Surface(self.surface.vertices @ self.rotation.T + self.position, self.surface.triangles)
 
 
@@ -94,7 +94,7 @@ class SphereItem:
     velocities: Array
 
     def names(self) -> list[str]:
-        """Return one name a sphere."""
+        """Return one name for each sphere."""
         if len(self.radii) == 1:
             return [self.name]
         return [f"{self.name}[{k}]" for k in range(len(self.radii))]
@@ -110,7 +110,7 @@ class ForceItem:
 
 @dataclass
 class SceneItems:
-    """All that was added to a scene, in its order."""
+    """Everything that was added to a scene, in order."""
 
     gravity: Array
     restitution: float
@@ -125,7 +125,7 @@ class SceneItems:
     forces: list[ForceItem] = field(default_factory=list)
 
     def names(self) -> set[str]:
-        """Return the names that are taken."""
+        """Return the names in use."""
         return {
             *map(_entity, self.walls),
             *(s.name for s in self.surfaces),
@@ -140,12 +140,12 @@ class SceneItems:
         return {*shapes, *(b.name for b in self.bodies), *self.walls}
 
     def new_name(self, name: str | None, default: str) -> str:
-        """Return a name that is not taken.
+        """Return an unused name.
 
         Raises
         ------
         InputError
-            If the one that is asked for is taken, or none.
+            If the wanted name is in use, or is no name.
         """
         taken = self.names()
         if name is not None:
@@ -159,7 +159,7 @@ class SceneItems:
         return default
 
     def restitution_of(self, a: str, b: str) -> float:
-        """Return e between two shapes: a shape's own setting goes before its entity's."""
+        """Return e between two shapes: the setting of a shape takes precedence over that of its robot or body."""
         for first in (a, _entity(a)):
             for second in (b, _entity(b)):
                 e = self.pair_restitution.get(frozenset((first, second)))

@@ -1,4 +1,4 @@
-"""External forces and controls of the whole scene, as generalised forces."""
+"""Loads of a scene: external forces and controls of the whole scene as generalised forces."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 
 from ..arguments import returned, shown
 from ..errors import InputError
+from ..geometry.rotations import matrices
 from ..system import ArticulatedSystem
+from ..system.actuated import Load
 from ..system.given import called, not_finite
-from ..system.rotations import matrices
 from .items import Force, SceneControl
 from .state import Place, Places, State, Values
 
@@ -20,12 +21,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# the part of a force that may point out of a planar scene's plane by rounding
+# largest part of a force, due to rounding, that may point out of the plane of a planar scene
 _ROUND = 1e-9
 
 
 def _checked(value: Any, shapes: tuple[tuple[int, ...], ...], what: str, t: float, q: Array, v: Array) -> Array:
-    """Return what a function of the user's returned at (t, q, v) as finite floats of one of some shapes.
+    """Return the result of a user's function at (t, q, v) as an array of finite floats with an allowed shape.
 
     Raises
     ------
@@ -45,7 +46,7 @@ def _checked(value: Any, shapes: tuple[tuple[int, ...], ...], what: str, t: floa
     return numbers
 
 
-class SceneControls:
+class SceneControls(Load):
     """The controls of a scene, added up.
 
     Parameters
@@ -66,7 +67,7 @@ class SceneControls:
         return type(self), (self._functions, self._places, self._robots)
 
     def observe(self, contacts: Callable[[], tuple[Contact, ...]]) -> None:
-        """Take what returns the contacts of the last accepted step; it is called when a control asks, and once."""
+        """Keep the function that returns the contacts of the last accepted step; it is called once at most."""
         self._contacts = _Once(contacts)
 
     def add(self, t: float, q: Array, v: Array, total: Array) -> None:
@@ -92,7 +93,7 @@ class SceneControls:
 
 
 class _Once:
-    """A function without arguments that is called once, when it is first asked."""
+    """A function without arguments whose result is computed at the first call and kept."""
 
     __slots__ = ("_found", "_make")
 
@@ -106,7 +107,7 @@ class _Once:
         return self._found
 
 
-class _Force:
+class _Force(Load):
     """An external force on one thing, or one on each of a group.
 
     Parameters
@@ -161,7 +162,7 @@ class BodyForce(_Force):
         force, moment = self._given(t, q, v, (*place.shape_q[:-1], 6))
         own = np.empty((len(force), 6))
         own[:, :3] = force
-        # velocities of turning are in the bodies' axes
+        # angular velocities are in the bodies' axes
         own[:, 3:] = np.vecmat(moment, matrices(q[place.q].reshape(-1, 7)[:, 3:]))
         total[place.v] += (own if place.lift is None else np.vecmat(own, place.lift)).ravel()
 

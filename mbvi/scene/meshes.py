@@ -1,4 +1,4 @@
-"""Meshes to look at: vertices, triangles, and the colours that a file gives them."""
+"""Visual meshes: vertices, triangles, and the colours of the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .wavefront import wavefront_mesh
 
 Array = np.ndarray
 
-# single precision holds the squares of numbers up to this one [m]
+# the squares of larger numbers overflow single precision [m]
 _LARGEST = 1e18
 
 
@@ -84,7 +84,7 @@ def triangles_of(path: Path) -> tuple[Array, Array, Array | None]:
 
 
 def _merged(points: Array, corners: Array, colors: Array | None) -> Mesh:
-    """Return a mesh in single precision whose vertices differ from each other."""
+    """Return a mesh in single precision without duplicate vertices."""
     rows = points.astype(np.float32) + np.float32(0.0)
     if colors is not None:
         rows = np.concatenate([rows, colors.astype(np.float32)], axis=1)

@@ -1,4 +1,4 @@
-"""What a Problem remembers of its scene: for the report, the replay and the file."""
+"""The scene that a Problem was built from, for the report, the replay and the file."""
 
 from __future__ import annotations
 
@@ -6,18 +6,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..constraints import (
-    Constraint,
-    HalfSpaceContacts,
-    JointLimits,
-    MovingWalls,
-    SignedDistances,
-    SphereContacts,
-    SphereSurface,
-    SphereWalls,
-)
+from ..constraints import ConstraintFamily
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
-from ..system import ArticulatedSystem, FreeBodies, Spheres, System, parts_of
+from ..system import System, parts_of
 from ..system.given import called
 from .plane import check_same_plane
 from .reductions import Omission, savings
@@ -35,17 +26,17 @@ class SceneModel:
     Attributes
     ----------
     items : SceneItems
-        What the user added.
+        The robots, bodies, spheres, walls and forces that the user added.
     shapes : tuple of PlacedShape
         Every shape on the body that carries it; 0 is the world.
     omitted : tuple of Omission
-        What was left out of the model, why, and what it saves.
+        The parts that were left out of the model, why, and how much that saves.
     reduce : tuple of str
-        The kinds of reductions that were asked for.
+        The kinds of reductions that are on.
     system : System
-        What the scene was built to.
-    constraints : tuple of Constraint
-        As `system`.
+        The system that the scene was built to.
+    constraints : tuple of ConstraintFamily
+        The constraints that the scene was built to.
     """
 
     items: SceneItems
@@ -53,7 +44,7 @@ class SceneModel:
     omitted: tuple[Omission, ...]
     reduce: tuple[str, ...]
     system: System
-    constraints: tuple[Constraint, ...]
+    constraints: tuple[ConstraintFamily, ...]
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -62,42 +53,28 @@ class SceneModel:
 
     @property
     def surfaces(self) -> list[SurfaceItem]:
-        """Meshes as they are."""
+        """Meshes of the world."""
         return self.items.surfaces
 
     @property
     def motions(self) -> list[Motion]:
-        """How what stands in the world moves, each motion once."""
+        """Prescribed motions of walls, meshes and fixed bodies, each once."""
         given = [w.motion for w in self.walls.values()]
         given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
         return list({id(motion): motion for motion in given if motion is not None}.values())
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
-        """Raise `InputError` if a configuration of a planar scene's problem has something outside its plane."""
+        """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""
         if self.items.plane is not None and "plane" in self.reduce:
             check_same_plane(problem.system, problem.q0, q, self.items.plane)
 
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
-        lines += [f"  {_describe(s)}" for s in parts_of(problem.system)]
+        lines += [f"  {part.describe()}" for part in parts_of(problem.system)]
         planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
         lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
-        for given in problem.constraints.constraints:
-            moves = isinstance(given, MovingWalls)
-            constraint = given.constraint if isinstance(given, MovingWalls) else given
-            if isinstance(constraint, JointLimits):
-                lines.append(f"  {len(constraint.names)} joint limits")
-            elif isinstance(constraint, HalfSpaceContacts):
-                lines.append(f"  {len(constraint.names)} pairs of a shape and a half-space{' that moves' * moves}")
-            elif isinstance(constraint, SignedDistances):
-                lines.append(f"  {len(constraint.names)} pairs of shapes{', one of each moving as told' * moves}")
-            elif isinstance(constraint, SphereWalls):
-                lines.append(f"  {constraint.size} pairs of a sphere and a wall{' that moves' * moves}, in bulk")
-            elif isinstance(constraint, SphereSurface):
-                lines.append(f"  {constraint.size} spheres at a mesh{' that moves' * moves}")
-            elif isinstance(constraint, SphereContacts):
-                lines.append("  every pair of spheres, found when near")
+        lines += [f"  {family.describe()}" for family in problem.constraints.families]
         lines += [f"  a control of the scene, {called(control)}" for control in self.items.controls]
         lines += [f"  a force on {force.body}, {called(force.function)}" for force in self.items.forces]
         e = {self.items.restitution, *self.items.pair_restitution.values()}
@@ -110,20 +87,3 @@ class SceneModel:
         saved = savings(self.omitted)
         lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
-
-
-def _describe(system: System) -> str:
-    if isinstance(system, ArticulatedSystem):
-        model = system.model
-        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
-        joints = model.njoints - 1 - (base != "fixed")
-        mass = sum(i.mass for i in list(model.inertias)[1:])
-        name = system.bodies[1].split("/")[0]
-        return f"{name}: {base} base, {joints} joints, {system.nv} degrees of freedom, {mass:.4g} kg moving"
-    if isinstance(system, Spheres):
-        n = len(system.bodies) - 1
-        return f"{n} sphere{'s' * (n > 1)}, {system.nv // n} degrees of freedom each"
-    if isinstance(system, FreeBodies):
-        n = len(system.bodies) - 1
-        return f"{n} free bod{'ies' if n > 1 else 'y'}, {system.nv // n} degrees of freedom each"
-    return f"a system of {system.nv} degrees of freedom"

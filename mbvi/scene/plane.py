@@ -1,4 +1,4 @@
-"""Scenes whose bodies move in a plane: whether they can, and what of them is left to model."""
+"""Planar scenes: checks that all bodies stay in the plane, and the reduced model of robots and walls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import shown
-from ..constraints import Constraint, HalfSpaceContacts, MovingWalls
 from ..errors import InadmissibleStartError, InputError
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import System
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from .items import BodyItem, RobotItem, SceneItems
 
 _ALONG = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-# what counts as none: directions of unit vectors, and shares of velocities, moments of inertia and gravity
+# values that count as zero: components of unit vectors, and relative velocities, moments of inertia and gravity
 _ROUND = 1e-9
 # how far another state of a planar problem may be from its plane: what a run drifts by in rounding is far less
 _SAME_PLANE = 1e-6
@@ -41,7 +40,7 @@ def axes_of(plane: str) -> Array:
 
 
 def check_plane(items: SceneItems) -> None:
-    """Raise `InputError` if something in a planar scene, joints aside, would leave its plane or turn out of it."""
+    """Raise `InputError` if a body or robot base of a planar scene would leave the plane or turn out of it."""
     plane = items.plane
     if plane is None:
         return
@@ -114,7 +113,7 @@ def check_robot(item: RobotItem, plane: str) -> None:
 
 
 def on_planar_base(item: RobotItem, axes: Array) -> RobotItem:
-    """Return a robot whose free base moves in a plane: its q are two places, cosine and sine."""
+    """Return a robot whose free base moves in a plane: its q are two coordinates, cosine and sine."""
     pose = pin.XYZQUATToSE3(item.q0[:7])
     model = planar_base(item.robot.model, pose, axes)
     turn = axes @ pose.rotation
@@ -142,10 +141,8 @@ def check_same_plane(system: System, known: Array, q: Array, plane: str) -> None
         raise InputError(f"q has {name} outside the plane {plane} that the problem was built for, or turned out of it")
 
 
-def in_line(constraints: Sequence[Constraint]) -> list[Omission]:
-    """Return the points of shapes over half-spaces that were left out because others stand in line with them."""
-    given = [c.constraint if isinstance(c, MovingWalls) else c for c in constraints]
-    count = sum(c.in_line for c in given if isinstance(c, HalfSpaceContacts))
+def collinear_points(count: int) -> list[Omission]:
+    """Return the omission of so many points of shapes over half-spaces, as others lie in line with them."""
     return [Omission("points in line across the plane", "their rows are the same", rows=count)] if count else []
 
 

@@ -1,4 +1,4 @@
-"""What a scene need not model: which kinds of it there are, and how each omission is told."""
+"""The kinds of reductions of a scene's model, and the record of each omission."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ REDUCTIONS = ("joints", "pairs", "shapes", "plane", "rest")
 
 
 class Omission(NamedTuple):
-    """One thing that was left out of a model.
+    """One part that was left out of a model.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Omission(NamedTuple):
 
 
 def savings(omitted: Iterable[Omission]) -> str:
-    """Return in words what some omissions save together, nothing if that is nothing."""
+    """Return the savings of some omissions together in words; empty if there are none."""
     totals = [sum(column) for column in zip(*(one[2:] for one in omitted), strict=True)]
     kinds = (
         ("degree of freedom", "degrees of freedom"), ("pair", "pairs"), ("row", "rows"), ("vertex", "vertices")

@@ -1,4 +1,4 @@
-"""What a user writes: robots, bodies, walls, their restitution, and from these a Problem."""
+"""The scene that users describe: robots, bodies, walls and restitution; `build` returns the Problem."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _ORIGIN = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6
 _UPRIGHT = np.eye(3)
-# links and single bodies of many that an error names
+# most links and single bodies that an error names
 _MOST_NAMED = 50
 
 

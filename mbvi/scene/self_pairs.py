@@ -1,4 +1,4 @@
-"""Which pairs of a robot's own shapes are not asked, and why."""
+"""Finds the pairs of a robot's own shapes that are left out of contact detection, with the reasons."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TOUCHING = 1e-5
 def pairs_left_out(
     model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]]
 ) -> tuple[set[tuple[str, str]], list[Omission]]:
-    """Return the pairs of a robot's own shapes that are not asked, and in words why."""
+    """Return the pairs of a robot's own shapes that are left out, and the reasons in words."""
     poses = [_poses(model, shapes, q) for q in (pin.neutral(model), reference)]
     apart: set[tuple[str, str]] = set()
     adjacent, overlapping, srdf = [], [], []

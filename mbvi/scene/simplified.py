@@ -1,4 +1,4 @@
-"""Hulls of a scene that a simpler shape does for."""
+"""Replaces convex hulls of a scene by simpler shapes within a tolerance."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .reductions import Omission
 
 @dataclass
 class Simplified:
-    """What stands for which hull, each looked at once, and the names of the shapes it does so for."""
+    """The simpler shape of each hull, computed once, and the names of the shapes that were replaced."""
 
     _known: dict[tuple[int, float | None], tuple[Hull, Simpler | None, list[str]]] = field(default_factory=dict)
 
     def of(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
-        """Return a shape, or in its place the simpler one that does for it within a tolerance [m]."""
+        """Return a shape, or a simpler one that equals it within a tolerance [m]."""
         hull = placed.shape
         if not isinstance(hull, Hull):
             return placed
@@ -31,8 +31,8 @@ class Simplified:
         return replace(placed, shape=found.shape, rotation=rotation, position=position)
 
     def omitted(self) -> list[Omission]:
-        """Return what was left out by that."""
-        told = []
+        """Return the omissions due to simpler shapes."""
+        omissions = []
         for hull, found, names in self._known.values():
             if found is None:
                 continue
@@ -41,8 +41,8 @@ class Simplified:
             kind = type(found.shape).__name__.lower()
             by = f"a hull of {after} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
             saved = max(before - after, 0) * len(names)
-            told.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
-        return told
+            omissions.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
+        return omissions
 
 
 def _up(distance: float) -> str:

@@ -1,4 +1,4 @@
-"""What a control of the whole scene sees, and where in q and v each robot, body and sphere stands."""
+"""The state that a control of the whole scene receives, and the place of each robot and body in q and v."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 class Place(NamedTuple):
-    """Where one robot, body or sphere, or a group of them under one name, stands in q and v.
+    """The place in q and v of a robot, body or sphere, or of a group of them under one name.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Place(NamedTuple):
         return own
 
     def velocity(self, v: Array) -> Array:
-        """Return its v as a read-only array; of bodies and spheres that in space."""
+        """Return its v as a read-only array; velocities of bodies and spheres are those in space."""
         own = v[self.v]
         if self.lift is not None:
             own = np.matvec(self.lift, own.reshape(len(self.lift), -1))
@@ -53,7 +53,7 @@ class Place(NamedTuple):
 
 
 class Values(Mapping[str, Array]):
-    """q or v of every robot, body and sphere by name, taken from the whole when asked for.
+    """q or v of every robot, body and sphere by name, extracted when needed.
 
     A group is found by its name, and each of its members by its own: "spheres", "spheres[3]".
     """
@@ -70,7 +70,7 @@ class Values(Mapping[str, Array]):
         return name in self._places.known or name in self._places.members
 
     def get(self, name: str, default: Array | None = None) -> Array | None:  # type: ignore[override]
-        """Return the values of a thing, or the default if nothing of that name moves."""
+        """Return the values of a thing, or the default if nothing that moves has that name."""
         return self[name] if name in self else default
 
     def __iter__(self) -> Iterator[str]:
@@ -85,7 +85,7 @@ class Values(Mapping[str, Array]):
 
 @dataclass(frozen=True)
 class Places:
-    """Where everything that moves stands: robots, bodies, spheres and groups by name, and the members of groups."""
+    """Places of all robots, bodies, spheres and groups by name, and of the members of groups."""
 
     known: dict[str, Place] = field(default_factory=dict)
     members: dict[str, Place] = field(default_factory=dict)
@@ -109,7 +109,7 @@ class Places:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a control of the whole scene sees; its arrays are read-only.
+    """The state that a control of the whole scene receives; its arrays are read-only.
 
     Attributes
     ----------

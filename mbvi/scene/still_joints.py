@@ -1,4 +1,4 @@
-"""Joints that never move: the links they carry become one body with what they hang on."""
+"""Removes joints that never move: the links behind them become part of the link before."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def checked_locked(robot: Robot, base: str, q: Array, v: Array, locked: Sequence
 
 
 def counts_joints(item: RobotItem, items: SceneItems) -> bool:
-    """Return whether a function of the user's counts the joints of a robot's URDF: a control, or a force on a link."""
+    """Return whether a control or a force on a link receives the joints of a robot's URDF in its arguments."""
     on_links = [force.body.partition("/")[0] for force in items.forces if "/" in force.body]
     return item.control is not None or bool(items.controls) or item.robot.name in on_links
 
@@ -84,13 +84,13 @@ def _without_range(model: pin.Model, q: Array, v: Array) -> list[str]:
 
 
 def _moved(placed: PlacedShape, model: pin.Model, reduced: pin.Model, still: Sequence[int]) -> PlacedShape:
-    """Return a shape on the body that carries it now."""
+    """Return a shape on the body that now carries it."""
     if placed.body == 0:
         return placed
     name = model.names[placed.body]
     if placed.body not in still:
         return replace(placed, body=reduced.getJointId(name))
-    # a joint that was left out is a frame
+    # a joint that was left out is a frame of the new model
     frame = reduced.frames[reduced.getFrameId(name)]
     turn, shift = frame.placement.rotation, frame.placement.translation
     rotation, position = turn @ placed.rotation, turn @ placed.position + shift

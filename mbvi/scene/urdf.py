@@ -1,4 +1,4 @@
-"""A robot from its URDF: read, checked, its collision shapes made convex, its own pairs sorted out."""
+"""Reads a robot from its URDF: checks it, makes its collision shapes convex, and sorts out its own pairs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Robot:
     shapes : tuple of PlacedShape
         Convex collision shapes on the joints' frames; body 0 is the base of a fixed robot.
     apart : frozenset of (str, str)
-        Pairs of shapes that are not asked, in the order of `shapes`.
+        Pairs of shapes that are left out of contact detection, in the order of `shapes`.
     omitted : tuple of Omission
         What was left out, and why.
     reference : ndarray, shape (nq,)
@@ -185,7 +185,7 @@ def _shapes(
     shapes: list[PlacedShape] = []
     omitted: list[Omission] = []
     for item, link in zip(items, links, strict=True):
-        # a link's only shape goes by the link's name
+        # the only shape of a link has the name of the link
         label = f"{name}/{link if links.count(link) == 1 else item.name}"
         try:
             shape = convex(item.geometry)
@@ -227,7 +227,7 @@ def convex(geometry: coal.CollisionGeometry) -> Convex:
 
 
 def _colors(root: ElementTree.Element) -> dict[str, tuple[float, float, float, float]]:
-    """Return each link's colour as its first visual names it."""
+    """Return the colour of each link's first visual."""
     named = {
         m.get("name"): m.find("color").get("rgba")  # type: ignore[union-attr]
         for m in root.iter("material")
@@ -245,7 +245,7 @@ def _colors(root: ElementTree.Element) -> dict[str, tuple[float, float, float, f
 
 
 def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
-    """Return the neutral configuration moved inside the limits, and which joints were moved."""
+    """Return the neutral configuration clipped to the limits, and the names of the joints that were changed."""
     q = pin.neutral(model)
     moved = []
     for joint in range(1, model.njoints):
@@ -267,7 +267,7 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
 
 
 def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
-    """Return what the URDF says and the model does not: dry friction, effort and velocity limits, mimic joints."""
+    """Return the omitted parts of the URDF: dry friction, effort and velocity limits, mimic joints."""
     found = []
     names = [model.names[j] for j in range(1, model.njoints) if model.nvs[j]]
     dry = [
@@ -297,7 +297,7 @@ def initial_state(
     joints: Mapping[str, float],
     velocity: Mapping[str, float],
 ) -> tuple[Array, Array]:
-    """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and what is given joint by joint."""
+    """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and the values of single joints."""
     model = robot.model
     q, v = robot.reference.copy(), np.zeros(model.nv)
     names = list(model.names)

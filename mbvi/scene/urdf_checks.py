@@ -1,4 +1,4 @@
-"""What Pinocchio and the URDF parser take without a word, and no simulation should: each is refused by name."""
+"""Checks of URDF files beyond those of the parsers: invalid numbers, lengths, inertias and masses raise an error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 from ..arguments import LARGEST, SMALLEST, Array, shown
 from ..errors import InputError, UrdfError
 
-# how far principal moments may miss A + B >= C by, as drawn from rounded numbers
+# largest relative violation of A + B >= C by principal moments, because URDFs hold rounded numbers
 _TRIANGLE = 1e-3
 # configurations at which a mass matrix that is singular at one is looked at again
 _OTHERS = 3
@@ -66,13 +66,13 @@ def read_xml(file: Path) -> tuple[str, ElementTree.Element]:
         raise UrdfError(f"{file} is no text in the encoding that it declares, UTF-8 if none: {error}") from error
     try:
         return text, ElementTree.fromstring(data)
-    # of encodings that it does not know the parser says so by other errors
+    # for unknown encodings the parser raises other errors
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise UrdfError(f"{file} is no XML: {error}") from error
 
 
 def check_numbers(root: ElementTree.Element, file: Path) -> None:
-    """Refuse numbers that are none or overflow, and lengths of shapes that are not positive."""
+    """Refuse texts that are no finite number, and lengths of shapes that are not positive."""
     for element in root.iter():
         for attribute, count in _NUMBERS.get(element.tag, {}).items():
             given = element.get(attribute)

@@ -1,4 +1,4 @@
-"""What a URDF gives to look at: its visual shapes and their colours, read when a replay is made."""
+"""Visual shapes and colours of URDFs, read when a replay is made."""
 
 from __future__ import annotations
 

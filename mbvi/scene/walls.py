@@ -1,4 +1,4 @@
-"""What stands in the world or moves as it is told: half-spaces, open boxes, meshes as they are."""
+"""The part of a scene that adds fixed or prescribed walls: half-spaces, open boxes, meshes."""
 
 from __future__ import annotations
 

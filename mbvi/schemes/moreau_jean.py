@@ -1,4 +1,4 @@
-"""The time-stepping scheme of J. J. Moreau and M. Jean."""
+"""The time-stepping scheme of J. J. Moreau and M. Jean, with explicit forces."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
-from .position_projection import Applied, settled
+from .position_projection import Applied, project_positions
+from .scheme import Scheme, Timing
 from .step import Step, advance_gaps, law
 
 _NONE = np.zeros((4, 0))
 
 
-class MoreauJean(Options):
+class MoreauJean(Scheme):
     """Drift by (1 - theta) h v_i, the law on velocities there, drift by theta h v_{i+1}.
 
     q_m = q_i + (1 - theta) h v_i; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and the
@@ -27,7 +27,7 @@ class MoreauJean(Options):
     theta : float
         In [0, 1]: 1/2 is Moreau's midpoint, 0 is `Paoli`.
     project_positions : bool
-        Lift closed contacts out of each other after the step. Off, for this is the published scheme.
+        Project closed contacts out of penetration after the step. Off by default, as in the published scheme.
 
     Raises
     ------
@@ -37,23 +37,25 @@ class MoreauJean(Options):
     Notes
     -----
     Order 1 across impacts, 2 in flight with theta = 1/2 where forces do not depend on velocities. Velocity level;
-    any e in [0, 1], one per constraint; several constraints at once by one projection. Penetration of an impact, up to
-    max(theta, 1 - theta) h |v-|, stays at e = 0, and on concave walls adds up, unless positions are projected. A step
-    takes M, g, the gaps and the gradients of active constraints once, none of the gradients in free flight. Forces are
-    explicit: Jean's own scheme takes them at theta, implicitly. Moreau, Unilateral contact and dry friction in finite
-    freedom dynamics (1988); Jean, The non-smooth contact dynamics method (1999).
+    any e in [0, 1], one per constraint; several constraints at once by one projection. The penetration of an impact is
+    up to max(theta, 1 - theta) h |v-|. Unless positions are projected it remains at e = 0 and adds up on concave walls.
+    A step evaluates M, g, the gaps and the gradients of active constraints once, in free flight no gradients. Forces
+    are explicit; Jean's own scheme evaluates them implicitly at theta.
+    Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988); Jean, The non-smooth contact dynamics
+    method (1999).
     """
 
     def __init__(self, theta: float = 0.5, *, project_positions: bool = False) -> None:
         self.theta = between(theta, "theta", 0.0, 1.0)
         self.project_positions = boolean(project_positions, "project_positions")
-        self.jump = 1.0 - self.theta
+        self.timing = Timing(jump=1.0 - self.theta)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
-        t += self.jump * h
-        middle = system.integrate(q, self.jump * h * v)
+        before = self.timing.jump * h
+        t += before
+        middle = system.integrate(q, before * v)
         active = problem.constraints.active(t, middle, problem.tolerance)
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
@@ -61,5 +63,5 @@ class MoreauJean(Options):
         w, rates, residual = law(projector, v, system.free_motion(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
-            return settled(problem, Applied(t, middle, v, h, v), step, projector)
+            return project_positions(problem, Applied(t, middle, v, h, v), step, projector)
         return advance_gaps(step, self.theta * h)

@@ -1,4 +1,4 @@
-"""Shows accepted steps to controls that look at contacts."""
+"""Passes the contacts of accepted steps to controls that look at contacts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Array = np.ndarray
 
 
 def observer(problem: Problem) -> Callable[[Step, float], None] | None:
-    """Return what is to be called with each accepted step and its length [s], None if no control looks at contacts.
+    """Return a function to call with each accepted step and its length [s]; None if no control looks at contacts.
 
-    The length is 0 for an impact that takes no time, as at an inadmissible initial velocity.
+    The length is 0 for an instantaneous impact, as at an inadmissible initial velocity.
     """
-    observe = getattr(problem.system, "observe", None)
+    observe = problem.system.observe
     if observe is None:
         return None
 
@@ -37,18 +37,18 @@ def observer(problem: Problem) -> Callable[[Step, float], None] | None:
 def contacts_of_rows(
     number: Array, percussion: Array, point: Array, normal: Array, h: float, name: Callable[[int], str]
 ) -> tuple[Contact, ...]:
-    """Return the contacts of some rows, those that have a percussion.
+    """Return the contacts of the rows whose percussion is positive.
 
     Parameters
     ----------
     number : ndarray of int, shape (k,)
         The constraint of each.
     percussion : ndarray, shape (k,)
-        That of each within a time h [N s, N m s].
+        Percussion of each row within the time h [N s, N m s].
     point, normal : ndarray, shape (k, 3)
         As of `Contact`.
     h : float
-        Length of the step [s]; 0 of an impact that takes no time, whose forces are infinite.
+        Length of the step [s]; 0 for an instantaneous impact, whose forces are infinite.
     name : callable
         Returns the name of a constraint by its number.
     """

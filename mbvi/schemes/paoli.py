@@ -8,15 +8,15 @@ from ..arguments import boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
-from .position_projection import Applied, settled
+from .position_projection import Applied, project_positions
+from .scheme import Scheme, Timing
 from .step import Step, law
 
 _NONE = np.zeros((4, 0))
 
 
-class Paoli(Options):
-    """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i pushed by the forces.
+class Paoli(Scheme):
+    """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i + h M^-1 g.
 
     v_{i+1} = -e v_i + (1 + e) Proj_M(T_K(q_{i+1}), v_i + h / (1 + e) M^-1 g(t_{i+1}, q_{i+1}, v_i)), computed as
     argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, which is the same since T_K is a cone and carries one e
@@ -25,16 +25,16 @@ class Paoli(Options):
     Parameters
     ----------
     project_positions : bool
-        Lift closed contacts out of each other after the step. Off, for this is the paper's scheme.
+        Project closed contacts out of penetration after the step. Off by default, as in the paper.
 
     Notes
     -----
-    Order 1; velocity level; any e in [0, 1]; several constraints at once. One evaluation of M, g and the active
-    gradients a step, none of the gradients in free flight. A step may end up to h |v-| inside a constraint, and
-    stays there where the velocity then is along it, unless positions are projected.
+    Order 1; velocity level; any e in [0, 1]; several constraints at once. A step evaluates M, g and the active
+    gradients once, in free flight no gradients. A step may end up to h |v-| inside a constraint. This penetration
+    remains where the velocity is then tangent to the constraint, unless positions are projected.
     """
 
-    jump = 1.0
+    timing = Timing(jump=1.0)
 
     def __init__(self, *, project_positions: bool = False) -> None:
         self.project_positions = boolean(project_positions, "project_positions")
@@ -46,7 +46,6 @@ class Paoli(Options):
         active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
-        push = system.free_motion(t, q, v, h)
-        velocity, rates, residual = law(projector, v, push, active)
+        velocity, rates, residual = law(projector, v, system.free_motion(t, q, v, h), active)
         step = Step(t, q, velocity, active, rates, residual)
-        return settled(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step
+        return project_positions(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step

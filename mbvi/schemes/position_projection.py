@@ -1,4 +1,4 @@
-"""Lifts closed contacts out of each other: projects positions, never of bounces, onto all constraints that are near."""
+"""Projects closed contacts out of penetration, in the kinetic metric; the penetration of bounces remains."""
 
 from __future__ import annotations
 
@@ -16,16 +16,28 @@ from ..system import System
 from ..system.system import Array
 from .step import Step, advance_gaps, law
 
-# linearisations of the constraints within a step
-_MOST = 20
-# of the depth that is repaired; what is nearer than that is near
-_NEAR = 0.1
-# cosines of kinetic angles below this: two rows do not see each other
-_UNRELATED = 1e-9
+# most linearisations of the constraints within a step
+_MOST_LINEARISATIONS = 20
+# rows whose gap is below this part of the penetration take part in the projection
+_NEARBY = 0.1
+# two rows whose kinetic angle has a cosine below this are independent
+_INDEPENDENT = 1e-9
 
 
 class Applied(NamedTuple):
-    """When and where a scheme applied the law in a step of length h, the velocity before, and that of the forces."""
+    """Where a scheme applied the law in a step of length h.
+
+    Attributes
+    ----------
+    t : float
+        When [s].
+    q, v : ndarray, shapes (nq,) and (nv,)
+        Configuration, and velocity before the law.
+    h : float
+        Length of the step [s].
+    at : ndarray, shape (nv,)
+        Velocity at which the forces were evaluated.
+    """
 
     t: float
     q: Array
@@ -34,37 +46,40 @@ class Applied(NamedTuple):
     at: Array
 
     def free_motion(self, system: System) -> FreeMotion | TreeFreeMotion:
-        """Return what the forces at the velocity `at` do to v."""
-        push = system.free_motion(self.t, self.q, self.at, self.h)
-        return push if self.at is self.v else push.of(self.v, self.at)
+        """Return the free motion of v under the forces at the velocity `at`."""
+        free_motion = system.free_motion(self.t, self.q, self.at, self.h)
+        return free_motion if self.at is self.v else free_motion.of(self.v, self.at)
 
 
-class _Lifted(NamedTuple):
-    """Where a projection of positions leads: the configuration, the way to it, and the rows that are near there."""
+class _Projected(NamedTuple):
+    """A projected configuration: its displacement from the configuration before, and the rows that are near there."""
 
     q: Array
-    moved: Array
+    displacement: Array
     near: Rows
     residual: float
 
 
-def settled(problem: Problem, applied: Applied, step: Step, projector: Projector) -> Step:
-    """Return a step with its closed contacts lifted out of each other, in the kinetic metric.
+def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector) -> Step:
+    """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
 
-    Closed is a row that, with its velocity after the law, rises by no more than the activation tolerance within a step,
-    or for 0 < e < 1 is as deep at its end on a concave wall, which is how sliding looks there; and that sees no row
-    that is not closed. All others may go no deeper: bounces keep the depth they have, and what is near keeps out. What
-    is near once lifted joins the law, or a box at rest would tip from edge to edge for ever; the velocity is made
-    tangent to closed contacts where they then are.
+    A contact is closed if its gap, at the velocity after the law, rises by no more than the activation tolerance within
+    a step. For e < 1 it is closed too if its gap is no larger at the end of the step, as in sliding along a concave
+    wall. A contact that is coupled to one that is not closed does not count as closed.
+
+    The projection opens the gaps of closed contacts. No other gap gets smaller than it is, or negative if it is
+    positive. Rows that are active after the projection and were not before join the law, and the law is applied again:
+    otherwise a box at rest would tip from edge to edge. At last the velocity is made tangent to the closed contacts at
+    the projected configuration.
 
     Parameters
     ----------
     problem : Problem
-        What moves.
+        System and constraints.
     applied : Applied
-        The law of the step.
+        Where the law was applied.
     step : Step
-        The step without this, its gaps those where the law was applied.
+        The step before position projection; its gaps are those where the law was applied.
     projector : Projector
         Solves the projections.
 
@@ -75,28 +90,28 @@ def settled(problem: Problem, applied: Applied, step: Step, projector: Projector
 
     Notes
     -----
-    Nothing is lifted in a step where 20 linearisations do not suffice, as between polyhedra whose nearest features
-    change, or where contacts contradict each other: that penetration is in the record.
+    Positions are not projected in a step where 20 linearisations do not suffice, as between polyhedra whose nearest
+    features change, or where contacts contradict each other. The run records that penetration.
     """
     system, drift = problem.system, step.t - applied.t
-    for _ in range(_MOST):
+    for _ in range(_MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
             break
-        # with no drift since, these are the rows of the law themselves
+        # without a drift after the law these are the rows of the law
         before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
         owner = owners(before, rows)
         floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
         depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max(initial=0.0))
         if depth <= problem.tolerance:
             break
-        lifted = _lifted(problem, step, before, floor, projector)
-        if lifted is None:
+        projected = _projected(problem, step, before, floor, projector)
+        if projected is None:
             break
-        owner = owners(lifted.near, rows)
+        owner = owners(projected.near, rows)
         if (owner >= 0).all():
-            return _tangent(problem, applied, advance_gaps(step, drift), lifted, owner, closed, projector)
-        rows = stacked([rows, chosen(lifted.near, owner < 0)])
+            return _tangent(problem, applied, advance_gaps(step, drift), projected, owner, closed, projector)
+        rows = stacked([rows, chosen(projected.near, owner < 0)])
         w, rates, residual = _law(problem, applied, rows, projector)
         q = system.integrate(applied.q, drift * w) if drift else step.q
         step = Step(step.t, q, w, rows, rates, residual)
@@ -108,27 +123,33 @@ def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -
 
 
 def _tangent(
-    problem: Problem, applied: Applied, step: Step, lifted: _Lifted, owner: Array, closed: Array, projector: Projector
+    problem: Problem,
+    applied: Applied,
+    step: Step,
+    projected: _Projected,
+    owner: Array,
+    closed: Array,
+    projector: Projector,
 ) -> Step:
-    """Return the step at the lifted configuration, its velocity along the closed contacts as they are there."""
-    rows, near, left = step.active, lifted.near, np.ones(len(closed), bool)
+    """Return the step at the projected configuration, with a velocity tangent to its closed contacts."""
+    rows, near, left = step.active, projected.near, np.ones(len(closed), bool)
     left[owner] = False
-    # what is closed does not bounce off what its own lifting turned
+    # the projection turned the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
-    rows = rows._replace(gap=rows.gap + rows.jacobian @ lifted.moved)
+    rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
     rows = stacked([near, chosen(rows, left)]) if left.any() else near
-    push = applied.free_motion(problem.system)
-    free, before = push.free, rows.speeds(applied.v)
+    free_motion = applied.free_motion(problem.system)
+    free, before = free_motion.free, rows.speeds(applied.v)
     lower = -rows.restitution * before
-    # what hovers closes until the law is applied next, lest it fall
+    # a gap that the projection left open may close by the next law, not later: otherwise the body would fall freely
     idle = closed[owner] | (step.percussion[owner] == 0.0)
-    hovers = np.flatnonzero(idle & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
-    lower[hovers] = -near.gap[hovers] / (applied.h - (step.t - applied.t))
+    opened = np.flatnonzero(idle & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
+    lower[opened] = -near.gap[opened] / (applied.h - (step.t - applied.t))
     if rows.rate is not None:
         lower -= rows.rate
-    w, percussion, residual = projector.project(free, push.metric, rows.jacobian, lower)
+    w, percussion, residual = projector.project(free, free_motion.metric, rows.jacobian, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), before])
-    return Step(step.t, lifted.q, w, rows, rates, max(residual, lifted.residual))
+    return Step(step.t, projected.q, w, rows, rates, max(residual, projected.residual))
 
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
@@ -137,41 +158,41 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     lever = problem.constraints.levers(rows.constraint)
     rise, gap = h * lever * step.after, lever * rows.gap
     closed = np.abs(rise) <= problem.tolerance
-    # where nothing is ever lost, a hop is a bounce
-    hops = (rise > problem.tolerance) & (rows.restitution < 1.0)
-    if hops.any():
+    # at e = 1 every contact that rises bounces
+    rises = (rise > problem.tolerance) & (rows.restitution < 1.0)
+    if rises.any():
         place = problem.system.integrate(applied.q, h * step.v)
         then = problem.constraints.active(applied.t + h, place, problem.tolerance)
         owner, lowest = owners(then, rows), np.full(len(rise), np.inf)
         known = owner >= 0
         np.minimum.at(lowest, owner[known], then.gap[known])
-        closed |= hops & (lever * lowest <= gap + problem.tolerance)
+        closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
-        # to lift one side of what still bounces at another would set it rocking
+        # projecting one side of a body that bounces at another side would set the body rocking
         metric, J = problem.system.metric(applied.q), rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
-        closed[closed] = ~_seen(metric, J, closed, bounces)
+        closed[closed] = ~_coupled(metric, J, closed, bounces)
     return closed
 
 
-def _seen(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
-    """Return which of some rows see any of the others in the kinetic metric, shape (k,)."""
+def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
+    """Return which of some rows are coupled to any of the others in the kinetic metric, shape (k,)."""
     if isinstance(J, np.ndarray):
         lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
         cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
-        return np.asarray((cosines > _UNRELATED * lengths[some][:, None] * lengths[others]).any(axis=1))
+        return np.asarray((cosines > _INDEPENDENT * lengths[some][:, None] * lengths[others]).any(axis=1))
     U = metric.whiten_rows(J)
     lengths = np.sqrt((U * U).sum(axis=1))
     unit = diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ U
-    # as many numbers as there are rows that touch the same bodies
+    # nonzero only for rows on the same bodies
     cosines = abs(unit[some] @ unit[others].T).tocoo()
     found = np.zeros(int(some.sum()), bool)
-    found[cosines.coords[0][cosines.data > _UNRELATED]] = True
+    found[cosines.coords[0][cosines.data > _INDEPENDENT]] = True
     return found
 
 
-def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Lifted | None:
-    """Return the nearest configuration in which no row is below its floor, None where there is none to be found.
+def _projected(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Projected | None:
+    """Return the nearest configuration in which no gap is below its lower bound, None where none is found.
 
     Parameters
     ----------
@@ -180,19 +201,20 @@ def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector:
     before : Rows
         The active rows there.
     floor : ndarray, shape (k,)
-        The gaps these must have; of rows that become active on the way it is 0.
+        Lower bounds of their gaps; that of rows that become active during the projection is 0.
 
     Notes
     -----
-    All near rows are linearised anew where the last projection led: what presses ends at its floor to within the
-    tolerance from both sides, for what hovers is not active and would fall.
+    All near rows are linearised again at the configuration of the last projection. The iteration ends when the gaps of
+    all rows with a positive percussion equal their lower bounds to within the activation tolerance. Equality matters: a
+    contact whose gap remained open would not be active, and its body would fall.
     """
     system, tolerance = problem.system, problem.tolerance
     metric, still = system.metric(step.q), np.zeros(system.nv)
     depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max())
-    place, moved, near, asked = step.q, still, before, floor
-    for _ in range(_MOST):
-        lower = near.jacobian @ moved + asked - near.gap
+    place, moved, near, bound = step.q, still, before, floor
+    for _ in range(_MOST_LINEARISATIONS):
+        lower = near.jacobian @ moved + bound - near.gap
         last = moved
         try:
             moved, percussion, residual = projector.project(still, metric, near.jacobian, lower)
@@ -200,10 +222,10 @@ def _lifted(problem: Problem, step: Step, before: Rows, floor: Array, projector:
             return None
         lever = problem.constraints.levers(near.constraint)
         done = (lever * np.abs(near.jacobian @ (moved - last)) <= tolerance)[percussion > 0.0].all()
-        if done and (lever * (near.gap - asked) >= -tolerance).all():
-            return _Lifted(place, last, near, residual)
+        if done and (lever * (near.gap - bound) >= -tolerance).all():
+            return _Projected(place, last, near, residual)
         place = system.integrate(step.q, moved)
-        near = problem.constraints.near(step.t, place, tolerance + _NEAR * depth)
+        near = problem.constraints.near(step.t, place, tolerance + _NEARBY * depth)
         owner = owners(near, before)
-        asked = np.where(owner >= 0, floor[owner], 0.0)
+        bound = np.where(owner >= 0, floor[owner], 0.0)
     return None

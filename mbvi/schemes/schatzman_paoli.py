@@ -10,43 +10,46 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .options import Options
+from .scheme import Scheme, Timing
 from .step import Step
 
 _NONE = np.zeros((4, 0))
-# linearisations of K within a step
-_MOST = 20
+# most linearisations of K within a step
+_MOST_PASSES = 20
 
 
-class SchatzmanPaoli(Options):
+class SchatzmanPaoli(Scheme):
     """q_{i+1} = -e q_{i-1} + (1 + e) Proj_K((2 q_i - (1 - e) q_{i-1} + h^2 M^-1 g) / (1 + e)), in increments.
 
     With h v_i the tangent vector from q_{i-1} to q_i and p(w) = q_i + h (w - e v_i) / (1 + e) along the retraction:
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to f(p(w)) >= 0, M and g at q_i; q_{i+1} = q_i + h v_{i+1}. In R^d
-    the two are the same; here each f_a may have its own e. K is linearised where w leads until p(w) is in it to within
-    the activation tolerance. The first step is q_1 = q_0 + h v_0 + h^2 M^-1 g / 2.
+    the two are the same; here each f_a may have its own e. K is linearised at p(w) of the last w, repeatedly, until
+    p(w) is in K to within the activation tolerance. The first step is q_1 = q_0 + h v_0 + h^2 M^-1 g / 2.
 
     Notes
     -----
-    Order 1. Position level: p(w) is in K, so that rest does not drift and no penetration adds up, but an impact takes
-    two steps, between which q may be up to h |v-| inside. Any e in [0, 1], one per constraint, in the sense of those
-    two steps: the record of an impact holds the first of them and its part of the percussion. At e = 1 an impact
-    changes the energy by up to h |g| |v|, either way. Several constraints at once by the projection onto K. A step
-    takes M and g once, the gaps twice in free flight and about six times, gradients with them, where something is
-    active. The form above is that of steps of one length, for the second step of an impact reflects what the first one
-    left. A run therefore takes whole steps only: the last one goes beyond the end, and its state is read at the end, on
-    the straight way. Where a step is shortened lest a body pass through another, `shortened` takes its place.
+    Order 1. Position level: p(w) is in K, so that resting contacts do not drift and penetration does not add up. An
+    impact takes two steps, between which q may be up to h |v-| inside. Any e in [0, 1], one per constraint, across
+    those two steps; the record of an impact holds the first step and its part of the percussion. At e = 1 an impact
+    changes the energy by up to h |g| |v|, up or down. Several constraints at once by the projection onto K.
+
+    A step evaluates M and g once. It evaluates the gaps twice in free flight, and about six times together with the
+    gradients where a constraint is active.
+
+    The form above holds for steps of equal length, because the second step of an impact reflects the displacement of
+    the first. A run therefore takes whole steps only: the last one goes beyond the end of the run, and the state at the
+    end is interpolated. Where a step must be shorter so that no body passes through another, `shortened` is used.
+
     Schatzman and Paoli, Mouvement a un nombre fini de degres de liberte avec contraintes unilaterales (1993); Paoli and
     Schatzman, A numerical scheme for impact problems I, II (2002).
     """
 
-    jump = 0.0
-    whole_steps = True
+    timing = Timing(jump=0.0, whole_steps=True)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system = problem.system
-        # before the first step there is no increment: v0 is the velocity at t0 itself
+        # the first step has no step before it: v0 is the velocity at t0 itself
         free = system.free_velocity(t, q, v, 0.5 * h if t == problem.t0 else h)
         rows = _beyond(problem, t + h, q, v, free, h, problem.tolerance)
         if rows is None:
@@ -54,8 +57,8 @@ class SchatzmanPaoli(Options):
             return Step(t + h, system.integrate(q, h * free), free, empty, _NONE, 0.0)
         w, found, lower, metric = free, [rows], np.zeros(0), system.metric(q)
         deepest = float(-rows.gap.min())
-        for _ in range(_MOST):
-            # f(p(w)) >= 0, linearised where w is now; what was found before is kept
+        for _ in range(_MOST_PASSES):
+            # f(p(w)) >= 0, linearised at the present w; rows of earlier linearisations are kept
             new = found[-1].jacobian @ w - (1.0 + found[-1].restitution) / h * found[-1].gap
             lower = np.concatenate([lower, new])
             rows = stacked(found)
@@ -67,29 +70,29 @@ class SchatzmanPaoli(Options):
         else:
             left = float(-found[-1].gap.min())
             raise ProjectionError(
-                f"the projection onto K at t = {t:.6g} s still leaves {left:.1e} of {deepest:.1e} after {_MOST} "
+                f"the projection onto K at t = {t:.6g} s still leaves {left:.1e} of {deepest:.1e} after {_MOST_PASSES} "
                 f"linearisations: take a smaller step than h = {h:g} s",
                 {"x": free, "M": metric.dense(), "J": rows.jacobian, "lower": lower},
                 left / deepest,
             )
         J, e = rows.jacobian, rows.restitution
         after, before = rows.speeds(w), rows.speeds(v)
-        # of the state that is reached: the bounds are those of p(w)
+        # gaps at the end of the step; the lower bounds belong to p(w)
         gap = h * (J @ w - lower) / (1.0 + e) + h * e * (after + before) / (1.0 + e)
         rates = np.array([percussion, rows.speeds(free), after, before])
         return Step(t + h, system.integrate(q, h * w), w, rows._replace(gap=gap), rates, residual)
 
     def shortened(self, problem: Problem, t: float, state: Step, h: float, projector: Projector) -> Step:
-        """Return the state at t + h, where h is not the length of the step that led to `state`.
+        """Return the state at t + h, where h differs from the length of the step that led to `state`.
 
-        The law (8) on velocities, for all that touches at t or would at t + h: J w >= -e J v. Where `state` is half-way
-        through an impact, v there is the velocity before that. What has sunk in is moved out, which is no velocity, so
-        that equal steps can go on from here.
+        The law (8) on velocities, J w >= -e J v, for all contacts that are active at t or would be at t + h. Where
+        `state` lies between the two steps of an impact, v is the velocity before the impact. Penetration is removed by
+        a displacement that does not enter the velocity, so that steps of equal length can follow.
 
         Parameters
         ----------
         problem : Problem
-            What moves.
+            System, admissible set and restitution.
         t : float
             Time [s].
         state : Step
@@ -100,37 +103,38 @@ class SchatzmanPaoli(Options):
             Solves the projections.
         """
         system, q, v = problem.system, state.q, state.v
-        push = system.free_motion(t, q, v, h)
+        free_motion = system.free_motion(t, q, v, h)
+        free = free_motion.free
         rows = problem.constraints.active(t, q, problem.tolerance)
-        ahead = problem.constraints.active(t + h, system.integrate(q, h * push.free), problem.tolerance)
+        ahead = problem.constraints.active(t + h, system.integrate(q, h * free), problem.tolerance)
         new = owners(ahead, rows) < 0
-        # their gaps as they are now
-        gap = np.concatenate([rows.gap, (ahead.gap - h * ahead.speeds(push.free))[new]])
+        # gaps at t
+        gap = np.concatenate([rows.gap, (ahead.gap - h * ahead.speeds(free))[new]])
         rows = stacked([rows, chosen(ahead, new)]) if new.any() else rows
         if not rows.gap.size:
-            return Step(t + h, system.integrate(q, h * push.free), push.free, rows, _NONE, 0.0)
+            return Step(t + h, system.integrate(q, h * free), free, rows, _NONE, 0.0)
         before, owner = rows.speeds(v), owners(rows, state.active)
-        struck = (owner >= 0) & (np.append(state.percussion, 0.0)[owner] > 0.0)
-        incoming = np.where(struck, np.minimum(before, np.append(state.before, 0.0)[owner]), before)
+        impacting = (owner >= 0) & (np.append(state.percussion, 0.0)[owner] > 0.0)
+        incoming = np.where(impacting, np.minimum(before, np.append(state.before, 0.0)[owner]), before)
         rate = 0.0 if rows.rate is None else rows.rate
         w, percussion, residual = projector.project(
-            push.free, push.metric, rows.jacobian, -rows.restitution * incoming - rate
+            free, free_motion.metric, rows.jacobian, -rows.restitution * incoming - rate
         )
-        way, _, error = projector.project(w, push.metric, rows.jacobian, -gap / h - rate)
-        rates = np.array([percussion, rows.speeds(push.free), rows.speeds(w), incoming])
-        rows = rows._replace(gap=gap + h * rows.speeds(way))
-        return Step(t + h, system.integrate(q, h * way), w, rows, rates, max(residual, error))
+        displacing, _, error = projector.project(w, free_motion.metric, rows.jacobian, -gap / h - rate)
+        rates = np.array([percussion, rows.speeds(free), rows.speeds(w), incoming])
+        rows = rows._replace(gap=gap + h * rows.speeds(displacing))
+        return Step(t + h, system.integrate(q, h * displacing), w, rows, rates, max(residual, error))
 
 
 def _beyond(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:
     """Return the rows with f(p(w)) <= least, each at the p(w) of its own e."""
 
     def at(e: float) -> Rows:
-        # p(w) is a mean of configurations at t and, with weight e, at t - 2 h
+        # p(w) is a weighted mean of the configurations at t and, with weight e, at t - 2 h
         place = problem.system.integrate(q, h / (1.0 + e) * (w - e * v))
         return problem.constraints.active(t - 2.0 * h * e / (1.0 + e), place, problem.tolerance)
 
-    # p(w) of any e lies between those of 0 and 1
+    # p(w) of every e lies between p(w) of e = 0 and of e = 1
     ends = {e: at(e) for e in (0.0, 1.0)}
     known = np.unique(np.concatenate([rows.restitution for rows in ends.values()]))
     found = []

@@ -1,8 +1,8 @@
-"""What one step of a scheme leaves behind."""
+"""The result of one step of a scheme, and the impact law (8) that all schemes apply."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..system.system import Array
 
 
 class Step(NamedTuple):
-    """The state after a step and how it came about.
+    """The state after a step, with the constraints that acted in it.
 
     Attributes
     ----------
@@ -25,8 +25,8 @@ class Step(NamedTuple):
     v : ndarray, shape (nv,)
         Velocity.
     active : Rows
-        The active constraints where the law was applied, which for some schemes is within the step; their gaps are
-        those at q, to first order.
+        The active constraints at the configuration where the law was applied; for some schemes this is within the
+        step. Their gaps are those at q, to first order.
     rates : ndarray, shape (4, k)
         `percussion`, `free`, `after` and `before` of each active row.
     residual : float
@@ -47,7 +47,7 @@ class Step(NamedTuple):
 
     @property
     def free(self) -> Array:
-        """Rate of the gap, J v + df/dt, as the forces alone would leave it, shape (k,) [m/s, rad/s]."""
+        """Rate of the gap, J v + df/dt, that the forces alone would lead to, shape (k,) [m/s, rad/s]."""
         return self.rates[1]
 
     @property
@@ -61,10 +61,12 @@ class Step(NamedTuple):
         return self.rates[3]
 
 
-def law(projector: Projector, v: Array, push: FreeMotion | TreeFreeMotion, rows: Rows) -> tuple[Array, Array, float]:
+def law(
+    projector: Projector, v: Array, free_motion: FreeMotion | TreeFreeMotion, rows: Rows
+) -> tuple[Array, Array, float]:
     """Return the velocity after the law (8), the rates of the rows, and the relative KKT residual.
 
-    e acts on what the gap does: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
+    e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
 
     Parameters
     ----------
@@ -72,94 +74,55 @@ def law(projector: Projector, v: Array, push: FreeMotion | TreeFreeMotion, rows:
         Solves the projection.
     v : ndarray, shape (nv,)
         Velocity before.
-    push : FreeMotion
-        The velocity x as the forces alone would leave it, and M.
+    free_motion : FreeMotion
+        The velocity x that the forces alone would lead to, and M.
     rows : Rows
         The active constraints.
     """
     if rows.rate is None:
-        return projector.law(v, push, rows.jacobian, rows.restitution, rows.constraint)
-    x, before = push.free, rows.speeds(v)
+        return projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint)
+    x, before = free_motion.free, rows.speeds(v)
     lower = -rows.restitution * before - rows.rate
-    w, percussion, residual = projector.project(x, push.metric, rows.jacobian, lower, rows.constraint)
+    w, percussion, residual = projector.project(x, free_motion.metric, rows.jacobian, lower, rows.constraint)
     return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
 
 
-# in lengths of the scene a second, and rad/s; what approaches more slowly does not close
+# a gap whose rate is above minus this does not close [lengths of the scene per second, rad/s]
 STILL = 1e-12
 
 
 def closes(rates: Array, still: Array | float) -> Array:
-    """Return of each row whether it presses and approaches faster than `still` and the forces of one step explain."""
+    """Return which rows close: rows with a percussion that approach faster than `still` and the forces of one step."""
     percussion, free, _, before = rates
     return np.asarray((percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -still))
 
 
 def still_rates(problem: Problem, numbers: Array) -> Array | float:
-    """Return the rate of each row below which it does not close, shape (k,) or one for all [m/s, rad/s]."""
+    """Return the closing speed below which each row counts as still, shape (k,) or one for all [m/s, rad/s]."""
     return STILL * problem.length / problem.constraints.levers(numbers)
 
 
 def advance_gaps(step: Step, time: float) -> Step:
-    """Return the step with the gaps of its rows where its velocity carries them within a time, to first order."""
+    """Return the step with its gaps advanced by a time at the rates after the law, to first order."""
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
 
 
 def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[list[Step], Step]:
-    """Return the steps from a state up to a time, the last of them read on its straight way there.
+    """Return the steps from a state up to a time, the last of them interpolated along the retraction.
 
     Parameters
     ----------
     system : System
-        What moves.
+        The system that moves.
     state : Step
         Where the first step starts.
     found : list of Step
-        Steps of a scheme that moves with the velocity it leads to, the last of which ends at t or later.
+        Steps of a scheme with `Timing.jump` = 0, the last of which ends at t or later.
     t : float
         Time [s].
     """
     k = next((k for k, step in enumerate(found) if step.t >= t), len(found) - 1)
     start, end = found[k - 1] if k else state, found[k]
-    way = system.difference(start.q, end.q)
-    q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * way)
+    displacement = system.difference(start.q, end.q)
+    q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * displacement)
     return found[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)
-
-
-class Scheme(Protocol):
-    """A way to advance a problem by one step.
-
-    Attributes
-    ----------
-    jump : float
-        The part of a step after which its law is applied: until there the configuration moves with v_i, from there on
-        with v_{i+1}. 1, the end of the step, where a scheme says nothing.
-
-    Notes
-    -----
-    A scheme that is not made for every problem has `check(problem)` too, which raises `UnsuitableError`. One whose
-    steps must all be equally long says so by `whole_steps = True` and gives `shortened(problem, t, state, h,
-    projector)`, a step of another length, for where a body would pass through another.
-    """
-
-    jump: float
-
-    def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
-        """Return the state at t + h.
-
-        Parameters
-        ----------
-        problem : Problem
-            What moves.
-        t : float
-            Time [s].
-        q : ndarray, shape (nq,)
-            Configuration.
-        v : ndarray, shape (nv,)
-            Velocity.
-        h : float
-            Time step [s].
-        projector : Projector
-            Solves the projections and keeps its solvers between steps.
-        """
-        ...

@@ -1,4 +1,4 @@
-"""The scheme for piles: whatever could meet within the step is kept apart at its end."""
+"""The scheme of D. Stewart and J. Trinkle for piles: gaps stay open at the end of the step."""
 
 from __future__ import annotations
 
@@ -10,106 +10,113 @@ from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
 from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
 from ..system.system import Array
-from .options import Options
+from .scheme import Scheme, Timing
 from .step import Step
 
-# how often a step looks for what it has no row for yet, or whose gradient has turned
-_MOST = 6
-# of the scene's length, the depth by which gradients that turned within the step may be off
-_OFF = 1e-3
+# most retries of a step with added rows
+_MOST_RETRIES = 6
+# penetration at the end of a step above which it is retried, in lengths of the scene
+_RETRY_DEPTH = 1e-3
 
 
-class StewartTrinkle(Options):
-    """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all that is within reach, then q + h w.
+class StewartTrinkle(Scheme):
+    """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all pairs within reach, then q + h w.
 
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, the rows
-    those within reach; q_{i+1} = q_i + h v_{i+1} along the retraction or, where something has sunk in, q_i + h y, with
-    y the same under J y >= -f / h: what pushes out is no velocity. For e = 0.
+    those within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y,
+    with y the same projection under J y >= -f / h: the displacement that removes penetration does not enter the
+    velocity. For e = 0.
 
     Notes
     -----
-    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, for it is
-    spread over two steps: the first comes to touch, the second takes the rest of the velocity; the record holds the
-    first and its part of the percussion. Reach is twice what the fastest body would move. Between spheres and
-    half-spaces no gap gets smaller than its linearisation, so that the residual of the projection is all that
-    penetrates; elsewhere gradients turn within a step: what penetrates at its end by more than 1e-3 of the scene's
-    length, or was out of reach, gets a row as it is there and the step is taken anew, and the rest is pushed out in the
-    next step. A step takes M and g once, and where nothing is taken anew the gradients once and the gaps twice. Its
-    projection has more rows than that of `Paoli`.
+    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, because it is
+    spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds the
+    first and its part of the percussion. The reach is twice the displacement of the fastest body.
+
+    Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
+    projection penetrates. Elsewhere gradients turn within a step. A contact that was out of reach, or that penetrates
+    at the end of the step by more than 1e-3 of the scene's length, then gets a row as it is there, and the step is
+    retried. Smaller penetration is removed in the next step.
+
+    A step evaluates M and g once and, where it is not retried, the gradients once and the gaps twice. Its projection
+    has more rows than that of `Paoli`.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
 
-    jump = 0.0
+    timing = Timing(jump=0.0)
 
     def check(self, problem: Problem) -> None:
-        """Raise `UnsuitableError` if some e is above 0; of a crowd of shapes `step` does, where two come near."""
+        """Raise `UnsuitableError` if some e is above 0; where pairs are listed only when near, `step` raises it."""
         _check(problem.constraints.largest_restitution)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
-        push = system.free_motion(t, q, v, h)
-        # walls that move are asked where they are half-way
-        rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * push.free)), 0.5 * h)
-        for turn in range(_MOST + 1):
-            way, lifted = _way(problem, rows, h, projector, push)
-            place, gap = system.integrate(q, h * way.velocity), rows.gap + h * rows.speeds(way.velocity)
+        free_motion = system.free_motion(t, q, v, h)
+        # moving walls are taken where they are in the middle of the step
+        rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h)
+        for turn in range(_MOST_RETRIES + 1):
+            moving, corrected = _end_velocity(problem, rows, h, projector, free_motion)
+            place, gap = system.integrate(q, h * moving.velocity), rows.gap + h * rows.speeds(moving.velocity)
             lever = problem.constraints.levers(rows.constraint)
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
             there = problem.constraints.near(end, place, deepest)
-            sunk = problem.constraints.levers(there.constraint) * there.gap < -_OFF * problem.length
-            unseen = ~_among(there.constraint, rows.constraint) | sunk
-            if turn == _MOST or not unseen.any():
+            deep = problem.constraints.levers(there.constraint) * there.gap < -_RETRY_DEPTH * problem.length
+            missed = ~_among(there.constraint, rows.constraint) | deep
+            if turn == _MOST_RETRIES or not missed.any():
                 break
-            more = _back(chosen(there, unseen), h)
-            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ way.velocity))])
-        # what pushes out is no velocity
-        w, percussion, residual = _kept_apart(rows, h, projector, push, 0.0) if lifted else way
-        rates = np.array([percussion, rows.speeds(push.free), rows.speeds(w), rows.speeds(v)])
+            more = _back(chosen(there, missed), h)
+            rows = stacked([rows, more._replace(gap=more.gap - h * (more.jacobian @ moving.velocity))])
+        # the displacement that removes penetration does not enter the velocity
+        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else moving
+        rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deepened(gap, rows, there))
-        return Step(end, place, w, rows, rates, max(residual, way.residual))
+        return Step(end, place, w, rows, rates, max(residual, moving.residual))
 
 
 def _back(rows: Rows, time: float) -> Rows:
-    """Return rows with the gaps that walls which move on their own left a time before."""
+    """Return rows with the gaps of a time before, as far as walls move by a prescribed motion."""
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
 
 
-def _kept_apart(
-    rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion, most: float
+def _open_gaps(
+    rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion, most: float
 ) -> Projection:
-    """Return the velocity that leaves every gap of the rows open after a step, or as deep as it is beyond `most`."""
+    """Return the velocity with which no gap of the rows is negative after a step.
+
+    Of a penetration only the part up to `most` is removed.
+    """
     if not rows.gap.size:
-        return Projection(push.free, np.zeros(0), 0.0)
+        return Projection(free_motion.free, np.zeros(0), 0.0)
     _check(float(rows.restitution.max()))
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
-    return projector.project(push.free, push.metric, rows.jacobian, lower, rows.constraint)
+    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
 
 
-def _way(
-    problem: Problem, rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion
+def _end_velocity(
+    problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
 ) -> tuple[Projection, bool]:
-    """Return the velocity that leads to the end of a step, and whether it pushes out what has sunk in."""
-    if rows.gap.size and rows.gap.min() < -_unsolved(rows, h, projector, push) - problem.tolerance:
+    """Return the velocity that leads to the end of a step, and whether it removes penetration."""
+    if rows.gap.size and rows.gap.min() < -_unsolved(rows, h, projector, free_motion) - problem.tolerance:
         try:
-            return _kept_apart(rows, h, projector, push, np.inf), True
+            return _open_gaps(rows, h, projector, free_motion, np.inf), True
         except ProjectionError:
-            # what is jammed stays as deep as it is: that is in the record
+            # contacts that contradict each other keep their penetration, which the run records
             pass
-    return _kept_apart(rows, h, projector, push, 0.0), False
+    return _open_gaps(rows, h, projector, free_motion, 0.0), False
 
 
-def _unsolved(rows: Rows, h: float, projector: Projector, push: FreeMotion | TreeFreeMotion) -> float:
-    """Return how deep the residual of the projections lets things sink [m]: to push that out would solve all twice."""
-    largest = float(np.abs(rows.speeds(push.free)).max()) + float(np.abs(rows.gap).max()) / h
+def _unsolved(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
+    """Return the penetration that the residual of a projection may leave [m]; removing it would need a second one."""
+    largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
     return 2.0 * h * projector.residual * largest
 
 
 def _among(numbers: Array, known: Array) -> Array:
-    """Tell which numbers are known: `np.isin` sorts both, and few are asked for."""
+    """Return which numbers are known, faster than `np.isin`, which sorts both arrays."""
     if not known.size:
         return np.zeros(len(numbers), bool)
     ranked = np.sort(known, kind="stable")
@@ -117,7 +124,7 @@ def _among(numbers: Array, known: Array) -> Array:
 
 
 def _deepened(gap: Array, rows: Rows, there: Rows) -> Array:
-    """Return the gaps of rows where these are not as deep as was found."""
+    """Return the gaps of rows, replaced by those found at the end of the step where these are deeper."""
     known = _among(there.constraint, rows.constraint)
     if not known.any():
         return gap
@@ -136,13 +143,13 @@ def _check(e: float) -> None:
         )
 
 
-def _reach(problem: Problem, q: Array, moved: Array) -> float:
-    """Return twice how far the fastest body would move, or infinity where there are no bodies to see."""
+def _reach(problem: Problem, q: Array, displacement: Array) -> float:
+    """Return twice the largest displacement of a body, or infinity where the system names no bodies."""
     system = problem.system
     bodies = np.arange(1, len(system.bodies))
     if not bodies.size:
         return np.inf
-    shift = system.placements(system.integrate(q, moved), bodies) - system.placements(q, bodies)
+    shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
     far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
     return 2.0 * float(far.max()) + problem.tolerance

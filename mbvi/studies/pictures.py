@@ -1,4 +1,4 @@
-"""What a picture needs, asked before the minutes that its numbers take."""
+"""Checks for pictures, made before the minutes of computing their numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..errors import InputError, TrajectoryFileError
 
 
 def check_pictures(folder: Path) -> None:
-    """Make the folder that a picture will go to.
+    """Make the folder of a picture, and check that matplotlib is installed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What travels with the package: the project's robots, the scene of `mbvi demo`, a cube of spheres."""
+"""Robots and scenes of the package: the shipped robots, the scene of `mbvi demo`, a cube of spheres."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..problem import Problem
     from ..system.system import Array
 
-# a crouch on legs set a little apart, and the springs and dampers that hold it
+# a crouch with legs slightly apart; stiffness [N m/rad] and damping [N m s/rad] of the springs that hold it
 _CROUCH = {"hip": 0.1, "thigh": 0.7, "calf": -1.4}
 _STIFFNESS, _DAMPING = 60.0, 2.0
 _TILT = Rotation.from_euler("xyz", [0.15, 0.1, 0.0]).as_matrix()
@@ -28,15 +28,15 @@ def robot_path(name: str) -> Path:
     Parameters
     ----------
     name : str
-        Such as "quadruped".
+        Name, such as "quadruped".
 
     Raises
     ------
     InputError
-        If no robot goes by that name.
+        If no robot has that name.
     """
     package = Path(__file__).resolve().parents[1]
-    # the wheel carries the robots inside the package, a clone beside it
+    # a wheel has the robots inside the package, a clone beside it
     folders = [folder for folder in (package / "robots", package.parent / "robots") if folder.is_dir()]
     known = {file.stem: file for folder in reversed(folders) for file in folder.glob("*/*.urdf")}
     if name not in known:
@@ -55,7 +55,7 @@ def demo_problem() -> Problem:
     rest = np.array(list(joints.values()))
 
     def legs(t: float, q: Array, v: Array) -> Array:
-        # a free base comes first: 7 entries of q and 6 of v, with no motor
+        # the free base comes first, 7 entries of q and 6 of v; it has no motor
         return np.concatenate([np.zeros(6), _STIFFNESS * (rest - q[7:]) - _DAMPING * v[6:]])
 
     scene = Scene(restitution=0.5)
@@ -66,16 +66,17 @@ def demo_problem() -> Problem:
 
 
 def cube_of_spheres(e: float, half_width: float = 1.0) -> Problem:
-    """Return 6 x 6 x 6 spheres, all but in a lattice, that fall from 1 m into an open box.
+    """Return 6 x 6 x 6 spheres that fall from 1 m into an open box.
 
-    Radii are 0.1 m, masses 10 kg, centres 0.21 m apart but for up to 1e-3 m, the lowest at 1.101 m.
+    Radii are 0.1 m and masses 10 kg. Centres lie on a lattice with spacing 0.21 m and random displacements of up to
+    1e-3 m; the lowest is at 1.101 m.
 
     Parameters
     ----------
     e : float
         Restitution.
     half_width : float
-        Of the box, about the middle of the cube [m].
+        Half width of the box, centred at the cube [m].
     """
     scene = Scene(restitution=e)
     scene.add_container((-half_width, -half_width, 0.0), (half_width, half_width), name="box")

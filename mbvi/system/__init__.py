@@ -1,12 +1,13 @@
 """Mechanical systems: mass matrix M(q), forces g(t, q, v), and the retraction q + h v of their configurations."""
 
-from .actuated import ActuatedSystem, located_parts, parts_of
+from .actuated import ActuatedSystem
 from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .bodies import FreeBodies, Spheres
+from .given_system import checked_system
 from .lagrangian import LagrangianSystem
 from .planar import PlanarBodies, PlanarSpheres
-from .system import System
+from .system import System, located_parts, parts_of
 
 __all__ = [
     "ActuatedSystem",
@@ -18,6 +19,7 @@ __all__ = [
     "PlanarSpheres",
     "Spheres",
     "System",
+    "checked_system",
     "located_parts",
     "parts_of",
 ]

@@ -1,4 +1,4 @@
-"""One mechanism: a Pinocchio model of joints and links."""
+"""The system of one mechanism: a Pinocchio model of joints and links with damping and a control."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
 from .given import not_finite
 from .memory import Memory
-from .system import Array
+from .system import Array, System
 
 Control = Callable[[float, Array, Array], Array]
 
-# a reach nobody can be sure of; finite, so that it is no NaN times a velocity of zero
+# reach of velocities without a known bound; finite, so that its product with a zero velocity is no NaN
 _UNBOUNDED = 1e300
 
 _WORLD = pin.Convention.WORLD
 
 
 class Kinematics(NamedTuple):
-    """Where the bodies of a mechanism are and how they move, in arrays that follow the last configuration asked for.
+    """Poses and Jacobian of a mechanism, in arrays that are overwritten at the next configuration.
 
     Attributes
     ----------
     poses : ndarray, shape (njoints, 4, 3)
         Columns of each body's rotation, then its origin [m].
     columns : ndarray, shape (nv, 6)
-        Jacobian columns in the world, one a row.
+        Jacobian columns in the world, one in each row.
     support : ndarray, shape (njoints, nv)
         1 where a velocity moves a body, else 0.
     """
@@ -50,10 +50,10 @@ def row(columns: Array, first: Array, second: Array, point: Array, normal: Array
     Parameters
     ----------
     columns : ndarray, shape (nv, 6)
-        Jacobian columns in the world, one a row.
+        Jacobian columns in the world, one in each row.
     first, second : ndarray, shape (nv,)
         1 where a velocity moves the body, else 0.
-    point, normal : ndarray, shape (3,) or more, of which the first three count
+    point, normal : ndarray, shape (3,) or longer, of which the first three entries count
         Contact point and normal from the first to the second body, in the world.
     row : ndarray, shape (nv,)
         Receives [n, p x n]' columns, signed by which of the two bodies a velocity moves.
@@ -111,13 +111,13 @@ def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Arra
             bias[k, i] = a * P[0, i] + b * P[1, i] + c * P[2, i]
 
 
-class ArticulatedSystem:
+class ArticulatedSystem(System):
     """A mechanism of joints, with gravity, joint damping and a control.
 
     Parameters
     ----------
     model : pinocchio.Model
-        The mechanism; gravity, armature and damping are read from it. It is not written to.
+        The mechanism with its gravity, armature and damping. It is not changed.
     name : str
         Prefix of the body names.
     control : callable, optional
@@ -126,80 +126,81 @@ class ArticulatedSystem:
     Notes
     -----
     g(t, q, v) = tau - nle(q, v) - D v. Dry joint friction, effort and velocity limits are not modelled. Where D is
-    not zero the step to the free velocity is implicit in D v, for explicit damping of light links is unstable at any
-    common step; with D = 0 it is (11) to the letter.
+    not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
+    any usual step; with D = 0 it is (11) exactly.
     """
 
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
-        self.model = model
+        self.model: pin.Model = model
         self.control = control
+        self.controlled = control is not None
         self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
-        # a control is called once a step
+        # a control is called once in each step
         self.velocity_dependent = control is None
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
-        self.damping = np.array(model.damping, dtype=float)
+        self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
         self._zero = np.zeros(self.nv)
-        # generalised force from outside the mechanism, which is added to the control's
-        self.applied = self._zero
-        # whether q + dv is the retraction but for the names of angles
+        # generalised force from outside the mechanism, added to the torque of the control
+        self.applied: Array = self._zero
+        # whether the retraction is q + dv, up to multiples of 2 pi
         self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
-        # up to which velocity it is not; joints are independent of each other
+        # number of leading velocities for which it is not; joints are independent of each other
         self._curved = max((j.idx_v + j.nv for j in list(model.joints)[1:] if j.nv > 1), default=0)
         self._data = model.createData()
         self._energy_data = model.createData()
-        # the configuration the data belong to, by its bytes and, if it cannot have changed, as the very array
+        # the configuration of the data: its bytes and, if the array is read-only, the array itself
         self._key: bytes | None = None
-        self._seen: Array | None = None
-        # the last that `integrate` returned, known to be read-only
-        self._made: Array | None = None
+        self._current: Array | None = None
+        # the last result of `integrate`, which is read-only
+        self._integrated: Array | None = None
         self._memory = Memory(model, self._data)
         self._metric: TreeMetric | None = None
-        # the velocity that carries each one
+        # the parent of each velocity in the tree
         self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
-        self._see()
+        self._update_kinematics()
 
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
-        # a copy gets Data of its own, for what is kept here lies in the memory of these
+        # a copy makes its own Data, because the arrays kept here lie in the memory of this one
         return type(self), (self.model, self.name, self.control)
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        moved = pin.integrate(self.model, q, dv)
-        # so that what was computed for it is known to be still true
-        moved.setflags(False)
-        self._made = moved
-        return moved
+        new = pin.integrate(self.model, q, dv)
+        # read-only, so that results computed for this array remain valid
+        new.setflags(False)
+        self._integrated = new
+        return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)
 
     def start(self) -> None:
         self._memory.check()
-        self._key = self._seen = None
-        self._see()
+        self._key = self._current = None
+        self._update_kinematics()
 
-    def _see(self) -> None:
+    def _update_kinematics(self) -> None:
         self._kinematics = Kinematics(self._memory.poses, self._memory.columns, self._support)
 
     def _refresh(self, q: Array) -> None:
-        """Bring placements, Jacobian columns and mass matrix to q, once per q."""
+        """Compute placements, Jacobian columns and mass matrix at q, once for each q."""
         key = q.tobytes()
         if key != self._key:
-            # in the world convention crba fills data.J and data.oMi on its way
+            # in the world convention crba also fills data.J and data.oMi
             pin.crba(self.model, self._data, q, _WORLD)
             if not self._memory.in_place:
                 self._memory.refresh()
             self._metric, self._key = None, key
-        self._seen = q if q is self._made or not q.flags.writeable else None
+        self._current = q if q is self._integrated or not q.flags.writeable else None
 
     def metric(self, q: Array) -> TreeMetric:
-        if q is not self._seen:
+        if q is not self._current:
             self._refresh(q)
         if self._metric is None:
             self._metric = TreeMetric(self._memory.mass, self._parent)
@@ -225,15 +226,15 @@ class ArticulatedSystem:
         if self._damped:
             return self.free_motion(t, q, v, h).free
         torque = self.applied if self.control is None else self._torque(t, q, v)
-        # even where M is there already: the last digits may not depend on which pairs were asked
+        # also where M is known: the last digits must not depend on which pairs were evaluated
         free = pin.aba(self.model, self._data, q, v, torque)
-        # that leaves the data of another q, or of this one in other coordinates
-        self._key = self._seen = None
+        # aba overwrites the data that `_refresh` computed
+        self._key = self._current = None
         _add_scaled(v if v.flags.carray else plain_array(v), h, free)
         return free
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
-        if q is not self._seen:
+        if q is not self._current:
             self._refresh(q)
         torque = self.applied if self.control is None else self._torque(t, q, v)
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
@@ -245,8 +246,8 @@ class ArticulatedSystem:
         torque = self.applied if self.control is None else self._torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
-        # that leaves the data of another q, or of this one in other coordinates
-        self._key = self._seen = None
+        # aba overwrites the data that `_refresh` computed
+        self._key = self._current = None
         return pin.aba(self.model, self._data, q, v, torque)
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
@@ -264,12 +265,12 @@ class ArticulatedSystem:
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        if q is not self._seen:
+        if q is not self._current:
             self._refresh(q)
         return self._memory.poses.take(bodies, 0)
 
     def kinematics(self, q: Array) -> Kinematics:
-        if q is not self._seen:
+        if q is not self._current:
             self._refresh(q)
         return self._kinematics
 
@@ -299,7 +300,7 @@ class ArticulatedSystem:
         return np.minimum(reach, _UNBOUNDED)
 
     def _joint_reach(self, joint: int, distance: float) -> tuple[Array, float]:
-        """Return the reach of one joint's velocities and how far its own travel moves its frame's origin."""
+        """Return the reach of a joint's velocities, and the largest displacement of its frame by its own travel."""
         kind = self.model.joints[joint].shortname()
         width = self.model.nvs[joint]
         if "FreeFlyer" in kind:
@@ -311,6 +312,32 @@ class ArticulatedSystem:
         if "JointModelP" in kind and width == 1:
             first = self.model.idx_qs[joint]
             limits = np.abs([self.model.lowerPositionLimit[first], self.model.upperPositionLimit[first]])
-            # a tenth for what a step may penetrate the limit by
+            # a tenth more for penetration of the limit within a step
             return np.ones(1), 1.1 * float(limits.max()) if limits.max() < 1e10 else _UNBOUNDED
         return np.full(width, _UNBOUNDED), 0.0
+
+    def are_lengths(self) -> Array:
+        found, neutral = np.zeros(self.nv, bool), pin.neutral(self.model)
+        for joint in list(self.model.joints)[1:]:
+            # a screw joint turns as well
+            data = joint.createData()
+            joint.calc(data, neutral)
+            turns = np.abs(np.asarray(data.S).reshape(6, -1)[3:]).max(axis=0) > 0.0
+            found[joint.idx_v : joint.idx_v + joint.nv] = ~turns
+        return found
+
+    def unit_groups(self) -> list[Array]:
+        model, groups = self.model, []
+        for nq, nv, start in zip(list(model.nqs)[1:], list(model.nvs)[1:], list(model.idx_qs)[1:], strict=True):
+            # a free base, a base in a plane (cosine and sine), a joint without limits
+            width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
+            if width is not None:
+                groups.append(np.arange(start + nq - width, start + nq)[None, :])
+        return groups
+
+    def describe(self) -> str:
+        model = self.model
+        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
+        joints = model.njoints - 1 - (base != "fixed")
+        mass = sum(i.mass for i in list(model.inertias)[1:])
+        return f"{self.name}: {base} base, {joints} joints, {self.nv} degrees of freedom, {mass:.4g} kg moving"

@@ -1,4 +1,4 @@
-"""Several systems side by side: block-diagonal M."""
+"""A system of several independent systems: block-diagonal M."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from ..projection import BlockMetric, FreeMotion
 from .sparse_rows import MOST_DENSE, side_by_side
-from .system import Array, System
+from .system import Array, Part, System
 
 
 class _Block(NamedTuple):
@@ -20,7 +20,7 @@ class _Block(NamedTuple):
     first_body: int
 
 
-class BlockSystem:
+class BlockSystem(System):
     """Independent systems whose q, v and bodies follow each other.
 
     Parameters
@@ -38,22 +38,29 @@ class BlockSystem:
             names.extend(part.bodies[1:])
             q, v = q + part.nq, v + part.nv
         self.nq, self.nv = q, v
-        self.velocity_dependent = any(part.velocity_dependent for part in parts) and not any(
-            getattr(part, "control", None) is not None for part in parts
-        )
+        self.controlled = any(part.controlled for part in parts)
+        self.velocity_dependent = any(part.velocity_dependent for part in parts) and not self.controlled
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
-        bodies = [part for part in parts if hasattr(part, "sparse")]
+        bodies = [part for part in parts if part.can_be_sparse]
         self.sparse = sum(part.nv for part in bodies) > MOST_DENSE
         for part in bodies:
-            # the rows of a few bodies beside many are as sparse as theirs
+            # a part with few bodies has sparse rows too if the whole system has many
             part.sparse = self.sparse
 
     def start(self) -> None:
         for part in self.parts:
-            if hasattr(part, "start"):
-                part.start()
+            part.start()
+
+    def located_parts(self) -> list[Part]:
+        return [Part(b.system, b.q.start, b.v.start, b.first_body) for b in self.blocks]
+
+    def are_lengths(self) -> Array:
+        return np.concatenate([part.are_lengths() for part in self.parts])
+
+    def unit_groups(self) -> list[Array]:
+        return [group + b.q.start for b in self.blocks for group in b.system.unit_groups()]
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return np.concatenate([b.system.integrate(q[b.q], dv[b.v]) for b in self.blocks])

@@ -1,4 +1,4 @@
-"""Many free bodies in flat arrays: six degrees of freedom each, three for a frictionless sphere."""
+"""Systems of many free bodies in flat arrays: six degrees of freedom each, three for a frictionless sphere."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import plain_array
+from ..geometry import rotations
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
-from . import rotations
 from .sparse_rows import MOST_DENSE, rows_of_two
-from .system import Array
-from .turning import accelerations, chart_rates, moved, placed, pulled
+from .system import Array, System
+from .turning import accelerations, chart_rates, integrate, placements, separation_rows
 
 
-class Spheres:
-    """Frictionless homogeneous spheres: their rotation never matters and is not built.
+class Spheres(System):
+    """Frictionless homogeneous spheres, whose rotation is left out because nothing depends on it.
 
     Parameters
     ----------
@@ -23,20 +23,24 @@ class Spheres:
     gravity : ndarray, shape (3,)
         Acceleration of gravity [m/s^2].
     names : sequence of str
-        One a sphere.
+        One for each sphere.
 
     Attributes
     ----------
     sparse : bool
-        Whether its rows are: where it has many bodies, or a system that it is part of has.
+        Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
 
     Notes
     -----
     q holds the centres, v their velocities, in the world.
     """
 
+    free_bodies = True
+    can_be_sparse = True
+
     def __init__(self, masses: Array, gravity: Array, names: tuple[str, ...]) -> None:
         self.nq = self.nv = 3 * len(masses)
+        self.independent_bodies = len(masses)
         self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
@@ -90,8 +94,12 @@ class Spheres:
         reach[3 * body - 3 : 3 * body] = 1.0
         return reach
 
+    def describe(self) -> str:
+        n = self.independent_bodies
+        return f"{n} sphere{'s' * (n > 1)}, {self.nv // n} degrees of freedom each"
 
-class FreeBodies:
+
+class FreeBodies(System):
     """Free rigid bodies.
 
     Parameters
@@ -103,12 +111,12 @@ class FreeBodies:
     gravity : ndarray, shape (3,)
         Acceleration of gravity [m/s^2].
     names : sequence of str
-        One a body.
+        One for each body.
 
     Attributes
     ----------
     sparse : bool
-        Whether its rows are: where it has many bodies, or a system that it is part of has.
+        Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
     pull : float
         Acceleration of free fall [m/s^2].
 
@@ -116,13 +124,17 @@ class FreeBodies:
     -----
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
     centre of mass in the world and the angular velocity in the body's axes, so that M is constant. The retraction is
-    that of R^3 x SO(3): the centre moves straight, the rotation turns about a fixed axis.
+    that of R^3 x SO(3): the centre moves along a line, the body turns about a fixed axis.
     """
 
+    free_bodies = True
+    can_be_sparse = True
+    can_hold = True
+
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
-        n = len(masses)
+        n = self.independent_bodies = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
-        # a body whose moments of inertia are equal turns on as it does
+        # a body whose moments of inertia are equal keeps its angular velocity
         moments = np.linalg.eigvalsh(inertias)
         self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.sparse = self.nv > MOST_DENSE
@@ -134,19 +146,18 @@ class FreeBodies:
         blocks[:, 3:, 3:] = inertias
         self._metric: Metric = BodiesMetric(blocks)
         self._weight = masses[:, None] * gravity
-        # of those that are not held
+        # the weight of bodies that are not held
         self._acting = self._weight
         self._pull = self._acting / masses[:, None]
         self.pull = float(np.linalg.norm(gravity))
 
     def hold(self, held: Array) -> None:
-        """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
         self._acting = np.where(held[:, None], 0.0, self._weight)
         self._pull = self._acting / self._masses[:, None]
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = np.empty(self.nq)
-        moved(plain_array(q), plain_array(dv), new)
+        integrate(plain_array(q), plain_array(dv), new)
         return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
@@ -193,15 +204,15 @@ class FreeBodies:
 
     def placements(self, q: Array, bodies: Array) -> Array:
         places = np.empty((len(bodies), 4, 3))
-        placed(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
+        placements(plain_array(q), np.ascontiguousarray(bodies, np.int64), places)
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        pulls, told = np.empty((2, len(point), 6)), (plain_array(point), plain_array(normal))
-        place = plain_array(q)
-        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            pulled(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
-        return rows_of_two(self.nv, self.sparse, first, second, *pulls)
+        rows = np.empty((2, len(point), 6))
+        q, kernel_arguments = plain_array(q), (plain_array(point), plain_array(normal))
+        for side, own, sign in zip((first, second), rows, (-1.0, 1.0), strict=True):
+            separation_rows(q, np.ascontiguousarray(side, np.int64), sign, *kernel_arguments, own)
+        return rows_of_two(self.nv, self.sparse, first, second, *rows)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         spin = v.reshape(-1, 6)[bodies - 1, 3:]
@@ -214,6 +225,16 @@ class FreeBodies:
         reach[6 * body - 3 : 6 * body] = radius + float(np.linalg.norm(centre))
         return reach
 
+    def are_lengths(self) -> Array:
+        return np.tile([True, True, True, False, False, False], self.independent_bodies)
 
-# relative difference of moments of inertia that counts as none
+    def unit_groups(self) -> list[Array]:
+        return [7 * np.arange(self.independent_bodies)[:, None] + np.arange(3, 7)]
+
+    def describe(self) -> str:
+        n = self.independent_bodies
+        return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom each"
+
+
+# relative difference of moments of inertia that counts as zero
 _ROUND = 1e-12

@@ -1,4 +1,4 @@
-"""What functions given by a user return: real numbers, finite ones."""
+"""Error messages about the results of functions that a user gives."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = np.ndarray
 
 
 def called(function: Callable[..., Any]) -> str:
-    """Return what a function is called, without its address."""
+    """Return the name of a function, without its address."""
     return str(getattr(function, "__name__", type(function).__name__))
 
 
 def not_finite(what: str, value: Array, t: float | None, q: Array, v: Array | None = None) -> DivergedError:
-    """Return the error that says what was not finite, when and where."""
+    """Return the error for a result that is not finite, with its time and state."""
     when = "" if t is None else f" at t = {t:.9g} s"
     if not np.isfinite(q).all() or (v is not None and not np.isfinite(v).all()):
         return DivergedError(f"the state{when} is not finite: q = {short(q)}; take a smaller step")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -10,16 +11,16 @@ from ..arguments import all_finite, function, integer, optional, returned
 from ..errors import InputError
 from ..projection import DenseMetric, FreeMotion, Metric
 from .given import called, not_finite, short
-from .system import Array
+from .system import Array, System
 
 # nodes and weights of Gauss and Legendre on [0, 1]
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(16)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(16)[1])
 
-# of the largest entry, by which M may differ from its transpose
+# largest difference between M and its transpose, relative to the largest entry
 _ASYMMETRIC = 1e-9
 
 
-class LagrangianSystem:
+class LagrangianSystem(System):
     """A system of d generalised coordinates, M(q) dv/dt = g(t, q, v) (equation 1).
 
     Parameters
@@ -31,13 +32,13 @@ class LagrangianSystem:
     dim : int
         d.
     potential : callable, optional
-        potential(q) -> potential energy [J]. Without it the energy takes minus the work of g(t, ., 0) along the
-        straight line from the origin to q, which is the potential where g at rest has one.
+        potential(q) -> potential energy [J]. Without it the potential energy is minus the work of g(t, ., 0) along the
+        straight line from the origin to q, which is exact where g at rest has a potential.
 
     Raises
     ------
     InputError
-        If an argument is not of its kind; at any call, if M or g has another shape or is no real number, or M is not
+        If an argument has a wrong type. At any call, if M or g has another shape or is no real number, or if M is not
         symmetric positive definite.
     DivergedError
         At any call, if M or g is not finite.
@@ -54,10 +55,9 @@ class LagrangianSystem:
         self._force = function(force, "force", "force(t, q, v) -> (d,)")
         self._potential = optional(function, potential, "potential", "potential(q) -> float")
         self.nq = self.nv = integer(dim, "dim", 1)
-        self.bodies: tuple[str, ...] = ("world",)
-        # of the last step, for what an error says
+        # time of the last step, for error messages
         self._t: float | None = None
-        # the last M, by its bytes, and its factor: often it is constant
+        # the bytes of the last M, and its factor: M is often constant
         self._known: tuple[bytes, DenseMetric] | None = None
 
     def __repr__(self) -> str:
@@ -75,7 +75,7 @@ class LagrangianSystem:
             raise InputError(f"mass ({called(self._mass)}) returned shape {M.shape}; ({size}, {size}) is expected")
         key = M.tobytes()
         if self._known is None or key != self._known[0]:
-            # a copy: the user may write to theirs
+            # a copy, because the user may change the array
             self._known = key, self._factorised(M.copy(), q)
         return self._known[1]
 
@@ -95,12 +95,12 @@ class LagrangianSystem:
     def _when(self) -> str:
         return "" if self._t is None else f" near t = {self._t:.9g} s"
 
-    velocity_dependent = True
-
     def check(self, t: float, q: Array, v: Array) -> None:
-        """Raise `InputError` unless M(q) and g(t, q, v) have their shapes and M its symmetry."""
         self.metric(q)
         self.force(t, q, v)
+
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        return self._mass, self._force
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         g = returned(self._force(t, q, v), f"force ({called(self._force)})")

@@ -1,7 +1,8 @@
-"""Pinocchio's results seen in place: poses, Jacobian columns and mass matrix of one Data as arrays.
+"""Views of Pinocchio's results in their own memory: poses, Jacobian columns and mass matrix of one Data as arrays.
 
-The ordinary getters cost more than the kernels that read them. Whether memory is laid out as expected is found out from
-the getters' own addresses, without reading anything; where it is not, the getters fill arrays of the same shape.
+The ordinary getters cost more than the kernels that use their results. The expected memory layout is verified by the
+addresses of the getters' arrays, without reading memory. Where the layout differs, the getters fill arrays of the same
+shape.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ import pinocchio as pin
 
 Array = np.ndarray
 
-# of one pose: 9 entries of the rotation column by column, then 3 of the translation
+# numbers of one pose: 9 of the rotation by columns, then 3 of the translation
 _POSE = 12
 _DOUBLE = 8
 
 
 class _Window:
-    """Memory of a Data under a shape; an array made of it keeps the Data alive."""
+    """Memory of a Data with a shape; an array made from it keeps the Data alive."""
 
     def __init__(self, data: pin.Data, address: int, shape: tuple[int, ...]) -> None:
         self._data = data
@@ -29,14 +30,14 @@ class _Window:
 
 
 class Memory:
-    """What crba in the world convention leaves behind.
+    """The results of crba in the world convention.
 
     Parameters
     ----------
     model : pinocchio.Model
         The mechanism.
     data : pinocchio.Data
-        Where its results are.
+        Holds the results.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Memory:
     mass : ndarray, shape (nv, nv)
         M in its lower triangle.
     in_place : bool
-        Whether these follow Pinocchio by themselves.
+        Whether the arrays are views that Pinocchio updates.
     """
 
     def __init__(self, model: pin.Model, data: pin.Data) -> None:
@@ -56,7 +57,7 @@ class Memory:
         self.check()
 
     def check(self) -> None:
-        """Look whether the layout is the expected one, and see the results in place or keep copies accordingly."""
+        """Verify the memory layout; make views if it is the expected one, and copies otherwise."""
         addresses = self._addresses()
         self.in_place = addresses is not None
         if addresses is not None:
@@ -68,28 +69,28 @@ class Memory:
             self.refresh()
 
     def refresh(self) -> None:
-        """Bring the arrays up to date where they do not follow by themselves."""
+        """Update the arrays where they are copies."""
         if not self.in_place:
             for array, read in zip((self.poses, self.columns, self.mass), self._read(), strict=True):
                 array[:] = read
 
     def _read(self) -> tuple[Array, Array, Array]:
-        """Return the same through the ordinary getters."""
+        """Return the same results through the ordinary getters."""
         poses = [np.vstack([pose.rotation.T, pose.translation]) for pose in self._data.oMi]
         _, columns, mass = self._shapes
-        # one degree of freedom comes as a vector
+        # with one degree of freedom the getter returns a vector
         return np.array(poses), self._data.J.reshape(6, -1).T.reshape(columns), self._data.M.T.reshape(mass)
 
     def _agrees(self) -> bool:
         read = self._read()
-        # bit by bit, for what was never computed may be anything
+        # bit by bit, because results that were never computed may be NaN
         return all(
             a.tobytes() == np.ascontiguousarray(b).tobytes()
             for a, b in zip((self.poses, self.columns, self.mass), read, strict=True)
         )
 
     def _addresses(self) -> tuple[int, int, int] | None:
-        """Return where poses, columns and mass matrix begin, or None if they do not lie as expected."""
+        """Return the addresses of poses, columns and mass matrix, or None if the layout is not the expected one."""
         first = _address(self._data.oMi[0].rotation)
         for k, pose in enumerate(self._data.oMi):
             here = first + k * _POSE * _DOUBLE
@@ -114,5 +115,5 @@ def _layout(array: Array) -> tuple[int, tuple[int, ...]]:
 
 
 def _is_view(array: Array, again: Array) -> bool:
-    """Tell a getter that shows memory from one that copies it: asked twice, it names the same place."""
+    """Return whether a getter returns a view: two calls then return the same address."""
     return _address(array) == _address(again)

@@ -1,8 +1,8 @@
-"""Bodies that move in a plane: q is that of three dimensions, v has two velocities along the plane and a rate of turn.
+"""Systems of bodies that move in a plane: q is that of three dimensions, v holds two velocities and a turning rate.
 
-A body's velocities in the plane are constant combinations of those in space: its centre's are taken in the world, and
-the axis it turns about, the plane's normal, stands still in it. So M is constant and diagonal, and nothing turns out of
-the plane.
+The velocities of a body in the plane are constant combinations of its velocities in space: those of its centre are in
+the world's axes, and its rotation axis, the normal of the plane, is fixed in the body. So M is constant and diagonal,
+and no body turns out of the plane.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..projection import DiagonalMetric
 from .bodies import FreeBodies, Spheres
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .system import Array
-from .turning import pulled_in_plane
+from .turning import planar_separation_rows
 
 
 class PlanarSpheres(Spheres):
@@ -36,15 +36,15 @@ class PlanarSpheres(Spheres):
         self.sparse = self.nv > MOST_DENSE
         self._along = _columns(axes)
         self._metric = DiagonalMetric(np.repeat(masses, 2))
-        # where in q its velocities go
+        # indices in q of the coordinates that velocities change
         self._places = np.add.outer(np.arange(0, self.nq, 3), np.arange(3)[self._along]).ravel()
         self._gravity = np.tile(gravity[self._along], len(masses))
         self._weight = masses[:, None] * gravity
 
     def integrate(self, q: Array, dv: Array) -> Array:
-        moved = q.copy()
-        moved[self._places] += dv
-        return moved
+        new = q.copy()
+        new[self._places] += dv
+        return new
 
     def difference(self, q0: Array, q1: Array) -> Array:
         return (q1 - q0).take(self._places)
@@ -53,8 +53,8 @@ class PlanarSpheres(Spheres):
         return float(-(q.reshape(-1, 3) * self._weight).sum())
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        pull = normal[:, self._along]
-        return rows_of_two(self.nv, self.sparse, first, second, -pull, pull)
+        rows = normal[:, self._along]
+        return rows_of_two(self.nv, self.sparse, first, second, -rows, rows)
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
         reach = np.zeros(self.nv)
@@ -83,8 +83,8 @@ class PlanarBodies(FreeBodies):
         self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
         self._along, self._normals = _columns(axes), normals
-        # the directions of the velocities, which go by the order of the world's axes, and the axis of turns
-        self._ways = np.vstack([np.eye(3)[self._along], axes[2]])
+        # directions of the velocities, in the order of the world's axes, and the rotation axis
+        self._directions = np.vstack([np.eye(3)[self._along], axes[2]])
         moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
         diagonal = np.stack([masses, masses, moments], axis=1).ravel()
         self._metric = DiagonalMetric(diagonal)
@@ -102,7 +102,7 @@ class PlanarBodies(FreeBodies):
         return super().integrate(q, self._in_space(dv))
 
     def _in_space(self, v: Array) -> Array:
-        """Return the velocities that bodies have in space."""
+        """Return the velocities of bodies in space."""
         flat, full = v.reshape(-1, 3), np.zeros((len(self._normals), 6))
         full[:, self._along] = flat[:, :2]
         full[:, 3:] = flat[:, 2:] * self._normals
@@ -128,11 +128,11 @@ class PlanarBodies(FreeBodies):
         return v
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        pulls, told = np.empty((2, len(point), 3)), (self._ways, plain_array(point), plain_array(normal))
-        place = plain_array(q)
-        for side, pull, sign in zip((first, second), pulls, (-1.0, 1.0), strict=True):
-            pulled_in_plane(place, np.ascontiguousarray(side, np.int64), sign, *told, pull)
-        return rows_of_two(self.nv, self.sparse, first, second, *pulls)
+        rows = np.empty((2, len(point), 3))
+        q, kernel_arguments = plain_array(q), (self._directions, plain_array(point), plain_array(normal))
+        for side, own, sign in zip((first, second), rows, (-1.0, 1.0), strict=True):
+            planar_separation_rows(q, np.ascontiguousarray(side, np.int64), sign, *kernel_arguments, own)
+        return rows_of_two(self.nv, self.sparse, first, second, *rows)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         return super().point_bias(q, self._in_space(v), bodies, points)
@@ -142,9 +142,12 @@ class PlanarBodies(FreeBodies):
         reach[3 * body - 3 : 3 * body - 1], reach[3 * body - 1] = 1.0, radius + float(np.linalg.norm(centre))
         return reach
 
+    def are_lengths(self) -> Array:
+        return np.tile([True, True, False], self.independent_bodies)
+
 
 def _columns(axes: Array) -> slice:
-    """Return which coordinates two axes of the world are, in ascending order."""
+    """Return the indices of the coordinates along two axes of the world, in ascending order."""
     first, second = np.argmax(axes[:2], axis=1).tolist()
     return slice(first, second + 1, second - first)
 
@@ -155,9 +158,9 @@ def planar_base(model: pin.Model, pose: pin.SE3, axes: Array) -> pin.Model:
     Parameters
     ----------
     model : pinocchio.Model
-        Its first joint is free.
+        A mechanism whose first joint is free.
     pose : pinocchio.SE3
-        Where the base starts: the angle of its joint is counted from there.
+        Initial pose of the base, from which the angle of its joint is counted.
     axes : ndarray, shape (3, 3)
         As `PlanarSpheres`.
     """
@@ -171,7 +174,7 @@ def planar_base(model: pin.Model, pose: pin.SE3, axes: Array) -> pin.Model:
         parent, place = model.parents[joint], model.jointPlacements[joint]
         flat.addJoint(parent, model.joints[joint], inner * place if parent == 1 else place, model.names[joint])
         flat.appendBodyToJoint(joint, model.inertias[joint], pin.SE3.Identity())
-    # past the base both list the same joints
+    # behind the base both have the same joints
     flat.lowerPositionLimit[4:], flat.upperPositionLimit[4:] = (
         model.lowerPositionLimit[7:], model.upperPositionLimit[7:]
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Gradients of many bodies: each row touches two of them, and the rest is not stored."""
+"""Sparse gradients of many bodies: each row has nonzero entries for two bodies only."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from scipy.sparse import csr_array
 
 Array = np.ndarray
 
-# [columns]; rows of more bodies than that are kept sparse
+# rows with more columns than this are sparse
 MOST_DENSE = 100
 
 
 def rows_from(data: Array, columns: Array, starts: Array, shape: tuple[int, int]) -> csr_array:
-    """Return sparse rows of arrays that are known to fit, without scipy's checks, which cost more than a product."""
+    """Return sparse rows without scipy's checks of the arrays, which cost more than a product with the rows."""
     rows = copy(_blank(shape))
     rows.data, rows.indices, rows.indptr = data, columns, starts
     return rows
@@ -23,30 +23,30 @@ def rows_from(data: Array, columns: Array, starts: Array, shape: tuple[int, int]
 
 @lru_cache(maxsize=4096)
 def _blank(shape: tuple[int, int]) -> csr_array:
-    """Return what rows of that shape are copied from: to make them anew takes ten times as long."""
+    """Return empty rows of a shape to copy from: constructing them costs ten times as much."""
     rows = csr_array(shape)
     rows.indptr = rows.indptr[:0]
     return rows
 
 
 def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
-    """Return rows that touch the blocks of two bodies, sparse or full.
+    """Return rows with entries in the blocks of two bodies, sparse or full.
 
     Parameters
     ----------
     nv : int
-        Columns in all; body k has the k-th block of them, counted from 1.
+        Number of columns; body k has the k-th block of them, counted from 1.
     first, second : ndarray of int, shape (m,)
         The bodies; 0 where that side has no columns.
     left, right : ndarray, shape (m, b)
-        What stands in their blocks.
+        The entries of their blocks.
     """
     m, b = left.shape
     if not sparse:
         rows = np.zeros((m, nv))
-        for side, pull in ((first, left), (second, right)):
+        for side, block in ((first, left), (second, right)):
             here = np.flatnonzero(side)
-            rows[here[:, None], b * side[here, None] - b + np.arange(b)] += pull[here]
+            rows[here[:, None], b * side[here, None] - b + np.arange(b)] += block[here]
         return rows
     bodies = np.stack([first, second], axis=1)
     columns = (b * bodies - b)[:, :, None] + np.arange(b)
@@ -62,7 +62,7 @@ def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array,
 
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
-    """Return rows put together from several systems': which rows, from which column on, and what stands there."""
+    """Return rows composed of blocks of several systems: indices of the rows, first column, and entries of each."""
     rows, columns, values = [], [], []
     for here, start, part in parts:
         block = csr_array(part).tocoo()
@@ -71,13 +71,13 @@ def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_arra
         values.append(block.data)
     if not rows:
         return csr_array((m, nv))
-    # narrow, as kernels ask
+    # of the integer type that kernels expect
     places = np.concatenate(rows).astype(np.int32), np.concatenate(columns).astype(np.int32)
     return csr_array((np.concatenate(values), places), shape=(m, nv))
 
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
-    """Return rows one part after the other, sparse where one of them is."""
+    """Return the rows of all parts, sparse if one part is."""
     full = [part for part in parts if isinstance(part, np.ndarray)]
     if len(full) == len(parts):
         return np.concatenate(full)

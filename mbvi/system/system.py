@@ -1,18 +1,31 @@
-"""What a scheme may ask of a mechanical system."""
+"""The base class of mechanical systems: everything that schemes, constraints and runs use of one."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..projection import FreeMotion, Metric, TreeFreeMotion
 
+if TYPE_CHECKING:
+    import pinocchio as pin
+
 Array = np.ndarray
 
 
-class System(Protocol):
+class Part(NamedTuple):
+    """One of the systems that a system consists of, and where its q, v and bodies begin."""
+
+    system: System
+    q: int
+    v: int
+    body: int
+
+
+class System:
     """M(q) dv/dt = g(t, q, v) on a configuration manifold (equation 1).
 
     Bodies are numbered from 1; body 0 is the world. Velocities are in the tangent space at q.
@@ -24,64 +37,138 @@ class System(Protocol):
     bodies : tuple of str
         Names, the world first.
     velocity_dependent : bool
-        Whether forces change with v, and may be worked out twice a step.
+        Whether forces change with v and may be evaluated twice a step.
+    controlled : bool
+        Whether a control acts.
+    loaded : bool
+        Whether external forces or a control of the whole scene act.
+    observe : callable or None
+        observe(contacts) gives the controls a function that returns the contacts of the last accepted step; called
+        after each step. None where no control looks at contacts.
+    independent_bodies : int
+        How many bodies move independently of each other, with equally many velocities each; 1 of a mechanism.
+    free_bodies : bool
+        Whether all bodies are free: forces on them change with neither q nor t.
+    can_hold : bool
+        Whether `hold` is implemented, so that bodies can sleep.
+    pull : float
+        Acceleration of free fall of bodies that can sleep [m/s^2].
+    sparse : bool
+        Whether `separation_rows` returns sparse rows.
+    can_be_sparse : bool
+        Whether `sparse` may be set from outside.
+    applied : ndarray, shape (nv,), or None
+        Generalised force from outside that the system adds to its own; None where it cannot.
+    damping : ndarray, shape (nv,), or None
+        Coefficients of joint damping that steps treat implicitly; None where there are none.
+    model : pinocchio.Model or None
+        The model of a mechanism.
+    name : str
+        Name of a mechanism.
 
     Notes
     -----
-    A method `start()`, where there is one, is called when a run starts.
+    A system of a user's own class need not derive from this class; see `GivenSystem`.
     """
 
     nq: int
     nv: int
-    bodies: tuple[str, ...]
-    velocity_dependent: bool
+    bodies: tuple[str, ...] = ("world",)
+    velocity_dependent: bool = True
+    controlled: bool = False
+    loaded: bool = False
+    observe: Callable[[Callable[[], tuple[Any, ...]]], None] | None = None
+    independent_bodies: int = 1
+    free_bodies: bool = False
+    can_hold: bool = False
+    pull: float = 0.0
+    sparse: bool = False
+    can_be_sparse: bool = False
+    applied: Array | None = None
+    damping: Array | None = None
+    model: pin.Model | None = None
+    name: str = ""
+
+    def start(self) -> None:
+        """Prepare for a run; called when one starts."""
+
+    def check(self, t: float, q: Array, v: Array) -> None:
+        """Raise `InputError` if functions of the user return something else than they should."""
+
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """Return the functions of the user that define the system."""
+        return ()
+
+    def located_parts(self) -> list[Part]:
+        """Return the systems that this one consists of, in the order of q and v; itself where it has no parts."""
+        return [Part(self, 0, 0, 0)]
+
+    def hold(self, held: Array) -> None:
+        """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
+        raise NotImplementedError
+
+    def added_acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the acceleration of free bodies by loads from outside, shape (nv,)."""
+        return np.zeros(self.nv)
+
+    def are_lengths(self) -> Array:
+        """Return which velocities are those of lengths and not of angles, shape (nv,) of bool; unknown ones count."""
+        return np.ones(self.nv, bool)
+
+    def unit_groups(self) -> list[Array]:
+        """Return the indices in q of unit quaternions and unit vectors, shapes (n, 4) and (n, 2)."""
+        return []
+
+    def describe(self) -> str:
+        """Return one line for a report."""
+        return f"a system of {self.nv} degrees of freedom"
 
     def integrate(self, q: Array, dv: Array) -> Array:
         """Return q + dv along the retraction, shape (nq,)."""
-        ...
+        raise NotImplementedError
 
     def difference(self, q0: Array, q1: Array) -> Array:
-        """Return the tangent vector, shape (nv,), that leads from q0 to q1."""
-        ...
+        """Return the tangent vector, shape (nv,), from q0 to q1."""
+        raise NotImplementedError
 
     def metric(self, q: Array) -> Metric:
         """Return M(q), factorised."""
-        ...
+        raise NotImplementedError
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         """Return g(t, q, v), shape (nv,) [N, N m]."""
-        ...
+        raise NotImplementedError
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         """Return v + h M^-1 g, shape (nv,)."""
-        ...
+        raise NotImplementedError
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
-        """Return v + h M^-1 g, shape (nv,), together with M(q); good until the system is asked about another q."""
-        ...
+        """Return v + h M^-1 g, shape (nv,), together with M(q); valid until a method is called with another q."""
+        raise NotImplementedError
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return M^-1 g, shape (nv,) [m/s^2, rad/s^2]."""
-        ...
+        raise NotImplementedError
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         """Return the rate of dv, shape (nv,), where `integrate(q, dv)` moves with the velocity v."""
-        ...
+        raise NotImplementedError
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
         """Return v' M v / 2 [J]."""
-        ...
+        raise NotImplementedError
 
     def potential_energy(self, t: float, q: Array) -> float:
         """Return the potential energy [J]."""
-        ...
+        raise NotImplementedError
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        """Return where bodies' frames are, shape (n, 4, 3): the three columns of the rotation, then the origin [m].
+        """Return the poses of bodies' frames, shape (n, 4, 3): the three columns of the rotation, then the origin [m].
 
-        A point x of the body is at (x, 1) times that.
+        A point x of the body is at (x, 1) times this matrix.
         """
-        ...
+        raise NotImplementedError
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
         """Return the gradient of the separation of two bodies at m contact points.
@@ -98,22 +185,32 @@ class System(Protocol):
         Returns
         -------
         ndarray or csr_array, shape (m, nv)
-            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse where the
-            system's attribute `sparse` says so.
+            Rows r with r . v = normal . (velocity of second - velocity of first) at the point; sparse if the system's
+            attribute `sparse` is true.
         """
-        ...
+        raise NotImplementedError
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
-        """Return the accelerations of points fixed to bodies while v does not change, shape (k, 3), in the world.
+        """Return the accelerations of points fixed to bodies at constant v, shape (k, 3), in the world.
 
         `points`, shape (k, 3), are in the bodies' own frames.
         """
-        ...
+        raise NotImplementedError
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
-        """Return how far each velocity can carry a point of a ball fixed to a body, shape (nv,) [m per unit].
+        """Return the largest displacement of points of a ball fixed to a body per velocity, shape (nv,) [m per unit].
 
-        No point of the ball moves by more than `reach @ |dv|` along the retraction by dv. Entries are positive
-        exactly for the velocities that move the body.
+        No point of the ball moves by more than `reach @ |dv|` along the retraction by dv. Entries are positive exactly
+        for the velocities that move the body.
         """
-        ...
+        raise NotImplementedError
+
+
+def located_parts(system: System) -> list[Part]:
+    """Return the mechanisms, bodies and spheres that a system consists of, with where each begins."""
+    return system.located_parts()
+
+
+def parts_of(system: System) -> tuple[System, ...]:
+    """Return the mechanisms, bodies and spheres that a system consists of, in the order of q and v."""
+    return tuple(part.system for part in system.located_parts())

@@ -1,4 +1,7 @@
-"""How free bodies move and turn, in flat arrays: q of 7 numbers a body, v of 6, as `FreeBodies` has them."""
+"""Kernels of free bodies in flat arrays: retraction, chart rates, accelerations, placements and gradients of gaps.
+
+q has 7 numbers for each body and v has 6, as in `FreeBodies`.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,20 @@ from ..compiled import kernel
 
 Array = np.ndarray
 
-# half the angle below which a series stands for what cancels
+# half the angle below which a series replaces a difference with cancellation
 _SMALL = 0.05
 
 
 @kernel("void(f8[::1], f8[::1], f8[::1])")
-def moved(q: Array, dv: Array, new: Array) -> None:
-    """Write where a tangent vector leads: centres straight on, rotations about a fixed axis.
+def integrate(q: Array, dv: Array, new: Array) -> None:
+    """Write the configuration that a tangent vector leads to: centres along lines, rotations about fixed axes.
 
     Parameters
     ----------
     q, dv : ndarray, shapes (7 n,) and (6 n,)
         Centres and quaternions; the tangent vector.
     new : ndarray, shape (7 n,)
-        Receives what `q` is after it, quaternions of unit length.
+        Receives the configuration, with quaternions of unit length.
     """
     for body in range(len(q) // 7):
         i, j = 7 * body, 6 * body
@@ -40,12 +43,12 @@ def moved(q: Array, dv: Array, new: Array) -> None:
 
 @kernel("void(f8[::1], f8[::1], f8[::1])")
 def chart_rates(dv: Array, v: Array, rate: Array) -> None:
-    """Write how fast tangent vectors change along a motion.
+    """Write the rates of tangent vectors along a motion.
 
     Parameters
     ----------
     dv, v : ndarray, shape (6 n,)
-        Where the motion is, as a tangent vector from a configuration that stays; its velocity.
+        The present configuration as a tangent vector from a fixed configuration, and the velocity.
     rate : ndarray, shape (6 n,)
         Receives d(dv)/dt.
     """
@@ -67,16 +70,16 @@ def chart_rates(dv: Array, v: Array, rate: Array) -> None:
 
 @kernel("void(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1])")
 def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: Array) -> None:
-    """Write the accelerations of bodies that nothing touches.
+    """Write the accelerations of bodies without contacts.
 
     Parameters
     ----------
     v : ndarray, shape (6 n,)
-        Velocities of the centres in the world, spins in the bodies.
+        Velocities of the centres in the world, angular velocities in the bodies' axes.
     pull : ndarray, shape (n, 3)
         Accelerations of the centres [m/s^2].
     inertias, inverses : ndarray, shape (n, 3, 3)
-        Inertias in the bodies [kg m^2], and their inverses.
+        Inertias in the bodies' axes [kg m^2], and their inverses.
     out : ndarray, shape (6 n,)
         Receives dv/dt.
     """
@@ -94,15 +97,15 @@ def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: 
 
 
 @kernel("void(f8[::1], i8[::1], f8[:,:,::1])")
-def placed(q: Array, bodies: Array, places: Array) -> None:
-    """Write where bodies are.
+def placements(q: Array, bodies: Array, places: Array) -> None:
+    """Write the poses of bodies.
 
     Parameters
     ----------
     q : ndarray, shape (7 n,)
         Centres and quaternions.
     bodies : ndarray of int, shape (k,)
-        From 1 on.
+        Numbers of bodies, from 1 on.
     places : ndarray, shape (k, 4, 3)
         Receives the columns of the rotation, then the centre.
     """
@@ -119,63 +122,63 @@ def placed(q: Array, bodies: Array, places: Array) -> None:
 
 
 @kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1])")
-def pulled(q: Array, bodies: Array, sign: float, points: Array, normals: Array, pulls: Array) -> None:
-    """Write how fast points of bodies move along normals with each velocity.
+def separation_rows(q: Array, bodies: Array, sign: float, points: Array, normals: Array, rows: Array) -> None:
+    """Write the rates of points of bodies along normals, per velocity.
 
     Parameters
     ----------
     q : ndarray, shape (7 n,)
         Centres and quaternions.
     bodies : ndarray of int, shape (k,)
-        From 1 on; of 0, the world, nothing moves.
+        Numbers of bodies, from 1 on; 0 is the world, whose rows are zero.
     sign : float
-        By which all is multiplied.
+        Factor of all rows.
     points, normals : ndarray, shape (k, 3)
         In the world.
-    pulls : ndarray, shape (k, 6)
+    rows : ndarray, shape (k, 6)
         Receives the rows.
     """
     for k in range(len(bodies)):
         if bodies[k] == 0:
             for c in range(6):
-                pulls[k, c] = 0.0
+                rows[k, c] = 0.0
             continue
         i = 7 * (bodies[k] - 1)
         a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
         x, y, z, w = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2], q[i + 6]
-        pulls[k, 0], pulls[k, 1], pulls[k, 2] = a, b, c
+        rows[k, 0], rows[k, 1], rows[k, 2] = a, b, c
         a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
-        # turned back into the body
+        # rotated into the body's axes
         x, y, z = -q[i + 3], -q[i + 4], -q[i + 5]
         d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-        pulls[k, 3] = a + w * d + y * f - z * e
-        pulls[k, 4] = b + w * e + z * d - x * f
-        pulls[k, 5] = c + w * f + x * e - y * d
+        rows[k, 3] = a + w * d + y * f - z * e
+        rows[k, 4] = b + w * e + z * d - x * f
+        rows[k, 5] = c + w * f + x * e - y * d
 
 
 @kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
-def pulled_in_plane(
-    q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, pulls: Array
+def planar_separation_rows(
+    q: Array, bodies: Array, sign: float, axes: Array, points: Array, normals: Array, rows: Array
 ) -> None:
-    """Write what `pulled` does for bodies that move in a plane.
+    """Write the rows of `separation_rows` for bodies that move in a plane.
 
     Parameters
     ----------
     q, bodies, sign, points, normals
-        As `pulled`.
+        As `separation_rows`.
     axes : ndarray, shape (3, 3)
-        In its rows the two directions of the velocities, and the axis of the turns.
-    pulls : ndarray, shape (k, 3)
+        In its rows the two directions of the velocities, and the rotation axis.
+    rows : ndarray, shape (k, 3)
         Receives the rows.
     """
     for k in range(len(bodies)):
         if bodies[k] == 0:
-            pulls[k, 0] = pulls[k, 1] = pulls[k, 2] = 0.0
+            rows[k, 0] = rows[k, 1] = rows[k, 2] = 0.0
             continue
         i = 7 * (bodies[k] - 1)
         a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
         x, y, z = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2]
         for row in range(2):
-            pulls[k, row] = axes[row, 0] * a + axes[row, 1] * b + axes[row, 2] * c
+            rows[k, row] = axes[row, 0] * a + axes[row, 1] * b + axes[row, 2] * c
         a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
-        pulls[k, 2] = axes[2, 0] * a + axes[2, 1] * b + axes[2, 2] * c
+        rows[k, 2] = axes[2, 0] * a + axes[2, 1] * b + axes[2, 2] * c

@@ -31,7 +31,7 @@ def of_coal(a, pose_a, b, pose_b):
 
 def contacts(constraint, q):
     """Gap, normal and point of every pair, by its number."""
-    rows = constraint.active(0.0, q, np.inf, None)
+    rows = constraint.contacts(0.0, q, np.inf)
     return {int(n): row for n, *row in zip(rows.constraint, rows.gap, rows.normal, rows.point, strict=True)}
 
 
@@ -145,8 +145,8 @@ def test_a_crowd_gives_the_rows_of_listed_pairs(rng):
     i, j = i[near], j[near]
     names = [f"{shapes[a].name} | {shapes[b].name}" for a, b in zip(i, j, strict=True)]
     listed = SignedDistances(problem.system, [shapes[a] for a in i], [shapes[b] for b in j], names, np.zeros(len(i)))
-    found = crowd.active(0.0, problem.q0, 0.1, None)
-    expected = listed.active(0.0, problem.q0, 0.1, None)
+    found = crowd.contacts(0.0, problem.q0, 0.1)
+    expected = listed.contacts(0.0, problem.q0, 0.1)
     assert len(found.gap) > 30
     assert [crowd.name(int(n)) for n in found.constraint] == [names[k] for k in expected.constraint]
     np.testing.assert_allclose(found.gap, expected.gap, atol=1e-12)

@@ -145,7 +145,7 @@ def test_sphere_contacts_equal_coal(rng):
     np.testing.assert_allclose(contacts.gap(0.0, q), expected, atol=1e-12)
     numeric = difference_quotient(system, lambda x: contacts.gap(0.0, x), q)
     np.testing.assert_allclose(contacts.gradient(0.0, q), numeric, atol=1e-7)
-    active = contacts.active(0.0, q, 1e-9, None)
+    active = contacts.contacts(0.0, q, 1e-9)
     assert active.gap.size == (np.array(expected) <= 1e-9).sum()
 
 
@@ -157,7 +157,7 @@ def test_joint_limits():
     q = np.array([-1.2, 9.0, 0.4])
     np.testing.assert_allclose(limits.gap(0.0, q), [-0.2, 2.2, 0.1])
     np.testing.assert_array_equal(limits.gradient(0.0, q), [[1, 0, 0], [-1, 0, 0], [0, 0, -1]])
-    active = limits.active(0.0, q, 0.0, None)
+    active = limits.contacts(0.0, q, 0.0)
     np.testing.assert_array_equal(active.constraint, [0])
     np.testing.assert_array_equal(active.jacobian, [[1, 0, 0]])
 
@@ -187,7 +187,7 @@ def test_a_flat_face_on_a_floor_gets_every_point_it_stands_on(shape, turn, count
     )
     q = np.array([0.0, 0, 1, 0, 0, 0, 1])
     q[2] -= contacts.gap(0.0, q)[0]
-    active = contacts.active(0.0, q, 1e-9, None)
+    active = contacts.contacts(0.0, q, 1e-9)
     assert len(np.unique(active.point.round(9), axis=0)) == count
     np.testing.assert_allclose(active.gap, 0, atol=1e-15)
 
@@ -201,7 +201,7 @@ def test_a_box_on_a_box_gets_four_points_each_with_its_own_gap(tilt, depth):
     contacts = SignedDistances(system, [below], [above], ["pair"], np.zeros(1))
     q = np.array([0.3, 0.2, 0.7 - depth, 0, np.sin(tilt / 2), 0, np.cos(tilt / 2)])
     q[2] -= 0.2 * abs(tilt) * (depth == 0)
-    found = contacts.contacts(q, np.array([0]), 1e-9)
+    found = contacts.measure(q, np.array([0]), 1e-9)
     assert len(found.gap) == 4
     R = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     corners = np.array([[x, y, -0.2] for x in (-0.2, 0.2) for y in (-0.2, 0.2)]) @ R.T + q[:3]
@@ -217,7 +217,7 @@ def test_a_rod_across_the_edge_of_a_table_has_two_points():
     rod = PlacedShape("rod", Cylinder(0.05, 0.8), 1, np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.zeros(3))
     contacts = SignedDistances(system, [table], [rod], ["pair"], np.zeros(1))
     q = np.array([0.3, 0, 0.55, 0, 0, 0, 1])
-    active = contacts.active(0.0, q, 1e-7, None)
+    active = contacts.contacts(0.0, q, 1e-7)
     np.testing.assert_allclose(sorted(active.point[:, 0]), [-0.1, 0.5], atol=1e-6)
     np.testing.assert_allclose(active.gap, 0, atol=1e-7)
 
@@ -233,7 +233,7 @@ def test_far_pairs_are_not_asked_and_near_ones_never_missed(rng):
     ask = pairs._measured
     pairs._measured = lambda places, due, *rest, **how: asked.append(len(due)) or ask(places, due, *rest, **how)
     for k, step in enumerate(mbvi.steps(problem, mbvi.Paoli(), step=2e-3)):
-        fresh.constraints._last = None
+        fresh.constraints.cache.forget()
         every = fresh.constraints.active(step.t, step.q, problem.tolerance)
         np.testing.assert_array_equal(step.active.constraint, every.constraint)
         np.testing.assert_array_equal(step.active.gap, every.gap)

@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from mbvi.geometry import refined_distance, separating_axis
+from mbvi.geometry import refined_distance
 from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined, separated
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 from support.distance_kernel_arguments import SHAPES, rotation, unit
+from support.plain.separating_axis import _compose, _reach_plain
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
 BODIES = np.array([0, 1])
@@ -79,8 +80,8 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
 
 def reach_of(axes, places, side, u):
     _, fixed, sizes, points, first = axes.supports
-    world = separating_axis._compose(places[side], fixed[side])
-    return separating_axis._reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
+    world = _compose(places[side], fixed[side])
+    return _reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))

@@ -59,9 +59,9 @@ def test_cells_find_what_a_look_at_all_triangles_finds(seed, tolerance):
     )
     problem = above(bumps(seed), positions, radii)
     constraint, q = problem.constraints.constraints[0], problem.q0
-    everything = constraint.active(0.0, q, np.inf, None)
+    everything = constraint.contacts(0.0, q, np.inf)
     near = everything.gap <= tolerance
-    found = constraint.active(0.0, q, tolerance, None)
+    found = constraint.contacts(0.0, q, tolerance)
     count = 0 if found is None else len(found.gap)
     assert count == near.sum()
     if count:

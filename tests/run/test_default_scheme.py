@@ -172,7 +172,7 @@ def test_the_run_says_what_was_chosen_and_its_file_too(tmp_path):
     _, step, reason = default_scheme(boxes(2), 0.1)
     assert (run.scheme, run.step, run.notes) == ("Centered", step, (reason,))
     again = mbvi.load(tmp_path / "run.h5")
-    assert again.notes == run.notes and again._scheme.project_positions
+    assert again.notes == run.notes and again.record.scheme.project_positions
     assert mbvi.simulate(grains(2), mbvi.Paoli(), duration=0.01).notes == ()
 
 

@@ -65,13 +65,13 @@ def test_links_that_are_not_watched_on_a_way_do_not_meet_on_it(rng):
     every, left_out = np.arange(len(links.names)), 0
     for _ in range(20):
         way = np.concatenate([np.zeros(6), rng.uniform(-1.0, 1.0, problem.system.nv - 6)])
-        swift = links.reach @ np.abs(way) > links.thickness
+        swift = links.reach() @ np.abs(way) > links.thickness
         watched = links.passable(problem.q0, way)[0]
         assert swift[watched].all()
         out = np.setdiff1d(every[swift], watched)
         left_out += len(out)
         for share in np.linspace(0.0, 1.0, 6):
-            assert (links.gaps(problem.system.integrate(problem.q0, share * way), out) > 0.0).all()
+            assert (links.pair_gap(0.0, problem.system.integrate(problem.q0, share * way), out) > 0.0).all()
     assert left_out > 100
 
 
@@ -176,15 +176,17 @@ def crowded(kind):
 
 
 @pytest.mark.parametrize("kind", ["spheres", "boxes"])
-def test_up_to_the_least_way_nothing_passes_and_beyond_it_something_may(kind):
+def test_up_to_the_least_displacement_nothing_passes_and_beyond_it_something_may(kind):
     problem, rng = crowded(kind), np.random.default_rng(0)
-    watched = [c for c in problem.constraints.constraints if hasattr(c, "least_way")]
+    watched = [
+        c for c in problem.constraints.families if c.passed_share() is None and np.isfinite(c.least_displacement())
+    ]
     assert watched
     for constraint in watched:
         beyond = 0
         for _ in range(200):
             way = rng.uniform(-1.0, 1.0, problem.system.nv)
-            way *= constraint.least_way / np.abs(way).max()
+            way *= constraint.least_displacement() / np.abs(way).max()
             assert not len(constraint.passable(problem.q0, 0.999 * way)[0])
             beyond += len(constraint.passable(problem.q0, 8.0 * way)[0]) > 0
         assert beyond

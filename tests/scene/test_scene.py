@@ -128,7 +128,7 @@ def test_restitution_by_pair_link_before_robot():
     problem = scene.build()
     by_name = {}
     for constraint in problem.constraints.constraints:
-        if hasattr(constraint, "names"):
+        if constraint.names:
             by_name.update(zip(constraint.names, constraint.restitution, strict=True))
     assert by_name["h/foot | floor"] == 0.9
     assert by_name["h/thigh_0 | floor"] == 0.5
@@ -202,7 +202,7 @@ BAD_SCENES = {
     "mass": (lambda s: s.add_box((1, 1, 1), mass=0.0), "mass must be positive"),
     "radius": (lambda s: s.add_sphere(np.nan), "radius must be positive"),
     "rotation": (lambda s: s.add_box((1, 1, 1), rotation=2 * np.eye(3)), "no rotation matrix"),
-    "parted name": (lambda s: s.add_sphere(0.1, name="a/b"), "part a thing from its pieces"),
+    "parted name": (lambda s: s.add_sphere(0.1, name="a/b"), "separate the parts of a name"),
     "name": (lambda s: [s.add_sphere(0.1, name="a") for _ in range(2)], "'a' is taken"),
     "base": (lambda s: s.add_urdf(ROBOTS / "hopper/hopper.urdf", base="flying"), "'free', 'fixed'"),
     "joint": (lambda s: s.add_urdf(ROBOTS / "hopper/hopper.urdf", joints={"ankle": 0.1}), "known are hip, knee"),

@@ -30,7 +30,7 @@ def test_mutated_robots(tmp_path):
 
 @pytest.mark.slow
 def test_many_mutated_robots(tmp_path):
-    check(tmp_path, range(10_000, 11_000))
+    check(tmp_path, range(10_500, 11_000))
 
 
 def test_a_robot_that_ends_the_process_is_found(tmp_path):

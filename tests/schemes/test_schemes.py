@@ -203,7 +203,7 @@ def test_percussions_balance_the_jump(scheme, problem, h=2e-3):
     """
     system, q, v, pressed = problem.system, problem.q0, problem.v0, 0
     for k, step in zip(range(500), mbvi.steps(problem, scheme, step=h), strict=False):
-        t, place = problem.t0 + k * h + scheme.jump * h, system.integrate(q, scheme.jump * h * v)
+        t, place = problem.t0 + k * h + scheme.timing.jump * h, system.integrate(q, scheme.timing.jump * h * v)
         if step.percussion.any() and k:
             half_on = 0.5 * (v + system.free_velocity(t, place, v, h))
             at = half_on if isinstance(scheme, mbvi.Centered) else v
@@ -231,7 +231,7 @@ def test_a_robot_falls_and_comes_to_rest_on_the_floor(scheme):
 def test_velocities_of_the_run_are_those_that_move_it(scheme):
     """What `at` gives between states: the velocity before the jump until there, the next from there on."""
     run = mbvi.simulate(Curved().problem(0.5), scheme, step=1e-2, duration=0.5)
-    h, part = 1e-2, scheme.jump
+    h, part = 1e-2, scheme.timing.jump
     for i in range(5, 40):
         moved = part * run.v[i] + (1 - part) * run.v[i + 1]
         if not getattr(scheme, "project_positions", False):

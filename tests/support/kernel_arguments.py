@@ -255,20 +255,20 @@ def bias(rng):
     )  # fmt: skip
 
 
-def use_up(rng):
+def consume_clearance(rng):
     n, nv = rng.integers(0, 5), rng.integers(1, 9)
-    spare = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
-    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), spare
+    clearance = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance
 
 
-def spend(rng):
+def list_candidates(rng):
     nv, n = rng.integers(1, 9), rng.integers(0, 12)
-    budget = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
+    clearance = rng.choice([-np.inf, 0.0, 1.0, np.inf], size=n) + rng.random(n)
     travel = rng.random(nv) * (rng.random(nv) < 0.7)
-    return budget, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
+    return clearance, rng.random((nv, n)), travel, 1e-8, np.full(n, -1)
 
 
-def sift(rng):
+def filter_active(rng):
     pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
     gap = rng.normal(size=len(pair))
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
@@ -656,14 +656,14 @@ ARGUMENTS = {
     "solve_island": solve_island,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
-    "moved": moved,
+    "integrate": moved,
     "chart_rates": chart_rates,
     "accelerations": accelerations,
-    "placed": placed,
-    "pulled": pulled,
-    "pulled_in_plane": pulled_in_plane,
+    "placements": placed,
+    "separation_rows": pulled,
+    "planar_separation_rows": pulled_in_plane,
     "_first_of_lines": first_of_lines,
-    "_struck": struck,
+    "_choose_rows": struck,
     "factor": factor,
     "_back": back,
     "solve": solve,
@@ -677,9 +677,9 @@ ARGUMENTS = {
     "row": row,
     "separation": separation,
     "_bias": bias,
-    "_use_up": use_up,
-    "_spend": spend,
-    "sift": sift,
+    "consume_clearance": consume_clearance,
+    "list_candidates": list_candidates,
+    "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,
     "_touch": touch,
@@ -690,7 +690,7 @@ ARGUMENTS = {
     "_ball_contacts": ball_contacts,
     "_leave": leave,
     "_most_facing": most_facing,
-    "_note": note,
+    "_record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {
@@ -757,7 +757,7 @@ def specified(name, result, arguments):
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "_first_of_lines":
         return [result, arguments[-1][:result]]
-    if name in ("_spend", "sift", "_clear"):
+    if name in ("list_candidates", "filter_active", "_clear"):
         # in its first places only
         count = result if name == "_clear" else result[0]
         arguments[-1] = arguments[-1][:count]

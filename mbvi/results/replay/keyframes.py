@@ -1,24 +1,24 @@
-"""What a replay shows of a run, free of any viewer: key times, placements, percussions, and the room they take."""
+"""Key frames of a replay, independent of the viewer: key times, placements, percussion arrows, and bounds."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments.checks import choice
+from ...arguments import choice
 from ...errors import InputError, MbviWarning
 from ...geometry.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
 from ...scene.visuals import visual_shapes
 
 if TYPE_CHECKING:
     from ...geometry.motion import Motion as Drive
+    from ...problem import Problem
     from ...scene.model import SceneModel
-    from ..trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -28,8 +28,27 @@ _MOST_ARROWS = 300
 _MOST_POSES = 60
 
 
-def scene_of(run: Trajectory) -> SceneModel:
-    """Return what a run's problem remembers of its scene.
+class PlayableRun(Protocol):
+    """The part of a `Trajectory` that a replay needs."""
+
+    @property
+    def t(self) -> Array:
+        """Times of the states [s]."""
+
+    @property
+    def impacts(self) -> tuple[Any, ...]:
+        """Impacts in order of time."""
+
+    @property
+    def problem(self) -> Problem | None:
+        """The problem with its scene."""
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return q and v at a time."""
+
+
+def scene_of(run: PlayableRun) -> SceneModel:
+    """Return the scene of a run.
 
     Raises
     ------
@@ -43,15 +62,15 @@ def scene_of(run: Trajectory) -> SceneModel:
         raise InputError(
             "this run has no scene to replay: its system was given as functions, not built by a Scene; chart t, q and v"
         )
-    return scene
+    return cast("SceneModel", scene)
 
 
-def shapes_of(run: Trajectory, shapes: str = "visual") -> list[PlacedShape]:
+def shapes_of(run: PlayableRun, shapes: str = "visual") -> list[PlacedShape]:
     """Return the shapes that a replay shows, on the bodies that carry them.
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     shapes : "visual" or "collision"
         Whether robots show their visual shapes or their collision shapes.
@@ -72,7 +91,7 @@ def shapes_of(run: Trajectory, shapes: str = "visual") -> list[PlacedShape]:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the bodies that carry shapes are at the key times.
+    """Poses of the bodies that carry shapes at the key times.
 
     Attributes
     ----------
@@ -96,12 +115,12 @@ class Motion:
     quaternion: Array
 
 
-def motion(run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
-    """Return where the bodies are, at 60 frames a second and at every impact (the 2000 strongest if there are more).
+def motion(run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None) -> Motion:
+    """Return the poses of bodies, at 60 frames a second and at every impact (the 2000 strongest if there are more).
 
     Parameters
     ----------
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
@@ -114,7 +133,7 @@ def motion(run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | N
     start, end = float(run.t[0]), float(run.t[-1])
     count = max(int(_FRAMES * (end - start) / speed), 1)
     strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:_MOST_INSTANTS]
-    # whole microseconds, so that no two keys are nearer than floats of the browser can tell
+    # whole microseconds, because nearer keys are equal in the single precision of the browser
     frames = np.round(np.linspace(0.0, (end - start) / speed, count + 1), 6)
     instants = np.round([(i.time - start) / speed for i in strongest], 6)
     times = np.unique(np.concatenate([frames, instants]))
@@ -124,14 +143,14 @@ def motion(run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | N
         places = run.problem.system.placements(run.at(float(t))[0], np.array(bodies))
         position[k] = places[:, 3]
         quaternion[k] = Rotation.from_matrix(places[:, :3].transpose(0, 2, 1)).as_quat()
-    # of the two quaternions of a rotation, the one nearer to the last
+    # of the two quaternions of a rotation, the one nearer to that of the frame before
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=2) < 0.0
     quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
     return Motion(bodies, times, at, np.isin(times, frames), position, quaternion)
 
 
 def carried(drive: Drive, times: Array) -> tuple[Array, Array]:
-    """Return where a prescribed motion takes the origin, shape (n, 3) [m], and rotations (x, y, z, w), shape (n, 4)."""
+    """Return the origins of a prescribed motion, shape (n, 3) [m], and its rotations (x, y, z, w), shape (n, 4)."""
     poses = [drive.pose(float(t)) for t in times]
     quaternion = Rotation.from_matrix(np.array([turn for turn, _ in poses])).as_quat()
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0.0
@@ -149,10 +168,11 @@ class Arrow:
     length: float
 
 
-def arrows(run: Trajectory) -> list[Arrow]:
+def arrows(run: PlayableRun) -> list[Arrow]:
     """Return the percussions at contact points in order of time, the 300 strongest if there are more.
 
-    The arrow points where the second body is pushed; its length grows as the root of the percussion, from 0.1 to 0.6.
+    The arrow has the direction of the percussion on the second body; its length grows from 0.1 to 0.6 as the root of
+    the percussion.
     """
     found = [
         (float(p), impact.time, point, normal)
@@ -166,7 +186,7 @@ def arrows(run: Trajectory) -> list[Arrow]:
 
 
 def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None = None) -> tuple[Array, Array]:
-    """Return two corners, shape (3,) [m], of a box that holds all motion, and of what is fixed what is near it.
+    """Return two corners, shape (3,) [m], of a box that holds all moving shapes, and fixed shapes near them.
 
     The shapes are those that are shown, the collision shapes by default.
     """
@@ -201,7 +221,7 @@ def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None
 
 
 def _poses(drive: Drive | None, times: Array) -> list[tuple[Array, Array]]:
-    """Return some poses of what moves on its own, the one of what does not."""
+    """Return some poses of a shape with a prescribed motion, or the pose of a fixed shape."""
     if drive is None:
         return [(np.eye(3), np.zeros(3))]
     return [drive.pose(float(t)) for t in times[:: max(1, len(times) // _MOST_POSES)]]

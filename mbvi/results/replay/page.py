@@ -1,4 +1,4 @@
-"""One page that holds the viewer, the scene and its animation."""
+"""One HTML page that holds the viewer, the scene and its animation."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Command(Protocol):
 class Page:
     """Takes the place of meshcat's window and keeps what is sent to it.
 
-    meshcat's own static page is not used: it asks for a server and lets its commands run in any order.
+    meshcat's own static page is not used: it needs a server and runs its commands in any order.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Replay in meshcat: live in a browser, or one page that plays by itself."""
+"""Replays a run in meshcat: live in a browser, or as one HTML page that plays without a server."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from .page import Page
 if TYPE_CHECKING:
     from ...geometry.shapes import PlacedShape
     from ...scene.model import SceneModel
-    from ..trajectory import Trajectory
+    from .keyframes import PlayableRun
 
-# seconds an arrow takes to vanish, of which it stays whole at first
+# duration of an arrow, and the part of it at full size [s]
 _FADE, _WHOLE = 0.3, 0.08
-# length of a whole arrow in lengths of the scene, at most
+# largest length of an arrow, in lengths of the scene
 _LONGEST = 10.0
-# what a straight track may cut off a corner: in half diagonals of the motion, and in entries of a quaternion
+# largest error of a track between its keys: in half diagonals of the motion, and in entries of a quaternion
 _SLACK = 1e-3
-# where the camera stands as seen from the middle, how much it sees, and the least width of a window [heights]
+# direction of the camera from the middle of the scene, field of view [degrees], smallest width of a window [heights]
 _DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
 _FIELD, _ASPECT = 40.0, 1.3
 
 
-def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
+def replay(run: PlayableRun, speed: float = 1.0, shapes: str = "visual") -> None:
     """Show a run in a browser through meshcat; returns when it has played.
 
     Parameters
     ----------
-    run : Trajectory
-        What to show; see `arrows` for the percussions.
+    run : PlayableRun
+        The run to show; see `arrows` for the percussions.
     speed : float
         Seconds of the run per second of the replay.
     shapes : "visual" or "collision"
@@ -72,13 +72,13 @@ def replay(run: Trajectory, speed: float = 1.0, shapes: str = "visual") -> None:
     time.sleep(float(run.t[-1] - run.t[0]) / speed)
 
 
-def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "visual") -> None:
+def replay_html(run: PlayableRun, path: str | os.PathLike[str], shapes: str = "visual") -> None:
     """Write one page that plays a run at true speed, with no server and no network.
 
     Parameters
     ----------
-    run : Trajectory
-        What to show; see `arrows` for the percussions.
+    run : PlayableRun
+        The run to show; see `arrows` for the percussions.
     path : path
         The page; an old one is replaced.
     shapes : "visual" or "collision"
@@ -102,7 +102,7 @@ def replay_html(run: Trajectory, path: str | os.PathLike[str], shapes: str = "vi
 
 
 def stage(
-    vis: meshcat.Visualizer, run: Trajectory, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
+    vis: meshcat.Visualizer, run: PlayableRun, speed: float = 1.0, shown: Sequence[PlacedShape] | None = None
 ) -> Animation:
     """Draw the scene of a run as it starts, and return its animation.
 
@@ -110,7 +110,7 @@ def stage(
     ----------
     vis : meshcat.Visualizer
         Where to draw.
-    run : Trajectory
+    run : PlayableRun
         A run with a scene.
     speed : float
         Seconds of the run per second of the replay.
@@ -128,14 +128,14 @@ def stage(
         node = frames[id(wall.motion)]["walls"][_label(k, name)]
         others = [w for w in scene.walls.values() if w is not wall and w.motion is wall.motion]
         node.set_object(plate_mesh(wall, others, lower, upper))
-        # it is drawn from its free side only, and must not take the light from behind either
+        # a wall is drawn from its free side only, and must not cast a shadow from behind
         _cast_shadow(node["<object>"], False)
     for k, item in enumerate(scene.surfaces):
         node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
         node.set_object(sheet_mesh(item.placed()))
         _cast_shadow(node["<object>"], False)
     _draw_shapes(vis, shown, moves, frames, radius, animation)
-    # among many small bodies long arrows would hide them
+    # long arrows would hide many small bodies
     length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
     _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
     return animation
@@ -144,7 +144,7 @@ def stage(
 def _frames(
     vis: meshcat.Visualizer, scene: SceneModel, moves: Motion, radius: float, animation: Animation
 ) -> dict[int, meshcat.Visualizer]:
-    """Return the node of what stands still, by the id of None, and one for each motion of what moves on its own."""
+    """Return the node of fixed things, by the id of None, and a node for each prescribed motion by its id."""
     frames = {id(None): vis}
     for k, drive in enumerate(scene.motions):
         node = frames[id(drive)] = vis["driven"][str(k)]
@@ -155,7 +155,7 @@ def _frames(
 def _animate(
     node: meshcat.Visualizer, moves: Motion, position: Array, quaternion: Array, radius: float, animation: Animation
 ) -> None:
-    """Place a node and let it move."""
+    """Place and animate a node."""
     node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
     tracks = {
         "position": _track("position", "vector3", moves, position, _SLACK * radius),
@@ -186,7 +186,7 @@ def _draw_shapes(
 
 
 def _draw_arrows(
-    vis: meshcat.Visualizer, run: Trajectory, length: float, speed: float, end: float, animation: Animation
+    vis: meshcat.Visualizer, run: PlayableRun, length: float, speed: float, end: float, animation: Animation
 ) -> None:
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]
@@ -210,7 +210,7 @@ def _draw_arrows(
 
 
 class _Track(AnimationTrack):
-    """A track whose keys go to the browser as two arrays of floats: a quarter of the bytes of a list of keys."""
+    """A track that sends its keys as two arrays of floats, a quarter of the bytes of a list of keys."""
 
     def lower(self) -> dict[str, Any]:
         return {
@@ -222,7 +222,7 @@ class _Track(AnimationTrack):
 
 
 def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> _Track | None:
-    """Return the track of one body, without impacts that did not bend its path; None if it never moved."""
+    """Return the track of one body, without keys at impacts that did not change its path; None if it never moved."""
     if np.abs(values - values[0]).max() <= 1e-3 * slack:
         return None
     at, frame = moves.times, moves.frame
@@ -261,7 +261,7 @@ def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -
 
 
 class _Property(SetProperty):
-    """A property by its exact name: meshcat would write it in lower case."""
+    """A property with its exact name, which meshcat would convert to lower case."""
 
     def lower(self) -> dict[str, Any]:
         return {**super().lower(), "property": self.key}
@@ -278,7 +278,7 @@ def _pose(rotation: Array, position: Array) -> Array:
 
 
 def _turn_to(direction: Array) -> Array:
-    """Return a rotation, shape (3, 3), that takes z to a unit direction."""
+    """Return a rotation, shape (3, 3), that rotates z to a unit direction."""
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     side = np.cross(other, direction)
     side /= np.linalg.norm(side)
@@ -286,5 +286,5 @@ def _turn_to(direction: Array) -> Array:
 
 
 def _label(number: int, name: str) -> str:
-    """Return a name no other node has, and that meshcat does not take for a path."""
+    """Return a unique name of a node without slashes, which meshcat reads as a path."""
     return f"{number} {name}".replace("/", " ")

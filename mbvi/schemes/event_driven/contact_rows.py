@@ -1,22 +1,14 @@
-"""Every row of an admissible set, near or far: what a scheme that locates impacts follows along a motion."""
+"""Gaps and gradients of every row of an admissible set, near or far, for `EventDriven`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ...constraints.admissible_set import AdmissibleSet
-from ...constraints.broad_phase import BroadPhasePairs
-from ...constraints.given import Given
-from ...constraints.half_space import HalfSpaceContacts
-from ...constraints.joint_limit import JointLimits
-from ...constraints.pairs import Contacts, Pairs
+from ...constraints import AdmissibleSet, ConstraintFamily, RowTable
 from ...constraints.rows import Array
-from ...constraints.signed_distance import SignedDistances
-from ...constraints.sphere_surface import SphereSurface
-from ...constraints.sphere_walls import SphereWalls
-from ...constraints.spheres import SphereContacts
 from ...errors import UnsuitableError
 from ...system.lengths import velocity_units
 
@@ -73,51 +65,41 @@ class SmoothRows:
     def __init__(self, constraints: AdmissibleSet, t: float, q: Array, length: float = 1.0) -> None:
         self._system = constraints.system
         self._units = velocity_units(constraints.system, length)
-        self._parts: list[tuple[Any, slice]] = []
-        columns: list[tuple[Array, ...]] = []
-        start = 0
-        self._given: dict[int, Given] = {}
-        for constraint, first, e in constraints.numbered():
-            if (
-                isinstance(constraint, BroadPhasePairs)
-                or getattr(constraint, "size", 0) * self._system.nv > _MOST_NUMBERS
-            ):
-                raise UnsuitableError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
-            given = constraints.given(constraint)
-            number, *described = _describe(constraint, e, self._system.nv, t, q)
-            if given is not None:
-                self._given[id(constraint)] = given
-            columns.append((number + first, *described))
-            self._parts.append((constraint, slice(start, start + len(number))))
-            start += len(number)
+        self._parts: list[tuple[ConstraintFamily, slice]] = []
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), np.zeros((0, self._system.nv)), np.zeros(0))
-        stacked = [np.concatenate(parts) for parts in zip(empty, *columns, strict=True)]
-        self.number, self.restitution, self.smooth, self.reach, self.thickness = stacked
+        columns: list[tuple[Array, ...]] = [empty]
+        start = 0
+        for family, first, e in constraints.numbered():
+            if not family.tracked or family.size * self._system.nv > _MOST_NUMBERS:
+                raise UnsuitableError("there are too many bodies for EventDriven: take StewartTrinkle or Centered")
+            table = _completed(family.row_table(t, q), e, self._system.nv)
+            columns.append((table[0] + first, *table[1:]))
+            self._parts.append((family, slice(start, start + len(table[0]))))
+            start += len(table[0])
+        self.number, self.restitution, self.smooth, self.reach, self.thickness = map(
+            np.concatenate, zip(*columns, strict=True)
+        )
         self.all = np.arange(start)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
-        self._known: dict[bytes, list[tuple[Any, Array]]] = {}
+        self._known: dict[bytes, list[tuple[ConstraintFamily, Array]]] = {}
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""
-        return self._each(t, q, index, self._gaps, np.zeros(0))
+        return self._each(index, lambda family, rows: family.row_gap(t, q, rows), np.zeros(0))
 
-    def at_least(self, t: float, q: Array, index: Array) -> Array:
-        """Return what f(q) of some rows in ascending order is at least, shape (k,): itself where it is not positive."""
-        return self._each(t, q, index, self._bounds, np.zeros(0))
+    def lower_bounds(self, t: float, q: Array, index: Array) -> Array:
+        """Return lower bounds of f(q) of some rows in ascending order, shape (k,): positive ones, or f(q) itself."""
+        return self._each(index, lambda family, rows: family.row_lower_bound(t, q, rows), np.zeros(0))
 
     def gradients(self, t: float, q: Array, index: Array) -> Array:
         """Return grad f of some rows in ascending order, shape (k, nv)."""
-        return self._each(t, q, index, self._gradients, np.zeros((0, self._system.nv)))
+        nothing = np.zeros((0, self._system.nv))
+        return self._each(index, lambda family, rows: family.row_gradient(t, q, rows), nothing)
 
     def bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
         """Return (dJ/dt) v of some rows in ascending order, shape (k,): how fast their rates change at constant v."""
-        parts = [
-            constraint.bias(q, v, own) if isinstance(constraint, HalfSpaceContacts | JointLimits)
-            else np.full(len(own), np.nan)
-            for constraint, own in self._owners(index)
-        ]  # fmt: skip
-        bias = np.concatenate([np.zeros(0), *parts])
+        bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
         unknown = np.isnan(bias)
         if unknown.any():
             bias[unknown] = self._difference(t, q, v, index[unknown])
@@ -132,70 +114,35 @@ class SmoothRows:
         rates = [self.gradients(t, move(q, k * s * v), index) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
         return np.asarray((rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s))
 
-    def touch(self, t: float, q: Array, index: Array) -> None:
-        """Check the gradients that users gave of rows that touch; see `Given.touch`."""
-        if self._given:
-            for constraint, own in self._owners(index):
-                given = self._given.get(id(constraint))
-                if given is not None:
-                    gap = given.gaps(t, q)
-                    given.touch(t, q, own, gap, given.gradients(t, q))
+    def check(self, t: float, q: Array, index: Array) -> None:
+        """Check the gradients that a user gave of some closed rows."""
+        for family, rows in self._split(index):
+            family.check_rows(t, q, rows)
 
     def points(self, t: float, q: Array, index: Array) -> tuple[Array, Array]:
         """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
-        both = self._each(t, q, index, self._places, np.zeros((0, 6)))
+        both = self._each(index, lambda family, rows: np.hstack(family.row_points(t, q, rows)), np.zeros((0, 6)))
         return both[:, :3], both[:, 3:]
 
-    def _each(self, t: float, q: Array, index: Array, ask: Any, nothing: Array) -> Array:
-        found = [ask(constraint, t, q, own) for constraint, own in self._owners(index)]
+    def _each(self, index: Array, evaluate: Callable[[ConstraintFamily, Array], Array], nothing: Array) -> Array:
+        """Return what `evaluate` returns of the rows of each family, one family after the other."""
+        found = [evaluate(family, rows) for family, rows in self._split(index)]
         return found[0] if len(found) == 1 else np.concatenate([nothing, *found])
 
-    def _owners(self, index: Array) -> list[tuple[Any, Array]]:
-        """Return which of each constraint's own rows are asked for; the same few sets come again and again."""
+    def _split(self, index: Array) -> list[tuple[ConstraintFamily, Array]]:
+        """Return the families of some rows, each with its own rows; the same few sets come again and again."""
         key = index.tobytes()
-        owners = self._known.get(key)
-        if owners is None:
+        split = self._known.get(key)
+        if split is None:
             if len(self._known) >= _MOST_SETS:
                 self._known.clear()
             ends = np.searchsorted(index, [rows.start for _, rows in self._parts] + [len(self.all)])
-            owners = self._known[key] = [
-                (constraint, index[low:high] - rows.start)
-                for (constraint, rows), low, high in zip(self._parts, ends[:-1], ends[1:], strict=True)
+            split = self._known[key] = [
+                (family, index[low:high] - rows.start)
+                for (family, rows), low, high in zip(self._parts, ends[:-1], ends[1:], strict=True)
                 if high > low
             ]
-        return owners
-
-    def _gaps(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if isinstance(constraint, Pairs):
-            return _contacts(constraint, q, own)[1]
-        given = self._given.get(id(constraint))
-        if given is not None:
-            return given.gaps(t, q)[own]
-        return np.atleast_1d(np.asarray(constraint.gap(t, q), dtype=float))[own]
-
-    def _bounds(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if isinstance(constraint, SignedDistances):
-            return constraint.at_least(q, own)
-        return self._gaps(constraint, t, q, own)
-
-    def _gradients(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if isinstance(constraint, Pairs):
-            pair, _, point, normal = _contacts(constraint, q, own)
-            first, second = constraint.sides(pair)
-            return self._system.separation_rows(q, first, second, point, normal)
-        if isinstance(constraint, JointLimits):
-            return constraint.rows(own)
-        given = self._given.get(id(constraint))
-        if given is not None:
-            return given.gradients(t, q)[own]
-        return np.atleast_2d(np.asarray(constraint.gradient(t, q), dtype=float))[own]
-
-    def _places(self, constraint: Any, t: float, q: Array, own: Array) -> Array:
-        if isinstance(constraint, Pairs):
-            return np.concatenate(_contacts(constraint, q, own)[2:], axis=1)
-        if isinstance(constraint, SphereContacts | SphereWalls | SphereSurface):
-            return np.concatenate(constraint.places(q), axis=1)[own]
-        return np.full((len(own), 6), np.nan)
+        return split
 
 
 def _extent(system: Any, q: Array) -> float:
@@ -204,34 +151,13 @@ def _extent(system: Any, q: Array) -> float:
     return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
 
 
-def _describe(constraint: Any, e: float, nv: int, t: float, q: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return number, restitution, smoothness, reach and thickness of each row of one constraint."""
-    if isinstance(constraint, SphereContacts):
-        i, j = np.triu_indices(constraint.count, 1)
-        number, own = i * constraint.count + j, constraint.restitution_of(i, j)
-        return number, own, np.ones(len(i), bool), constraint.reach_of(i, j), constraint.thickness_of(i, j)
-    if isinstance(constraint, HalfSpaceContacts):
-        pair = constraint.owner
-        smooth = np.ones(len(pair), bool)
-        return pair, constraint.restitution[pair], smooth, constraint.reach[pair], constraint.thickness[pair]
-    if isinstance(constraint, SignedDistances):
-        pair = np.arange(len(constraint.names))
-        return pair, constraint.restitution, constraint.round, constraint.reach, constraint.thickness
-    if isinstance(constraint, SphereWalls):
-        number, own = np.arange(constraint.size), constraint.restitution
-        return number, own, np.ones(len(number), bool), np.full((len(number), nv), np.inf), np.full(len(number), np.inf)
-    if isinstance(constraint, SphereSurface):
-        # which feature is nearest changes
-        number = np.arange(constraint.size)
-        jumping, reach = np.zeros(len(number), bool), np.full((len(number), nv), np.inf)
-        return number, constraint.restitution, jumping, reach, np.full(len(number), np.inf)
-    size = len(np.atleast_1d(constraint.gap(t, q)))
-    own = np.broadcast_to(np.asarray(getattr(constraint, "restitution", e), dtype=float), (size,))
-    known = isinstance(constraint, JointLimits)
-    reach = np.abs(constraint.gradient(t, q)) if known else np.full((size, nv), np.inf)
-    return np.arange(size), own, np.ones(size, bool), reach, np.full(size, np.inf)
-
-
-def _contacts(constraint: Pairs, q: Array, own: Array) -> Contacts:
-    """Return some rows of pairs: points over half-spaces, the nearest points of others."""
-    return constraint.standing(q, own) if isinstance(constraint, HalfSpaceContacts) else constraint.nearest(q, own)
+def _completed(table: RowTable, e: float, nv: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the columns of a table, with the problem's e and infinite numbers in place of unknown ones."""
+    number, own, smooth, reach, thickness = table
+    return (
+        number,
+        np.where(np.isnan(own), e, own),
+        smooth,
+        np.full((len(number), nv), np.inf) if reach is None else reach,
+        np.full(len(number), np.inf) if thickness is None else thickness,
+    )

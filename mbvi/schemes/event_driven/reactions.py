@@ -1,4 +1,4 @@
-"""Reactions of closed contacts over a stride of the smooth motion."""
+"""Percussions of closed contacts: the integral of their forces over a smooth step."""
 
 from __future__ import annotations
 
@@ -9,31 +9,39 @@ import numpy as np
 from ...projection import Projector
 from ...system.system import Array
 from ..step import closes, still_rates
-from .integrator import EventDrivenIntegrator
+from .motion_state import MotionState
 from .release_events import complementarity
 from .runge_kutta import RungeKuttaStep
 
-# Gauss's nodes and weights on a stride: exact for polynomials of degree seven, as its dense output
+# Gauss's nodes and weights on a step: exact for polynomials of degree seven, the degree of the dense output
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def reactions(walk: EventDrivenIntegrator, stride: RungeKuttaStep) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield constraint, point, normal and percussion of what pressed during the stride that a motion just took.
+def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Yield constraint, point, normal and percussion of the contacts of the step that the integrator just took.
 
-    The percussions of all that is yielded add up to the integral of the reactions over the stride. Where contacts
-    depend on each other they share it by the least percussions that are not negative.
+    The percussions add up to the integral of the contact forces over the step. Where contacts depend on each other, the
+    integral is split into the least percussions that are not negative.
+
+    Parameters
+    ----------
+    state : MotionState
+        The state at the end of the step.
+    step : RungeKuttaStep
+        The step.
     """
-    step, closed = walk.fallback, walk.closed
-    if stride.h <= 0.0:
+    fallback, closed = state.fallback, state.closed
+    if step.h <= 0.0:
         return
-    if step is not None:
-        # an impact has all the percussions of its step
-        if not closes(step.rates, still_rates(walk.problem, step.active.constraint)).any():
-            yield step.active.constraint, step.active.point, step.active.normal, step.percussion
+    if fallback is not None:
+        # an impact in the step holds all its percussions
+        active = fallback.active
+        if not closes(fallback.rates, still_rates(state.problem, active.constraint)).any():
+            yield active.constraint, active.point, active.normal, fallback.percussion
     elif closed.size:
-        # a projector of its own: what another remembers may change the rounding of the motion
-        projector = Projector(walk.projector.residual, walk.projector.solver)
-        for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * stride.h, strict=True):
-            t, (q, v) = stride.t + node * stride.h, stride.at(walk.system, node)
-            press, _ = complementarity(walk.flow, projector, t, q, v, closed)
-            yield walk.rows.number[closed], *walk.rows.points(t, q, closed), weight * press
+        # a projector of its own: the integrator's keeps solutions between calls, which changes rounding
+        projector = Projector(state.projector.residual, state.projector.solver)
+        for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * step.h, strict=True):
+            t, (q, v) = step.t + node * step.h, step.at(state.system, node)
+            forces, _ = complementarity(state.flow, projector, t, q, v, closed)
+            yield state.rows.number[closed], *state.rows.points(t, q, closed), weight * forces

@@ -1,4 +1,4 @@
-"""The smooth motion between events: a Runge-Kutta method of order eight, each step in a chart of its own."""
+"""Runge-Kutta steps of order eight for the smooth motion between events, each in its own chart."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ...system import System
 from ...system.system import Array
 from .contact_rows import SmoothRows
 
-# singular values of the Delassus matrix below this are none
+# singular values of the Delassus matrix below this count as zero
 _DEPENDENT = 1e-10
-# pivots of its factor, in lengths of the rows, above which these are independent beyond doubt
+# pivots of its factor, in lengths of the rows, above which the rows are certainly independent
 _INDEPENDENT = 1e-3
-# of the dense output
+# degree of the dense output
 DEGREE = 7
 _POWERS = np.arange(1, DEGREE + 1)
-# what a coordinate may travel beyond the fastest of the stages
+# factor between the travel of a coordinate at the rate of the fastest stage and the bound of its travel
 _MARGIN = 1.2
 
 
@@ -36,15 +36,16 @@ class RungeKuttaStep(NamedTuple):
     q, v : ndarray, shapes (nq,) and (nv,)
         State at the end.
     a : ndarray, shape (nv,) or (2 nv,)
-        What `Flow.acceleration` gives there.
+        `Flow.acceleration` at the end.
     travel : ndarray, shape (nv,)
-        Bound of what each coordinate of the chart travelled.
+        Bound of the travel of each coordinate of the chart.
     rates : ndarray, shape (16, nv + len(a))
-        Of each stage the rate of the chart's coordinates, then the acceleration; the last three are for `completed`.
+        Of each stage the rate of the chart's coordinates, then the acceleration; the last three stages belong to the
+        dense output.
     error : ndarray, shape (nv + len(a),)
-        Estimated error of the chart's coordinates, of v and, where contacts are closed, of what v would gain without.
+        Estimated error of the chart's coordinates, of v and, where contacts are closed, of v without contact forces.
     dense : ndarray, shape (2, nv, 7)
-        Polynomials of both in the share of the step; NaN until `completed`.
+        Polynomials of both in the share of the step; NaN before `Flow.with_dense_output`.
     """
 
     t: float
@@ -65,23 +66,23 @@ class RungeKuttaStep(NamedTuple):
         return system.integrate(self.q0, dq), self.v0 + dv
 
     def prolonged(self, system: System, time: float) -> RungeKuttaStep:
-        """Return the step with its end moved by a time so short that a parabola leads there."""
+        """Return the step with its end moved by a time so short that a parabola is exact enough."""
         a = self.a[: len(self.v)]
         q = system.integrate(self.q, time * self.v + 0.5 * time**2 * a)
         return self._replace(h=self.h + time, q=q, v=self.v + time * a)
 
 
-def pushed(metric: Metric, J: Array, missing: Array) -> Array:
-    """Return M^-1 J' p of the least p that gives every row what it is missing, of dependent rows too."""
-    turned = metric.solve_rows(J)
-    return np.asarray(least_push(J @ turned.T, missing) @ turned)
+def velocity_change(metric: Metric, J: Array, change: Array) -> Array:
+    """Return M^-1 J' p for the least p that changes J v by `change`; rows may depend on each other."""
+    inverse_mass_rows = metric.solve_rows(J)
+    return np.asarray(least_percussion(J @ inverse_mass_rows.T, change) @ inverse_mass_rows)
 
 
-def least_push(G: Array, missing: Array) -> Array:
-    """Return the least p with G p = missing, G the Delassus matrix of rows that may depend on each other."""
-    factor, p, info = lapack.dposv(G, missing)
+def least_percussion(G: Array, change: Array) -> Array:
+    """Return the least p with G p = change, G the Delassus matrix of rows that may depend on each other."""
+    factor, p, info = lapack.dposv(G, change)
     if info or (factor.diagonal() < _INDEPENDENT * np.sqrt(G.diagonal())).any():
-        p = np.linalg.lstsq(G, missing, rcond=_DEPENDENT)[0]
+        p = np.linalg.lstsq(G, change, rcond=_DEPENDENT)[0]
     return np.asarray(p)
 
 
@@ -91,18 +92,18 @@ class Flow:
     Parameters
     ----------
     problem : Problem
-        What moves.
+        The problem with its system.
     rows : SmoothRows
-        Its constraints.
+        The rows of its constraints.
 
     Notes
     -----
-    Dormand and Prince's method of order 8 with its two error estimates and its dense output, of three stages more
-    (Hairer, Norsett, Wanner 1993, II.5 and II.6), in a chart of its own a step (Munthe-Kaas 1999).
+    Dormand and Prince's method of order 8 with its two error estimates and its dense output, which takes three more
+    stages (Hairer, Norsett, Wanner 1993, II.5 and II.6). Each step has its own chart (Munthe-Kaas 1999).
     """
 
     def __init__(self, problem: Problem, rows: SmoothRows) -> None:
-        # imported here for its weight
+        # imported here because it is slow to import
         from scipy.integrate import DOP853
 
         self.system, self.rows = problem.system, rows
@@ -116,20 +117,20 @@ class Flow:
         self._stages, self._e = n, np.array([DOP853.E5, DOP853.E3])
         self._p = _dense_polynomials(DOP853.B, DOP853.D)
 
-    def reactions(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
-        """Return the free acceleration, M, J and what J a of the closed rows must be to keep them closed."""
+    def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
+        """Return the free acceleration, M, J, and the value of J a that keeps the closed rows closed."""
         free = self.system.acceleration(t, q, v)
         return free, self.system.metric(q), self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
 
     def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
-        """Return dv/dt with the given rows kept closed, and behind it, if there are any, what it were without them.
+        """Return dv/dt with the given rows kept closed, followed by dv/dt without contact forces if there are any rows.
 
-        The error of both is controlled: what contacts hold in place would else hide how their forces vary.
+        The error of both is controlled: closed contacts keep bodies in place and would hide how their forces vary.
         """
         if not closed.size:
             return self.system.acceleration(t, q, v)
-        free, metric, J, wanted = self.reactions(t, q, v, closed)
-        return np.concatenate([free + pushed(metric, J, wanted - J @ free), free])
+        free, metric, J, wanted = self.contact_equations(t, q, v, closed)
+        return np.concatenate([free + velocity_change(metric, J, wanted - J @ free), free])
 
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:
         """Take one step of length h from (t, q, v), where `acceleration` is a."""
@@ -145,21 +146,21 @@ class Flow:
         error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
         return RungeKuttaStep(t, h, q, v, place, speed, K[n, nv:], travel, K, error, _UNKNOWN)
 
-    def completed(self, stride: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
+    def with_dense_output(self, step: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
         """Return the step with its dense output."""
-        t, h, q, v, K = stride.t, stride.h, stride.q0, stride.v0, stride.rates
+        t, h, q, v, K = step.t, step.h, step.q0, step.v0, step.rates
         weights = h * self._weights
         for i in range(self._stages + 1, len(K)):
             self._stage(t, q, v, h, K, weights, i, closed)
-        return stride._replace(dense=K[:, : 2 * len(v)].T.dot(self._p).reshape(2, len(v), DEGREE))
+        return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._p).reshape(2, len(v), DEGREE))
 
     def _stage(
         self, t: float, q: Array, v: Array, h: float, K: Array, weights: Array, i: int, closed: Array
     ) -> tuple[Array, Array]:
-        """Write the rates of one stage; return where it is."""
+        """Write the rates of one stage; return its configuration and velocity."""
         nv = len(v)
-        moved = weights[i, :i].dot(K[:i])
-        dq, speed = moved[:nv], v + moved[nv : 2 * nv]
+        change = weights[i, :i].dot(K[:i])
+        dq, speed = change[:nv], v + change[nv : 2 * nv]
         place = self.system.integrate(q, dq)
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
         K[i, nv:] = self.acceleration(t + self._c[i] * h, place, speed, closed)
@@ -170,7 +171,7 @@ _UNKNOWN = np.full((2, 1, DEGREE), np.nan)
 
 
 def _dense_polynomials(b: Array, d: Array) -> Array:
-    """Return what makes stages' rates into coefficients of x, x^2, ..., x^7, shape (16, 7)."""
+    """Return the matrix from the rates of the stages to coefficients of x, x^2, ..., x^7, shape (16, 7)."""
     n = len(b)
     whole, first, last = np.zeros((3, n + 4))
     whole[:n], first[0], last[n] = b, 1.0, 1.0

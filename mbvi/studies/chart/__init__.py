@@ -1,4 +1,4 @@
-"""How far runs are from an exact solution, what that costs, and the picture of one against the other."""
+"""Work-precision charts: errors of runs against exact solutions, their CPU times, and the picture."""
 
 from .errors import Errors, errors, fitted_order, graph_distance, sampled_errors, worst_errors
 from .records import Record, read_csv, write_csv

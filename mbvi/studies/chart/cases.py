@@ -1,4 +1,4 @@
-"""What can be charted, by name: problems with exact solutions, a robot, many spheres."""
+"""Cases of a chart, by name: problems with exact solutions, a robot, many spheres."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from .sweep import Case
 
 _ROBOT_TOLERANCE = 1e-11
 _TILT = Rotation.from_euler("xyz", [0.08, 0.12, 0.0]).as_matrix()
-# a step of a pile takes tens of milliseconds [s]
+# few steps, because a step of a pile costs tens of milliseconds [s]
 _FEW = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 0.53, 3)).tolist())
 
 
 def quadruped_landing(e: float) -> Case:
-    """Return the shipped quadruped landing on its feet one by one, before any limit or other link is struck.
+    """Return the shipped quadruped landing on its feet one by one, until a joint limit or another link is struck.
 
-    Its reference is a run of `EventDriven` at 1e-11: of mbvi itself, so that it shows convergence, not correctness;
-    another engine that comes nearer and nearer to it shows both.
+    The reference is mbvi's own run of `EventDriven` at 1e-11. Errors of mbvi against it show convergence only; another
+    engine that converges to it shows correctness, too.
     """
     angles = {"hip": 0.0, "thigh": 0.6, "calf": -1.2}
     joints = {f"{leg}_{joint}_joint": x for leg in ("FL", "FR", "RL", "RR") for joint, x in angles.items()}
@@ -36,7 +36,7 @@ def quadruped_landing(e: float) -> Case:
     scene.add_urdf(robot_path("quadruped"), position=(0.0, 0.0, 0.45), rotation=_TILT, joints=joints, velocity=velocity)
     problem, duration = scene.build(), 0.2
     run = simulate(problem, EventDriven(_ROBOT_TOLERANCE), duration=duration, progress=False)
-    # what else would be struck, other engines have otherwise
+    # other engines model joint limits and link shapes differently, so the case ends before they matter
     others = [i.time for i in run.impacts if not all(name.endswith("_foot | floor") for name in i.constraints)]
     duration = min([duration, *(0.98 * t for t in others)])
     impacts = np.array([impact.time for impact in run.impacts if impact.time <= duration])
@@ -45,12 +45,12 @@ def quadruped_landing(e: float) -> Case:
 
 
 def elastic_666(e: float) -> Case:
-    """Return 6 x 6 x 6 spheres dropped into an open box 2 m wide; only what energy at e = 1 does is known."""
+    """Return 6 x 6 x 6 spheres dropped into an open box 2 m wide, at e = 1; known is that the energy is constant."""
     return Case("elastic 666", cube_of_spheres(1.0, 1.0), 1.0, "energy is kept at e = 1", plotted="energy")
 
 
 def pile(e: float) -> Case:
-    """Return the same spheres at e = 0, in a box that they fill, while they land; known is that nothing penetrates."""
+    """Return the same spheres at e = 0 landing in a box that they fill; known is that nothing penetrates."""
     return Case("pile", cube_of_spheres(0.0, 0.65), 0.7, "nothing penetrates", None, "penetration", _FEW)
 
 
@@ -58,14 +58,14 @@ def _exact(make: Callable[[float], Reference], e: float) -> Case:
     return Case.of(make(e))
 
 
-# each takes e; spheres have their own
+# functions of e, which those of many spheres ignore
 CASES: dict[str, Callable[[float], Case]] = {
     **{name: partial(_exact, make) for name, make in MAKERS.items()},
     "quadruped landing": quadruped_landing,
     "elastic 666": elastic_666,
     "pile": pile,
 }
-# one of each kind
-TELLING = ("bouncing ball", "double pendulum", "tumbling body", "quadruped landing")
-# what error control is not for
-MANY = ("elastic 666", "pile")
+# charted by default, one of each kind
+DEFAULT_CASES = ("bouncing ball", "double pendulum", "tumbling body", "quadruped landing")
+# cases that EventDriven is not made for
+MANY_BODIES = ("elastic 666", "pile")

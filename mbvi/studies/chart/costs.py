@@ -1,4 +1,4 @@
-"""How errors fall, and what a given one costs."""
+"""The order of errors, and the CPU time to a given error."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from .errors import fitted_order
 from .records import Record
 
-# below this a reference or the sums of a run are not trusted
+# errors below this are rounding
 ROUNDING = 1e-12
-# errors of a fixed step that are all below this have not to do with it
+# if all errors of a fixed step are below this, they do not depend on the step
 _SUMS = 1e-9
-# steps this much finer than the finest that was run are guessed no more
+# least ratio of an extrapolated step to the finest that was run
 _BEYOND = 1e-3
 
 
 def slope(records: Sequence[Record]) -> str:
-    """Return in words how the error falls: with the step, or with the tolerance of a scheme that has one."""
+    """Return the fitted order of the error in the step, or in the tolerance of `EventDriven`, in words."""
     above = [r for r in records if r.error > ROUNDING]
     stepped = bool(above) and np.isnan(above[0].tolerance)
-    # of many bodies the sums are that much longer
+    # with many bodies rounding adds up
     if len(above) < 3 or (stepped and max(r.error for r in records) < _SUMS):
         return "to rounding"
     if stepped:
@@ -30,21 +30,21 @@ def slope(records: Sequence[Record]) -> str:
 
 
 def cost(records: Sequence[Record], error: float) -> tuple[float, bool] | None:
-    """Return the CPU time of a run to an error [s], and whether it is carried on beyond what was measured.
+    """Return the CPU time of a run to an error [s], and whether it is extrapolated.
 
     Parameters
     ----------
     records : sequence of Record
-        Of one scheme on one problem.
+        Records of one scheme on one problem.
     error : float
-        Aimed at.
+        Wanted error.
 
     Returns
     -------
     tuple of float and bool, or None
-        The least time of a point that is at most so far off. Where there is none: the step that the fitted order asks
-        for, and the time of so many steps. None where that is more than a thousand times finer than the finest one
-        that was run, or errors do not fall at all.
+        The least time of a point with at most this error. Without such a point, the time is extrapolated to the step
+        that the fitted order requires. None if that step is over a thousand times finer than the finest that was run,
+        or if errors do not fall.
     """
     reached = [r.cpu for r in records if r.error <= error]
     if reached:
@@ -57,14 +57,14 @@ def cost(records: Sequence[Record], error: float) -> tuple[float, bool] | None:
     if order <= 0.0 or (finer := (error / best.error) ** (1 / order)) < _BEYOND:
         return None
     wanted = best.step * finer
-    # of one step, without what a run costs before its first; coarse ones may cost more, where they are cut
+    # time per step, without the start of a run; coarse steps may cost more, because the tunnelling guard shortens them
     finest = sorted(points, key=lambda r: r.step)[: -(-len(points) // 2)]
     each = float(np.polyfit([r.duration / r.step for r in finest], [r.cpu for r in finest], 1)[0])
     return best.cpu + each * (best.duration / wanted - best.duration / best.step), True
 
 
 def table(records: Sequence[Record], error: float) -> str:
-    """Return in Markdown what each scheme and engine reached, and what an error costs, a tilde where carried on."""
+    """Return a Markdown table of the least error and the cost of a given error; a tilde marks extrapolation."""
     lines = [
         f"| problem | e | scheme | error falls as | least error | its CPU [ms] | CPU to {error:g} [ms] |",
         "|---|---|---|---|---|---|---|",

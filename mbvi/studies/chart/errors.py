@@ -1,4 +1,4 @@
-"""How far a run is from an exact solution, and the order at which that falls."""
+"""Errors of a run against an exact solution, and their order."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ Array = np.ndarray
 
 # Gauss and Legendre on [0, 1]
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(2)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(2)[1])
-# points at which a jump of the velocity is compared
+# points on each jump of the velocity
 _POINTS = 33
-# runs of which the worst counts
+# runs, of which the largest error counts
 _RUNS = 12
 # points compared at once
 _CHUNK = 64
 
 
 class Errors(NamedTuple):
-    """How far a run is from an exact solution.
+    """Errors of a run against an exact solution.
 
     Attributes
     ----------
     q : float
         Largest difference of configurations, over all components and times [m, rad].
     v : float
-        Integral of |v_h - v| over time, which a jump at a slightly wrong time does not spoil [m, rad].
+        Integral of |v_h - v| over time; a jump at a slightly wrong time changes it little [m, rad].
     graph : float
-        Hausdorff distance of the graphs of v_h and v in (t, v), their jumps filled in.
+        Hausdorff distance of the graphs of v_h and v in (t, v), with jumps as segments.
     """
 
     q: float
@@ -45,7 +45,7 @@ class Errors(NamedTuple):
 
 
 def errors(run: Trajectory, reference: Reference) -> Errors:
-    """Compare a run, every step of it recorded, with an exact solution.
+    """Return the errors of a run against an exact solution; every step must be recorded.
 
     Parameters
     ----------
@@ -57,24 +57,25 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     Returns
     -------
     Errors
-        Of configurations, of velocities, and of the graph of the velocity.
+        Errors of configurations, of velocities, and of the graph of the velocity.
     """
     difference = reference.problem.system.difference
     jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
-    # where the run's own velocity jumps
-    turns = np.clip(run.t[1:] - (1.0 - run._jump) * np.diff(run.t), run.t[:-1], run.t[1:])
+    # times at which the velocity of the run jumps
+    turns = np.clip(run.t[1:] - (1.0 - run.record.timing.jump) * np.diff(run.t), run.t[:-1], run.t[1:])
     times = np.union1d(np.union1d(run.t, turns), jumps)
     exact = [reference.at(t) for t in times.tolist()]
-    own = {t: run.at(t)[0] for t in np.union1d(turns, jumps).tolist()} | dict(zip(run.t.tolist(), run.q, strict=True))
+    own = dict(zip(run.t.tolist(), run.q, strict=True))
+    own |= {t: run.at(t)[0] for t in np.setdiff1d(times, run.t).tolist()}
     q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
     left, length = times[:-1], np.diff(times)
-    # in the order of time, for intervals are between one jump of the run and the next
+    # index of the recorded velocity; times are sorted
     index = np.searchsorted(turns, left, side="right")
     v = 0.0
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
         v += weight * float(length @ np.linalg.norm(smooth - run.v[index], axis=1))
-    # just before a jump the velocity is another
+    # velocities just before jumps
     before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in jumps}
     curve = []
     for t, (_, velocity) in zip(times.tolist(), exact, strict=True):
@@ -87,23 +88,23 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
 
 
 def worst_errors(reference: Reference, scheme: Scheme | None, h: float) -> Errors:
-    """Return the largest errors of runs at steps near h, each started elsewhere within a step.
+    """Return the largest errors of runs at steps near h with different starts within a step.
 
-    The phases of impacts within their steps scatter errors two- to fivefold; the largest of several is near their
-    bound.
+    The phase of an impact within its step scatters errors by a factor of two to five; the largest error of several runs
+    is near the bound.
 
     Parameters
     ----------
     reference : Reference
         The problem with its exact solution.
     scheme : Scheme or None
-        How to step it; None for the default.
+        Scheme; None for the default.
     h : float
-        Time step [s]; steps down to 0.8 of it are taken.
+        Largest time step [s]; the least is 0.8 of it.
     """
     found = []
     for k in range(_RUNS):
-        # steps spread over a fifth, starts over a step, twice
+        # steps between 0.8 h and h; starts spread twice over a step
         step, late = h * (1.0 - 0.2 * k / _RUNS), h * (2 * k / _RUNS % 1.0)
         problem = reference.started(reference.problem.t0 + late)
         found.append(errors(simulate(problem, scheme, step=step, duration=reference.duration - late), reference))
@@ -122,7 +123,7 @@ def graph_distance(a: Array, b: Array) -> float:
 
 
 def _filled(line: Array) -> Array:
-    """Return points of a polyline: its vertices, and more of them along jumps."""
+    """Return the vertices of a polyline and further points along jumps."""
     jump = np.flatnonzero((line[1:, 0] == line[:-1, 0]) & (line[1:] != line[:-1]).any(axis=1))
     part = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
     between = (1 - part) * line[jump] + part * line[jump + 1]
@@ -130,13 +131,13 @@ def _filled(line: Array) -> Array:
 
 
 def _farthest(points: Array, line: Array) -> float:
-    """Return the largest distance from any of some points to a polyline."""
+    """Return the largest distance of points from a polyline."""
     from scipy.spatial import cKDTree
 
     start, along = line[:-1], np.diff(line, axis=0)
     squared = np.einsum("ij,ij->i", along, along)
     squared[squared == 0.0] = 1.0
-    # no point is farther than the nearest one on the line that is looked at
+    # the distance from the nearest vertex bounds the distance from the line
     bound = cKDTree(_filled(line)).query(points)[0]
     order = np.argsort(-bound)
     farthest = 0.0
@@ -144,7 +145,7 @@ def _farthest(points: Array, line: Array) -> float:
         some = order[first : first + _CHUNK]
         if bound[some[0]] <= farthest:
             break
-        # a little more, or rounding would leave out the jump that is nearest
+        # slightly wider, so that rounding does not exclude the nearest jump
         t, window = points[some, 0], 1.001 * bound[some] + 1e-9 * (line[-1, 0] - line[0, 0])
         low = np.maximum(np.searchsorted(line[:, 0], t - window) - 1, 0)
         high = np.minimum(np.searchsorted(line[:, 0], t + window, side="right"), len(start))
@@ -165,7 +166,7 @@ def fitted_order(steps: Sequence[float] | Array, values: Sequence[float] | Array
 def sampled_errors(
     at: Callable[[float], tuple[Array, Array]], jumps: Array, reference: Reference, samples: int = 1000
 ) -> Errors:
-    """Compare a motion given at all times with an exact solution; for `EventDriven` and engines with dense output.
+    """Return the errors of a motion given at all times, as by `EventDriven` and engines with dense output.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ def sampled_errors(
     reference : Reference
         The problem with its exact solution.
     samples : int
-        Times compared, besides both sides of every jump of either.
+        Number of times that are compared, in addition to both sides of each jump.
     """
     difference, start = reference.problem.system.difference, reference.problem.t0
     end = start + reference.duration
@@ -188,6 +189,6 @@ def sampled_errors(
     v, w = (np.array([velocity for _, velocity in states]) for states in (own, exact))
     off = np.linalg.norm(v - w, axis=1)
     integral = float(np.diff(times) @ (off[1:] + off[:-1])) / 2
-    # the two sides of a jump are at one time
+    # both sides of a jump belong to one time
     line = np.where(np.isin(times, np.nextafter(sides, -np.inf)), np.nextafter(times, np.inf), times)
     return Errors(q, integral, graph_distance(np.column_stack([line, v]), np.column_stack([line, w])))

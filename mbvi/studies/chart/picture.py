@@ -1,4 +1,4 @@
-"""Error against CPU time and against step, log-log, one row of panels a problem."""
+"""The picture of a chart: error against CPU time and against step, one row of panels per problem."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LABELS = {
     "energy": "mean error of energy [J]",
     "penetration": "deepest penetration [m, rad]",
 }
-# each its own for ever, so that pictures can be compared
+# fixed, so that pictures can be compared
 _STYLES = {
     "Paoli": ("C0", "o"),
     "MoreauJean": ("C1", "s"),
@@ -42,14 +42,14 @@ def draw(records: Sequence[Record], footnote: str = "") -> Figure:
     Parameters
     ----------
     records : sequence of Record
-        Of one or more problems.
+        Records of one or more problems.
     footnote : str
-        Below the panels, such as the machine.
+        Text below the panels, such as the machine.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        The figure.
     """
     from matplotlib.figure import Figure
 
@@ -80,7 +80,7 @@ _SCHEMES = ("Paoli", "MoreauJean", "Centered", "SchatzmanPaoli", "EventDriven", 
 
 
 def _style(scheme: str) -> tuple[str, str]:
-    # an engine has its version behind its name
+    # the name of an engine ends with its version
     return _STYLES.get(scheme) or _STYLES.get(scheme.split()[0], ("0.6", "."))
 
 

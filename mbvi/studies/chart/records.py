@@ -1,4 +1,4 @@
-"""Points of a chart, and the table they are kept in."""
+"""Points of a chart and their CSV file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 
 from ...errors import InputError
 
-NOT = float("nan")
+NOT_MEASURED = float("nan")
 
 
 @dataclass(frozen=True)
 class Record:
-    """One point of a chart: a scheme or engine on a problem, at one step or tolerance; what was not measured is NaN.
+    """One point of a chart: a scheme or engine on a problem, at one step or tolerance; NaN means not measured.
 
     Attributes
     ----------
@@ -24,21 +24,21 @@ class Record:
     e : float
         Restitution.
     duration : float
-        How long was simulated [s].
+        Simulated time [s].
     plotted : str
-        Which error tells: "q", "energy" or "penetration".
+        Which error is drawn: "q", "energy" or "penetration".
     scheme : str
         The scheme, or the engine with its version.
     setting : str
-        How it was set.
+        Its settings.
     step : float
-        Time step [s]; the mean one of a scheme that chooses its own.
+        Time step [s]; the mean step of a scheme that chooses its steps.
     tolerance : float
-        Of a scheme that chooses its steps.
+        Tolerance of a scheme that chooses its steps.
     cpu : float
         CPU time of one run [s], the median of the repeats.
     repeats : int
-        Runs; the errors are the largest of them.
+        Number of runs; the largest error of them counts.
     q : float
         Largest difference of configurations [m, rad].
     v : float
@@ -48,9 +48,9 @@ class Record:
     energy : float
         Mean over time of |E_h - E|, configurations and velocities at consistent times [J].
     penetration : float
-        Deepest, [m, rad].
+        Deepest penetration [m, rad].
     source : str
-        What the errors are measured against.
+        Reference of the errors.
     """
 
     problem: str
@@ -72,12 +72,12 @@ class Record:
 
     @property
     def error(self) -> float:
-        """The error that tells."""
+        """The error that is drawn."""
         return float(getattr(self, self.plotted))
 
 
 def write_csv(records: Iterable[Record], path: str | os.PathLike[str]) -> None:
-    """Write records as a table whose columns are their attributes, numbers with all their digits."""
+    """Write records to a CSV file whose columns are their attributes; numbers keep all digits."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [f.name for f in fields(Record)], lineterminator="\n")
         table.writeheader()
@@ -85,16 +85,16 @@ def write_csv(records: Iterable[Record], path: str | os.PathLike[str]) -> None:
 
 
 def read_csv(path: str | os.PathLike[str]) -> tuple[Record, ...]:
-    """Return the records of a table that `write_csv` wrote.
+    """Return the records of a file that `write_csv` wrote.
 
     Raises
     ------
     InputError
-        If the file is no such table.
+        If the file has other columns.
     """
     kinds = {"str": str, "float": float, "int": int}
     with Path(path).open(newline="", encoding="utf-8") as file:
         table = csv.DictReader(file)
         if table.fieldnames != [f.name for f in fields(Record)]:
-            raise InputError(f"{path} is no table of `mbvi chart`: its columns are others")
+            raise InputError(f"{path} is not a table of `mbvi chart`: its columns differ")
         return tuple(Record(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Record)}) for row in table)

@@ -1,4 +1,4 @@
-"""Runs of a scheme over a range of steps or tolerances, timed."""
+"""Timed runs of a scheme over a range of steps or tolerances."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ import numpy as np
 from ...compiled import compile_all
 from ...errors import MbviWarning
 from ...problem import Problem
-from ...results.trajectory import Trajectory, energies
+from ...results.energies import energies
+from ...results.trajectory import Trajectory
 from ...run.simulate import simulate
 from ...schemes import EventDriven
 from .errors import Array, errors, sampled_errors
-from .records import NOT, Record
+from .records import NOT_MEASURED, Record
 
 if TYPE_CHECKING:
     from ...reference.solution import Reference
     from ...schemes import Scheme
 
-# nowhere dyadic multiples of one another
+# no step is a dyadic multiple of another
 STEPS = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 1.58, 8)).tolist())
 TOLERANCES = tuple((10.0 ** -np.arange(2.0, 11.0)).tolist())
 REPEATS = 3
@@ -38,19 +39,19 @@ class Case:
     Attributes
     ----------
     name : str
-        What it is called.
+        Name.
     problem : Problem
-        What is to be solved.
+        The problem.
     duration : float
-        How long [s].
+        Simulated time [s].
     source : str
-        What errors are measured against.
+        Reference of the errors.
     solution : Reference or None
-        The exact solution; None where only a law of it is known.
+        The exact solution; None if only a conserved quantity or a bound is known.
     plotted : str
-        Which error tells: "q", "energy" (kept exactly) or "penetration" (none).
+        Which error is drawn: "q", "energy" (exactly constant) or "penetration" (exactly none).
     steps : tuple of float
-        At which it is run [s].
+        Time steps of its runs [s].
     """
 
     name: str
@@ -72,7 +73,7 @@ class Case:
         return float(self.problem.restitution.max())
 
     def started(self, late: float) -> Problem:
-        """Return the problem as newly built, started late on its solution [s]."""
+        """Return a fresh problem that starts later by a time, on the solution [s]."""
         p = self.problem
         if self.solution is None:
             return Problem(
@@ -84,10 +85,10 @@ class Case:
     def judged(self, run: Trajectory) -> tuple[float, float, float, float, float]:
         """Return the errors of a run: q, v, graph, energy, penetration; see `Record`."""
         located = run.step == 0.0
-        depth = float(run.penetration().max(initial=0.0)) if len(run.penetration()) else NOT
+        depth = float(run.penetration().max(initial=0.0)) if len(run.penetration()) else NOT_MEASURED
         off = self._energy_error(run)
         if self.solution is None:
-            return NOT, NOT, NOT, off, depth
+            return NOT_MEASURED, NOT_MEASURED, NOT_MEASURED, off, depth
         if located:
             return *sampled_errors(run.at, np.array([i.time for i in run.impacts]), self.solution), off, depth
         return *errors(run, self.solution), off, depth
@@ -98,16 +99,16 @@ class Case:
             times = np.linspace(run.t[0], run.t[-1], _SAMPLES + 1)
             q, v = (np.array(x) for x in zip(*(run.at(t) for t in times.tolist()), strict=True))
         else:
-            # some of the states will do
-            consistent = run.t + (run._jump - 0.5) * run.step
+            # a sample of the states is enough
+            consistent = run.t + (run.record.timing.jump - 0.5) * run.step
             inside = np.flatnonzero((consistent > run.t[0]) & (consistent <= run.t[-1]))[1:]
             chosen = inside[np.unique(np.linspace(0, len(inside) - 1, _SAMPLES).astype(int))]
             times, q, v = run.t[chosen], run.q[chosen], run.v[chosen]
-        own = energies(problem, times, q, v, run.step, run._jump if run.step else 0.5).sum(axis=1)
+        own = energies(problem, times, q, v, run.step, run.record.timing.jump if run.step else 0.5).sum(axis=1)
         if solution is None:
             exact = energies(problem, run.t[:1], problem.q0[None], problem.v0[None], 0.0).sum(axis=1)
         else:
-            shifted = times + (run._jump - 0.5) * run.step
+            shifted = times + (run.record.timing.jump - 0.5) * run.step
             states = [solution.at(t) for t in shifted.tolist()]
             q, v = (np.array(x) for x in zip(*states, strict=True))
             exact = energies(problem, shifted, q, v, 0.0, 0.5).sum(axis=1)
@@ -122,24 +123,24 @@ def sweep(
     Parameters
     ----------
     case : Case
-        What is run.
+        The case.
     scheme : Scheme
-        How; the tolerance of an `EventDriven` is not looked at.
+        The scheme; the tolerance of an `EventDriven` is ignored.
     settings : sequence of float, optional
         Steps [s], or tolerances; the case's and `TOLERANCES` by default.
     repeats : int
-        Runs at each: their median time counts, and their largest error. With a fixed step and an exact solution each
-        starts later on it by a part of the step, for the phases of impacts within their steps scatter errors.
+        Runs for each setting; their median time and their largest error count. With a fixed step and an exact solution
+        each run starts later by a part of the step, because the phase of an impact within its step scatters errors.
 
     Returns
     -------
     tuple of Record
-        One for each setting.
+        One record for each setting.
     """
     compile_all()
     if settings is None:
         settings = TOLERANCES if isinstance(scheme, EventDriven) else case.steps
-    # what is made once, and what the processor has to learn, is no part of the first time
+    # one run before, so that caches are warm
     if isinstance(scheme, EventDriven):
         _timed(case.started(0.0), scheme, case.duration, None)
         return tuple(_located(case, tolerance, repeats) for tolerance in settings)
@@ -157,7 +158,7 @@ def _stepped(case: Case, scheme: Scheme, h: float, repeats: int) -> Record:
         name = run.scheme + (", projected" if getattr(scheme, "project_positions", False) else "")
         if case.solution is not None or not found:
             found.append(case.judged(run))
-    return record(case, name, _options(scheme), h, NOT, times, found)
+    return record(case, name, _options(scheme), h, NOT_MEASURED, times, found)
 
 
 def _located(case: Case, tolerance: float, repeats: int) -> Record:
@@ -174,7 +175,7 @@ def _timed(
     problem: Problem, scheme: Scheme | EventDriven, duration: float, step: float | None
 ) -> tuple[float, Trajectory]:
     with warnings.catch_warnings():
-        # what they say is in the notes
+        # warnings are in the notes, too
         warnings.simplefilter("ignore", MbviWarning)
         begin = process_time()
         run = simulate(problem, scheme, duration=duration, step=step, progress=False)

@@ -1,4 +1,4 @@
-"""Sweeps in processes of their own, one thread each, one after the other."""
+"""Worker processes of one thread each for sweeps, one after the other."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 
 @contextmanager
 def worker(*, silent: bool = False) -> Iterator[Callable[..., Any]]:
-    """Give a function that calls another in a new process of one thread and waits for what it returns.
+    """Yield a function that calls another one in a new process of one thread and returns its result.
 
     Parameters
     ----------
     silent : bool
-        Drop what is printed there; what is raised there is raised here all the same.
+        Whether to drop what the process prints. Its exceptions are raised here in any case.
     """
     kept = {name: os.environ.get(name) for name in _THREADS}
-    # the numerical libraries read them when they are loaded
+    # numerical libraries read these variables when they are loaded
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
         with ProcessPoolExecutor(1, get_context("spawn"), _silence if silent else None) as pool:
@@ -43,22 +43,22 @@ def worker(*, silent: bool = False) -> Iterator[Callable[..., Any]]:
 
 def _silence() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    # C++ prints past Python's own streams
+    # C++ does not print through Python's streams
     for stream in (1, 2):
         os.dup2(nowhere, stream)
 
 
 @lru_cache(maxsize=1)
 def made(make: Callable[[float], Case], e: float) -> Case:
-    """Return the case, made once for all schemes that are run on it."""
+    """Return the case; it is made once for all schemes."""
     return make(e)
 
 
 def swept(make: Callable[[float], Case], e: float, scheme: Scheme | EventDriven) -> tuple[Record, ...]:
-    """Make a case and sweep it: what a process is given to do."""
+    """Make a case and sweep a scheme over it; called in a worker process."""
     return sweep(made(make, e), scheme)
 
 
 def machine() -> str:
-    """Return what is run on, in words."""
+    """Return the platform, the number of cores and the version of Python."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"

@@ -1,4 +1,4 @@
-"""Other engines on the same problems, each in a process of its own; none is needed by mbvi."""
+"""Adapters to other physics engines; each engine is optional and runs in a process of its own."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-# what Debian builds is for its own Python and NumPy
+# Debian's packages are built for its own Python and NumPy
 SYSTEM = "/usr/bin/python3"
 
 
 class Peer(NamedTuple):
-    """Another engine: its name, our module for it, the package that brings it, which Python where not this one."""
+    """Another engine: name, adapter module, imported package, how to install it, and its Python if not this one."""
 
     name: str
     module: str

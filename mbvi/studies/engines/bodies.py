@@ -1,4 +1,4 @@
-"""What another engine is told of free bodies: shapes, masses, planes, and how its coordinates and ours correspond."""
+"""Models of free bodies for other engines: shapes, masses, planes, and the map between coordinates."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ...run.simulate import steps
 from ...schemes import Centered
 from .rig import Array
 
-# for the speed of the first impact [s]
+# step for computing the speed of the first impact [s]
 _STEP = 1e-3
 
 
 class NoModelError(MbviError):
-    """Other engines cannot be given a problem."""
+    """A problem has no model in another engine."""
 
 
 class Poses(NamedTuple):
-    """Where bodies are and how they move, in the world: shapes (n, 3), (n, 4) as x, y, z, w, (n, 3) and (n, 3)."""
+    """Poses and velocities of bodies in the world: shapes (n, 3), (n, 4) as x, y, z, w, (n, 3) and (n, 3)."""
 
     position: Array
     quaternion: Array
@@ -34,18 +34,18 @@ class Poses(NamedTuple):
 
 @dataclass(frozen=True)
 class Body:
-    """A free body, its frame in its centre of mass and along its principal axes.
+    """A free body; its frame is at the centre of mass, along the principal axes.
 
     Attributes
     ----------
     shape : Sphere or Box
-        What touches.
+        Collision shape.
     mass : float
         [kg].
     inertia : ndarray, shape (3,)
         Principal moments [kg m^2].
     places : ndarray, shape (k, 3)
-        Where the shape stands in the body, k times [m].
+        Positions of k copies of the shape in the body [m].
     """
 
     shape: Sphere | Box
@@ -55,24 +55,24 @@ class Body:
 
     @property
     def turns(self) -> bool:
-        """Whether its rotation matters: not that of a ball without friction."""
+        """Whether the rotation matters; without friction that of a single ball does not."""
         return not (isinstance(self.shape, Sphere) and len(self.places) == 1)
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """Free bodies as an engine is given them, without friction.
+    """Free bodies without friction, as a model for other engines.
 
     Attributes
     ----------
     bodies : tuple of Body
         In the order of `Poses`.
     planes : tuple of (ndarray, float)
-        Normal and offset: free is where normal . x >= offset.
+        Normal and offset; bodies are where normal . x >= offset.
     gravity : ndarray, shape (3,)
         [m/s^2].
     e : float
-        Restitution of all.
+        Restitution of all contacts.
     state : callable
         (q, v) -> Poses.
     coordinates : callable
@@ -94,14 +94,14 @@ class Bodies:
 
 
 def rotated(quaternion: Array, vector: Array, sense: float = 1.0) -> Array:
-    """Return vectors, shape (n, 3), turned by unit quaternions, or back if `sense` is -1; NaN where these are."""
+    """Return vectors, shape (n, 3), rotated by unit quaternions, or inversely if `sense` is -1; NaN stays NaN."""
     axis, w = sense * quaternion[:, :3], quaternion[:, 3:]
     across = 2.0 * np.cross(axis, vector)
     return np.asarray(vector + w * across + np.cross(axis, across))
 
 
 class BodiesEngine(Protocol):
-    """Another engine with free bodies in it, at one step; see `Engine`."""
+    """An adapter of an engine with free bodies, at one step; see `Engine`."""
 
     settings: str
     continuous: bool
@@ -109,13 +109,13 @@ class BodiesEngine(Protocol):
     def __init__(self, model: Bodies, h: float) -> None: ...
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
+        """Set poses and velocities."""
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
 
 
 def of_scene(problem: Problem, duration: float) -> Bodies:
@@ -124,17 +124,18 @@ def of_scene(problem: Problem, duration: float) -> Bodies:
     Raises
     ------
     NoModelError
-        If it holds more than spheres, boxes, half-spaces and boxes of the world, all with one e and at rest.
+        If the scene has anything but spheres, boxes, half-spaces and fixed boxes with one restitution, or walls that
+        move.
     """
     scene = problem.scene
     if scene is None:
-        raise NoModelError("it is given by functions, and no bodies of other engines stand for them")
+        raise NoModelError("the problem is given by functions, which have no bodies in other engines")
     items = scene.items
     free, fixed = [b for b in items.bodies if not b.fixed], [b for b in items.bodies if b.fixed]
     if items.robots or items.surfaces or items.pair_restitution or scene.motions:
-        raise NoModelError("robots, meshes, walls that move and restitution by pairs are not passed on")
+        raise NoModelError("robots, meshes, moving walls and restitution of pairs have no model in other engines")
     if any(not isinstance(b.shape, Box) for b in items.bodies) or any((b.rotation != np.eye(3)).any() for b in fixed):
-        raise NoModelError("shapes other than spheres and boxes are not passed on")
+        raise NoModelError("shapes other than spheres and boxes have no model in other engines")
     bodies = [Body(b.shape, b.mass, np.diag(b.inertia)) for b in free if isinstance(b.shape, Box)]
     for item in items.spheres:
         for r, m in zip(item.radii.tolist(), item.masses.tolist(), strict=True):
@@ -166,7 +167,7 @@ def of_scene(problem: Problem, duration: float) -> Bodies:
 
 
 def closing(problem: Problem, duration: float) -> float:
-    """Return the speed of the first impact [m/s]; 1 where e is 0 or 1, for which it does not matter."""
+    """Return the speed of the first impact [m/s]; 1 if e is 0 or 1, because it does not matter then."""
     if not 0.0 < problem.constraints.largest_restitution < 1.0:
         return 1.0
     for step in steps(problem, Centered(), step=_STEP):

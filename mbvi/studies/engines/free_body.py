@@ -1,4 +1,4 @@
-"""What a rig without joints is to an engine that knows no URDF, and which bodies have relations of ours."""
+"""Rigs without joints for engines that read no URDF, and checks of what contact relations exist."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def alone(rig: Rig, e: float) -> Bodies:
     Raises
     ------
     NoModelError
-        If it has joints, or hangs in the world.
+        If the rig has joints or a fixed base.
     """
     if rig.joints or not rig.free:
-        raise NoModelError("a mechanism with joints was not written for it, which knows no URDF")
+        raise NoModelError("mechanisms with joints are not written for an engine that reads no URDF")
     (link,) = ElementTree.fromstring(rig.urdf).iter("link")
     ball, box = link.find(".//sphere"), link.find(".//box")
     shape: Sphere | Box
@@ -55,14 +55,14 @@ def placed(poses: Poses) -> State:
 
 
 def refuse(model: Bodies) -> None:
-    """Raise `NoModelError` where bodies touch in a way that no relation of ours says."""
+    """Raise `NoModelError` if bodies can touch in a way for which no relation is written."""
     turning = [body for body in model.bodies if body.turns]
     if turning and (len(model.bodies) > 1 or model.fixed):
-        raise NoModelError("of bodies that turn only their points over planes were written for it")
+        raise NoModelError("bodies that turn have relations with planes only")
 
 
 def points(body: Body) -> tuple[Array, float]:
-    """Return what of a body a plane can touch: places in it, and the radius of balls around them."""
+    """Return the points of a body that planes can touch, and the radius of balls around them."""
     if isinstance(body.shape, Box):
         return body.shape.vertices, 0.0
     return body.places, body.shape.radius

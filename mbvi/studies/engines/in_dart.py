@@ -1,4 +1,4 @@
-"""DART: impulses with restitution by a boxed LCP, in reduced coordinates."""
+"""Adapter to DART: impulses with restitution by a boxed LCP, in reduced coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .bodies import Bodies, Body, Poses
 from .rig import Array, Rig, State
 
 NAME = f"DART {version('dartpy')}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (RuntimeError,)
 _CONTACTS = 1000
 _SETTINGS = (
@@ -56,7 +56,7 @@ class Dart:
         self._root, self._free = self._rig.getRootBodyNode(), rig.free
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         if self._free:
             _set_free(self._rig.getRootJoint(), state.position, state.quaternion, state.linear, state.angular)
         for joint, angle, rate in zip(self._joints, state.angles, state.rates, strict=True):
@@ -64,11 +64,11 @@ class Dart:
             joint.setVelocity(0, float(rate))
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         self._world.step()
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         angles = np.array([joint.getPosition(0) for joint in self._joints])
         rates = np.array([joint.getVelocity(0) for joint in self._joints])
         if not self._free:
@@ -86,7 +86,7 @@ Peer = Dart
 
 
 class DartBodies:
-    """Free bodies in DART: balls without rotation; its own collision detector stands a box on one point."""
+    """Free bodies in DART: balls have no rotation; ODE detects collisions, because DART finds one point under a box."""
 
     settings = f"{_SETTINGS}, ODE's collision detector, restitution sqrt(e) on everything, for it multiplies both"
     continuous = False
@@ -115,7 +115,7 @@ class DartBodies:
         return joint, node, body.turns
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
+        """Set poses and velocities."""
         for (joint, _, turns), place, turn, linear, spin in zip(self._bodies, *state, strict=True):
             if turns:
                 _set_free(joint, place, turn, linear, spin)
@@ -124,11 +124,11 @@ class DartBodies:
                 joint.setVelocities(linear)
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         self._world.step()
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
         poses = [node.getWorldTransform() for _, node, _ in self._bodies]
         turns = Rotation.from_matrix([pose.rotation() for pose in poses]).as_quat()
         linear, spins = (np.array([rate(n) for _, n, _ in self._bodies]) for rate in (_linear, _spin))

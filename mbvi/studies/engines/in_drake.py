@@ -1,4 +1,4 @@
-"""Drake: compliant point contact, integrated continuously with error control."""
+"""Adapter to Drake: compliant point contact, integrated with error control."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .bodies import Bodies, Poses
 from .rig import Array, Rig, State
 
 NAME = f"Drake {version('drake')}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (RuntimeError,)
 _ACCURACY = 1e-3
 _METHOD = "runge_kutta3"
@@ -41,7 +41,7 @@ _LEAST = 0.05
 
 
 class Drake:
-    """A rig in Drake; h says how stiff contacts are, omega h = 1."""
+    """A rig in Drake; h sets the stiffness of contacts by omega h = 1."""
 
     continuous = True
 
@@ -50,7 +50,7 @@ class Drake:
         builder = DiagramBuilder()
         plant, graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         config = SceneGraphConfig()
-        # two in series: each is twice as stiff
+        # two contacts in series, so each is twice as stiff
         config.default_proximity_properties.point_stiffness = 2 * stiffness
         config.default_proximity_properties.hunt_crossley_dissipation = dissipation
         config.default_proximity_properties.dynamic_friction = 0.0
@@ -67,7 +67,7 @@ class Drake:
         self.settings = _settings(f"{rig.mass:.3g} kg", dissipation, rig.closing)
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         if self._free:
             turn = Rotation.from_quat(state.quaternion).as_matrix()
             pose = RigidTransform(np.vstack([np.column_stack([turn, state.position]), [0, 0, 0, 1]]))
@@ -83,22 +83,22 @@ class Drake:
         self._taken = 0
 
     def advance(self) -> None:
-        """Go on by h."""
+        """Advance by h."""
         self.many(1)
 
     def many(self, count: int) -> None:
-        """Go on by several h, in steps of its own."""
+        """Advance by several h, in the engine's own steps."""
         self._taken += count
         self._simulator.AdvanceTo(self._taken * self._h)
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         angles = np.array([joint.get_angle(self._context) for joint in self._joints])
         rates = np.array([joint.get_angular_rate(self._context) for joint in self._joints])
         pose = self._body.EvalPoseInWorld(self._context)
         speed = self._body.EvalSpatialVelocityInWorld(self._context)
         turn = Rotation.from_matrix(pose.rotation().matrix()).as_quat()
-        # what Drake hands out is read-only
+        # arrays of Drake are read-only
         place, linear, spin = (np.array(x) for x in (pose.translation(), speed.translational(), speed.rotational()))
         return State(place, turn, angles, linear, spin, rates)
 
@@ -107,7 +107,7 @@ Peer = Drake
 
 
 class DrakeBodies:
-    """Free bodies in Drake, which gives one point for a pair of shapes: on planes boxes stand on their corners."""
+    """Free bodies in Drake; corners of boxes are points, because Drake finds one contact point per pair of shapes."""
 
     continuous = True
 
@@ -126,7 +126,7 @@ class DrakeBodies:
                 boxes += own
                 corners += _add(plant, here, Sphere(0.0), body.shape.vertices, f"corner {k}", material)
             self._bodies.append(here)
-        # of the world as stiff as the heaviest
+        # fixed shapes are as stiff as the heaviest body
         material = _material(2 * max(body.mass for body in model.bodies) / h**2, dissipation)
         for k, (solid, centre) in enumerate(model.fixed):
             shapes += _add(plant, plant.world_body(), _shape(solid), centre[None], f"solid {k}", material)
@@ -144,11 +144,11 @@ class DrakeBodies:
         )
         # quaternions with w first, and angular velocities, come first
         self._q, self._v = first[:, :1] + np.array([4, 5, 6, 1, 2, 3, 0]), first[:, 1:] + np.array([3, 4, 5, 0, 1, 2])
-        told = _settings("a body's mass, in series with the other's", dissipation, model.closing)
-        self.settings = told + ("; boxes touch planes with balls of no radius in their corners" if boxes else "")
+        settings = _settings("a body's mass, in series with the other's", dissipation, model.closing)
+        self.settings = settings + ("; boxes touch planes with balls of no radius in their corners" if boxes else "")
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
+        """Set poses and velocities."""
         q, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
         q[self._q] = np.hstack([state.position, state.quaternion])
         v[self._v] = np.hstack([state.linear, state.angular])
@@ -159,15 +159,15 @@ class DrakeBodies:
         self._taken = 0
 
     def advance(self) -> None:
-        """Go on by h, in steps of its own."""
+        """Advance by h, in the engine's own steps."""
         self._taken += 1
         self._simulator.AdvanceTo(self._taken * self._h)
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
         q = self._plant.GetPositions(self._context)[self._q]
         v = self._plant.GetVelocities(self._context)[self._v]
-        # it integrates quaternions off the unit sphere, and takes them by their direction
+        # Drake's integrated quaternions leave the unit sphere; their direction counts
         return Poses(q[:, :3], q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1)[:, None], v[:, :3], v[:, 3:])
 
 
@@ -183,7 +183,7 @@ def _material(stiffness: float, dissipation: float) -> ProximityProperties:
 def _add(
     plant: MultibodyPlant, body: RigidBody, shape: Shape, places: Array, name: str, material: ProximityProperties
 ) -> list[GeometryId]:
-    """Add a shape to a body at several places; return which these are."""
+    """Add a shape to a body at several positions; return the numbers of these geometries."""
     return [
         plant.RegisterCollisionGeometry(body, RigidTransform(place), shape, f"{name} {j}", material)
         for j, place in enumerate(places)

@@ -1,4 +1,4 @@
-"""Jiminy: contact points that answer as springs in acceleration, integrated with error control."""
+"""Adapter to jiminy: contact points that act as springs in acceleration, integrated with error control."""
 
 from __future__ import annotations
 
@@ -19,32 +19,33 @@ from scipy.spatial.transform import Rotation
 from .rig import Array, Rig, State
 
 NAME = f"jiminy {version('jiminy-py')}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (RuntimeError,)
-# why no free bodies are given to it
+# reason why there is no model of free bodies
 NO_BODIES = "its contacts are of points with one ground, and none of bodies with each other"
 _METHOD, _TOLERANCE = "runge_kutta_dopri", 1e-7
-# of the velocity that damping takes in a second: where it sets in, steps would else be shorter than the shortest
+# tolerance per unit of kd; with a smaller one, steps at the start of damping would be shorter than the engine allows
 _JUMP = 5e-12
-# it takes no larger steps [s]; those of what spins have an error of order two that it does not control [s^1/2]
+# largest step [s]; factor of sqrt(h) for the largest step of free bodies, whose rotation has an uncontrolled error of
+# order two [s^1/2]
 _LONGEST, _SPINNING = 0.02, 0.15
-# omega h
+# omega h of contacts
 _STIFF = 100.0
-# at e = 0 the damping stops it and the spring, which throws back a little, only brings it out again
+# damping ratio at e = 0: damping stops the body, and the spring removes the penetration
 _MOST_DAMPED = 25.0
 _GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 class Jiminy:
-    """A rig in jiminy, turned and moved so that its plane is the ground; h says how stiff contacts are."""
+    """A rig in jiminy, rotated and moved so that its plane is the ground; h sets the stiffness of contacts."""
 
     continuous = True
 
     def __init__(self, rig: Rig, e: float, h: float) -> None:
-        # it has one ground
+        # jiminy has one ground
         ((normal, offset),) = rig.planes
         points, radius = _points(rig.urdf)
-        # roll and pitch that bring the normal upright
+        # roll and pitch that make the normal vertical
         angles = np.array([np.arctan2(normal[1], normal[2]), -np.arcsin(normal[0]), 0.0])
         self._turn = Rotation.from_euler("xyz", angles)
         self._up = np.array([0.0, 0.0, offset + radius])
@@ -73,7 +74,7 @@ class Jiminy:
         )
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         angles, rates = np.zeros(len(self._order)), np.zeros(len(self._order))
         angles[self._order], rates[self._order] = state.angles, state.rates
         q, v = [angles], [rates]
@@ -85,15 +86,15 @@ class Jiminy:
         ask("start", np.concatenate(q), np.concatenate(v), *self._gains)
 
     def advance(self) -> None:
-        """Go on by h."""
+        """Advance by h."""
         self.many(1)
 
     def many(self, count: int) -> None:
-        """Go on by several h, in steps of its own."""
+        """Advance by several h, in the engine's own steps."""
         ask("go", count * self._h)
 
     def until(self, time: float) -> None:
-        """Go on to a time since the start."""
+        """Advance to a time after the start [s]."""
         ask("until", time)
 
     def clock(self) -> float:
@@ -101,7 +102,7 @@ class Jiminy:
         return float(ask("clock"))
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         q, v = ask("read")
         still: Array = np.zeros(3)
         if not self._free:
@@ -117,16 +118,16 @@ Peer = Jiminy
 
 
 def damping_ratio(e: float) -> float:
-    """Return the damping ratio at which a spring that only pushes throws back at e."""
+    """Return the damping ratio at which a spring without tension has the restitution e."""
     if e >= 1.0:
         return 0.0
-    if e <= _thrown(_MOST_DAMPED):
+    if e <= _restitution(_MOST_DAMPED):
         return _MOST_DAMPED
-    return float(brentq(lambda ratio: _thrown(ratio) - e, 1e-12, _MOST_DAMPED, xtol=1e-14))
+    return float(brentq(lambda ratio: _restitution(ratio) - e, 1e-12, _MOST_DAMPED, xtol=1e-14))
 
 
-def _thrown(ratio: float) -> float:
-    """Return e of a damped spring; it lets go where its force is 0, before it is as long as it was."""
+def _restitution(ratio: float) -> float:
+    """Return the restitution of a damped spring without tension; contact ends when its force vanishes."""
     root = np.sqrt(abs(1.0 - ratio**2))
     if root < 1e-6:
         return float(np.exp(-2.0))
@@ -137,18 +138,18 @@ def _thrown(ratio: float) -> float:
 
 @lru_cache(maxsize=1)
 def _child() -> subprocess.Popen[bytes]:
-    """Start jiminy beside us: the same Python, without what cannot be loaded in one process with it."""
+    """Start the child process: the same Python, without the libraries that conflict with jiminy's."""
     file = Path(__file__).with_name("jiminy_alone.py")
     return subprocess.Popen([sys.executable, "-P", str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
 
 def ask(name: str, *arguments: Any) -> Any:
-    """Return what jiminy answers; of several rigs it knows the last.
+    """Call a method of the simulation in the child process; only the last rig exists there.
 
     Raises
     ------
     RuntimeError
-        What it raises, or if its process has ended.
+        If the call raised an error, or the process has ended.
     """
     child = _child()
     assert child.stdin is not None and child.stdout is not None
@@ -165,7 +166,7 @@ def ask(name: str, *arguments: Any) -> Any:
 
 
 def _points(urdf: str) -> tuple[list[tuple[str, Array]], float]:
-    """Return the links' points that may touch, and at which distance: centres of balls, else corners of boxes."""
+    """Return the contact points of links, and their radius: centres of balls, or corners of boxes."""
     balls: list[tuple[str, Array]] = []
     corners: list[tuple[str, Array]] = []
     radii = set()
@@ -190,14 +191,14 @@ def _numbers(text: str) -> Array:
 
 
 def _standing(rig: Rig, angles: Array, shift: Array) -> str:
-    """Return a fixed rig turned and moved, on a link more."""
+    """Return the URDF of a fixed rig, rotated and moved by an additional link."""
     rpy, xyz = (" ".join(repr(float(x)) for x in w) for w in (angles, shift))
     hung = f'<parent link="ground"/><child link="{rig.base}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
     return rig.urdf.replace("</robot>", f'<link name="ground"/><joint name="hung" type="fixed">{hung}</joint></robot>')
 
 
 def _limited(urdf: str) -> str:
-    # of joints without limits it has other coordinates
+    # joints without limits would have other coordinates
     tree = ElementTree.fromstring(urdf)
     for joint in tree.iter("joint"):
         if joint.get("type") == "continuous":

@@ -1,4 +1,4 @@
-"""MuJoCo: soft contacts, set as stiff as one step bears."""
+"""Adapter to MuJoCo: soft contacts, as stiff as the step allows."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .bodies import Bodies, Poses, rotated
 from .rig import Array, Rig, State
 
 NAME = f"MuJoCo {mujoco.__version__}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (mujoco.FatalError, mujoco.UnexpectedError)
 _TOLERANCE = 1e-12
 _RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-# omega h below e = 1, where contacts of three steps scatter restitution by where in a step they begin
+# omega h for 0 < e < 1; stiffer contacts last three steps, and their restitution depends on the phase in the step
 _SPRING = 0.2
-# at e = 0 the damping stops it and the spring, which throws back a little, only brings it out again
+# omega h for e = 0: damping stops the body, and the spring removes the penetration
 _CREEP = 0.02
 _PHASES = np.linspace(0.02, 0.98, 49)
 
@@ -32,7 +32,7 @@ class MuJoCo:
     def __init__(self, rig: Rig, e: float, h: float) -> None:
         text = rig.urdf
         if rig.free:
-            # a root link would be part of the world
+            # without this joint the root link would be part of the world
             floating = (
                 f'<joint name="floating" type="floating"><parent link="world"/><child link="{rig.base}"/></joint>'
             )
@@ -49,17 +49,17 @@ class MuJoCo:
         self.settings = f"{_settings(e)}, contacts with the planes only"
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         mujoco.mj_resetData(self.model, self.data)
         if self._free:
             x, y, z, w = state.quaternion
             self.data.qpos[:7] = *state.position, w, x, y, z
             self.data.qvel[:3] = state.linear
-            self.data.qvel[3:6] = _turned(self.data.qpos[3:7], state.angular, -1.0)
+            self.data.qvel[3:6] = _rotated(self.data.qpos[3:7], state.angular, -1.0)
         self.data.qpos[self._q], self.data.qvel[self._v] = state.angles, state.rates
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         mujoco.mj_step(self.model, self.data)
 
     def many(self, count: int) -> None:
@@ -67,12 +67,12 @@ class MuJoCo:
         mujoco.mj_step(self.model, self.data, nstep=count)
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         q, v = self.data.qpos.copy(), self.data.qvel.copy()
         if not self._free:
             still = np.zeros(3)
             return State(still, np.array([0.0, 0.0, 0.0, 1.0]), q[self._q], still, still, v[self._v])
-        spin = _turned(q[3:7], v[3:6], 1.0)
+        spin = _rotated(q[3:7], v[3:6], 1.0)
         return State(q[:3], q[[4, 5, 6, 3]], q[self._q], v[:3], spin, v[self._v])
 
 
@@ -80,7 +80,7 @@ Peer = MuJoCo
 
 
 class MuJoCoBodies:
-    """Free bodies in MuJoCo: balls on three slides, others on a free joint."""
+    """Free bodies in MuJoCo: balls with three slide joints, other bodies with a free joint."""
 
     continuous = False
 
@@ -114,7 +114,7 @@ class MuJoCoBodies:
         self.settings = _settings(model.e)
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
+        """Set poses and velocities."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self._q], self.data.qvel[self._v] = state.position, state.linear
         turns = state.quaternion[self._turning]
@@ -123,11 +123,11 @@ class MuJoCoBodies:
         self.data.qvel[self._spin] = rotated(turns, state.angular[self._turning], -1.0)
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         mujoco.mj_step(self.model, self.data)
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
         q, v = self.data.qpos, self.data.qvel
         turns, spins = self._still.copy(), np.zeros((len(self._still), 3))
         turns[self._turning] = q[self._quaternion]
@@ -141,12 +141,12 @@ Free = MuJoCoBodies
 def _compiled(
     spec: mujoco.MjSpec, gravity: Array, planes: Sequence[tuple[Array, float]], e: float, h: float
 ) -> mujoco.MjModel:
-    """Return the model, with planes, our contacts and options."""
+    """Return the compiled model, with planes, contacts and options."""
     spec.compiler.balanceinertia = False
     spec.option.timestep, spec.option.gravity = h, gravity
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.tolerance, spec.option.iterations = _TOLERANCE, 100
-    # what runs away is to be seen, not begun anew; and no file is to be written of it
+    # a run that diverges must be visible: no reset, and no log file
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     mujoco.set_mju_user_warning(lambda text: None)
     for normal, offset in planes:
@@ -157,62 +157,62 @@ def _compiled(
             type=plane, size=[0, 0, 1], pos=offset * normal, quat=z, contype=1, conaffinity=0, margin=0.0
         )
     for geom in spec.geoms:
-        geom.condim, geom.solref, geom.solimp = 1, _reference(e, h), _RIGID
+        geom.condim, geom.solref, geom.solimp = 1, _solref(e, h), _RIGID
     return spec.compile()
 
 
 def _settings(e: float) -> str:
     return (
-        f"solref {_told(e)}, solimp {' '.join(map(str, _RIGID))}, condim 1, Euler, Newton solver with tolerance "
-        f"{_TOLERANCE:g}"
+        f"solref {_solref_in_words(e)}, solimp {' '.join(map(str, _RIGID))}, condim 1, Euler, Newton solver with "
+        f"tolerance {_TOLERANCE:g}"
     )
 
 
-def _turned(quaternion: Array, vector: Array, sense: float) -> Array:
+def _rotated(quaternion: Array, vector: Array, sense: float) -> Array:
     result, turn = np.zeros(3), quaternion * np.array([1.0, sense, sense, sense])
     mujoco.mju_rotVecQuat(result, np.ascontiguousarray(vector, dtype=float), turn)
     return result
 
 
 def _stiffness(e: float) -> float:
-    """Return omega h: an elastic mass is thrown back exactly at 1; with damping it takes more steps of contact."""
+    """Return omega h: at 1 an elastic impact is exact; with damping a contact needs more steps."""
     return 1.0 if e == 1.0 else _SPRING if e > 0.0 else _CREEP
 
 
-def _told(e: float) -> str:
+def _solref_in_words(e: float) -> str:
     k, b = _stiffness(e), _damping(e)
     return f"-({k:g} / h)^2 -{b:.4g} / h, which is omega h = {k:g} with b from e"
 
 
-def _reference(e: float, h: float) -> tuple[float, float]:
-    """Return solref: a stiffness, and the damping that throws back at e."""
+def _solref(e: float, h: float) -> tuple[float, float]:
+    """Return solref: stiffness, and the damping that gives the restitution e."""
     return -((_stiffness(e) / h) ** 2), -_damping(e) / h
 
 
 @lru_cache
 def _damping(e: float) -> float:
-    """Return b h that throws a mass back at e times its speed, on the mean of where in a step it strikes."""
+    """Return b h that gives the restitution e in the mean over the phase of the impact in its step."""
     if e == 0.0:
-        # takes all of the speed in one step
+        # removes the whole speed in one step
         return 1.0
     low, high = 0.0, 2.0 * _stiffness(e)
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _thrown_back(middle, _stiffness(e) ** 2) > e else (low, middle)
+        low, high = (middle, high) if _mean_restitution(middle, _stiffness(e) ** 2) > e else (low, middle)
     return low
 
 
-def _thrown_back(b: float, k: float) -> float:
-    """Return the mean speed after a contact met at -1, in steps of MuJoCo's Euler method, h = 1."""
+def _mean_restitution(b: float, k: float) -> float:
+    """Return the mean speed after a contact that begins at speed -1, in steps of MuJoCo's Euler method, h = 1."""
     speeds = []
     for depth in _PHASES:
         r, v = -depth, -1.0
         while r < 0.0:
-            # a contact pushes only
-            push = max(-b * v - k * r, 0.0)
-            if push == 0.0 and v <= 0.0:
+            # no tension
+            impulse = max(-b * v - k * r, 0.0)
+            if impulse == 0.0 and v <= 0.0:
                 break
-            v += push
+            v += impulse
             r += v
         speeds.append(max(v, 0.0))
     return float(np.mean(speeds))

@@ -1,4 +1,4 @@
-"""PyBullet: impulses with restitution, in reduced coordinates."""
+"""Adapter to PyBullet: impulses with restitution, in reduced coordinates."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .bodies import Bodies, Body, Poses
 from .rig import Array, Rig, State
 
 NAME = f"PyBullet {version('pybullet')}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (p.error,)
 _ITERATIONS, _RESIDUAL = 500, 1e-16
-# at 0 an edge that falls flat on a plane is not seen [m]
+# contactBreakingThreshold; at 0 an edge that lands flat on a plane is missed [m]
 _BREAKING = 1e-3
-# edge of a box for a plane [m]
+# edge of the box that stands for a plane [m]
 _WIDE, _UPRIGHT = 20.0, Rotation.identity()
 _SETTINGS = (
     "restitutionVelocityThreshold = contactSlop = erp = contactERP = 0, "
@@ -50,12 +50,12 @@ class PyBullet:
         if self._joints:
             p.setJointMotorControlArray(self._rig, self._joints, p.VELOCITY_CONTROL, forces=[0.0] * len(self._joints))
         info = p.getDynamicsInfo(self._rig, -1)
-        # its base is the centre of mass and its principal axes
+        # PyBullet's base frame is the centre of mass with principal axes
         self._centre, self._axes = np.array(info[3]), Rotation.from_quat(info[4])
         self._free = rig.free
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         if self._free:
             turn = Rotation.from_quat(state.quaternion)
             arm = turn.apply(self._centre)
@@ -68,11 +68,11 @@ class PyBullet:
             p.resetJointState(self._rig, joint, float(angle), float(rate))
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         p.stepSimulation()
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         joints = [p.getJointState(self._rig, joint)[:2] for joint in self._joints]
         angles, rates = (np.array([j[k] for j in joints]) for k in (0, 1))
         if not self._free:
@@ -89,7 +89,7 @@ Peer = PyBullet
 
 
 class PyBulletBodies:
-    """Free bodies in PyBullet; a plane finds one point of a box a step, so that boxes stand on a wide box instead."""
+    """Free bodies in PyBullet; a wide box stands for a plane, because a plane finds one point of a box per step."""
 
     continuous = False
 
@@ -114,22 +114,22 @@ class PyBulletBodies:
             number = p.createMultiBody(body.mass, _shape(body.shape)) if len(body.places) == 1 else _loaded(body)
             p.changeDynamics(number, -1, localInertiaDiagonal=body.inertia.tolist())
             _slippery(number, -1, own)
-            # it sleeps never
+            # never sleeps
             p.changeDynamics(number, -1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
             self._bodies.append(number)
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
+        """Set poses and velocities."""
         for body, place, turn, linear, spin in zip(self._bodies, *(x.tolist() for x in state), strict=True):
             p.resetBasePositionAndOrientation(body, place, turn)
             p.resetBaseVelocity(body, linear, spin)
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         p.stepSimulation()
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
         poses = [p.getBasePositionAndOrientation(body) for body in self._bodies]
         rates = [p.getBaseVelocity(body) for body in self._bodies]
         return Poses(*(np.array(x, dtype=float) for both in (poses, rates) for x in zip(*both, strict=True)))
@@ -139,7 +139,7 @@ Free = PyBulletBodies
 
 
 def _world(gravity: Array, planes: Sequence[tuple[Array, float]], e: float, h: float, breaking: float) -> None:
-    """Begin a world with planes of a restitution."""
+    """Create a world with planes of a restitution."""
     if p.isConnected():
         p.disconnect()
     p.connect(p.DIRECT)
@@ -160,7 +160,7 @@ def _slippery(body: int, link: int, e: float) -> None:
         body, link, lateralFriction=0.0, spinningFriction=0.0, rollingFriction=0.0,
         linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, maxJointVelocity=1e6,
     )  # fmt: skip
-    # in one call with the others it is lost on links
+    # a separate call, because links ignore it together with the other parameters
     p.changeDynamics(body, link, restitution=e)
 
 
@@ -171,7 +171,7 @@ def _shape(shape: Sphere | Box) -> int:
 
 
 def _loaded(body: Body) -> int:
-    """Return the number of a body of several balls, from a file: of an array it drops all after the sixteenth."""
+    """Return the number of a body of several balls, loaded from a file, because arrays are cut after 16 balls."""
     assert isinstance(body.shape, Sphere)
     x, y, z = body.inertia.tolist()
     parts = [
@@ -186,7 +186,7 @@ def _loaded(body: Body) -> int:
     ]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "body.urdf"
-        # long lines are cut
+        # PyBullet cuts long lines
         file.write_text("\n".join(parts))
         number = int(p.loadURDF(str(file), flags=p.URDF_USE_INERTIA_FROM_FILE))
     assert len(p.getCollisionShapeData(number, -1)) == len(body.places)

@@ -1,4 +1,4 @@
-"""Siconos: Moreau and Jean's time stepping, in a process of the system's Python, for it is built for NumPy 1."""
+"""Adapter to Siconos: the scheme of Moreau and Jean, in the system's Python, because Siconos needs NumPy 1."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _version() -> str:
 
 
 NAME = f"Siconos {_version()}"
-# what a run that it gives up raises
+# errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (RuntimeError,)
 _SERVER = Path(__file__).with_name("siconos_server.py")
 _SETTINGS = (
@@ -39,11 +39,11 @@ _SETTINGS = (
 
 
 class SiconosBodies:
-    """Free bodies in Siconos; ours are the relations, of points over planes and of balls with one another."""
+    """Free bodies in Siconos, with relations of `siconos_server`: points and planes, balls and balls."""
 
     settings = _SETTINGS
     continuous = False
-    # where in a step its velocity changes, as of `Scheme`
+    # when in a step the velocity changes, as in `Scheme`
     jump = 0.5
 
     def __init__(self, model: Bodies, h: float) -> None:
@@ -53,39 +53,44 @@ class SiconosBodies:
             [SYSTEM, "-I", str(_SERVER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
         self._close = weakref.finalize(self, _end, self._server)
-        told = {"h": h, "e": model.e, "gravity": model.gravity.tolist(), "bodies": [_told(b) for b in model.bodies]}
+        model_data = {
+            "h": h,
+            "e": model.e,
+            "gravity": model.gravity.tolist(),
+            "bodies": [_body_data(b) for b in model.bodies],
+        }
         planes = [(normal.tolist(), float(offset)) for normal, offset in model.planes]
         fixed = [(centre.tolist(), list(solid.size)) for solid, centre in model.fixed]
-        self._tell("model", **told, planes=planes, fixed=fixed)
+        self._send("model", **model_data, planes=planes, fixed=fixed)
 
     def limit(self, seconds: float) -> None:
-        """Let it and this process take so much CPU time from now on; then `TimeoutError` is raised."""
+        """Limit the CPU time of this process and the child from now on; then `TimeoutError` is raised."""
         self._budget = process_time() + self._spent + seconds
-        self._tell("limit", seconds=seconds)
+        self._send("limit", seconds=seconds)
 
     def start(self, state: Poses) -> None:
-        """Put the bodies there."""
-        self._tell("start")
+        """Set poses and velocities."""
+        self._send("start")
         self._answer(np.hstack([*state]).astype(float).tobytes())
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         self.many(1)
 
     def many(self, count: int) -> None:
-        """Take steps."""
-        self._tell("go", count=count)
+        """Advance by several steps."""
+        self._send("go", count=count)
         self._answer()
 
     def clock(self) -> float:
-        """Return the CPU time that the steps took in the other process [s]."""
+        """Return the CPU time of the steps in the child process [s]."""
         return self._spent
 
     def read(self) -> Poses:
-        """Return where the bodies are."""
+        """Return poses and velocities."""
         return Poses(*np.split(self._state, [3, 7, 10], axis=1))
 
-    def _tell(self, what: str, **more: Any) -> None:
+    def _send(self, what: str, **more: Any) -> None:
         assert self._server.stdin is not None
         try:
             self._server.stdin.write(json.dumps({"do": what, **more}).encode() + b"\n")
@@ -134,22 +139,22 @@ class Siconos:
         self.many, self.clock = self._body.many, self._body.clock
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
         self._body.start(posed(state))
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
         self._body.advance()
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
         return placed(self._body.read())
 
 
 Peer = Siconos
 
 
-def _told(body: Body) -> dict[str, Any]:
+def _body_data(body: Body) -> dict[str, Any]:
     places, radius = points(body)
     return {
         "mass": body.mass, "inertia": body.inertia.tolist(), "turns": body.turns, "radius": radius,
@@ -161,7 +166,7 @@ def _end(server: subprocess.Popen[bytes]) -> None:
     server.kill()
     for pipe in (server.stdin, server.stdout):
         if pipe is not None:
-            # what it did not take is lost
+            # unread input is lost
             with suppress(BrokenPipeError):
                 pipe.close()
     server.wait()

@@ -1,4 +1,4 @@
-"""Jiminy by itself, run as a script that imports nothing of mbvi: its pinocchio cannot be loaded beside ours."""
+"""Server of jiminy, run as a script without mbvi, because the two Pinocchio libraries conflict."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-# it looks for another pinocchio else, and warns
+# otherwise jiminy looks for another pinocchio, and warns
 os.environ["JIMINY_FORCE_STANDALONE"] = "1"
 import jiminy_py.core as jiminy
 
 Array = np.ndarray
 
-# where joints stop [rad]
+# limits of joints, out of reach [rad]
 _FAR = 1e9
-# of less it makes no step [s]
+# least step [s]
 _INSTANT = 1e-6
 
 
 class Simulation:
-    """An engine with one robot, whose contact points meet the plane z = 0."""
+    """A simulation of one robot with contact points above the plane z = 0."""
 
     def __init__(self, urdf: str, free: bool, points: list[tuple[str, Array]], options: dict[str, Any]) -> None:
         self._robot = jiminy.Robot("rig")
@@ -47,20 +47,20 @@ class Simulation:
         return [str(name) for name in self._robot.mechanical_joint_names]
 
     def start(self, q: Array, v: Array, kp: float, kd: float) -> None:
-        """Put the robot there; its contacts are to answer a gap and its rate with -kp gap - kd rate [m/s^2]."""
+        """Set the state; contacts respond to a gap and its rate with -kp gap - kd rate [m/s^2]."""
         if self._engine.is_simulation_running:
             self._engine.stop()
         self._engine.start(q, v)
-        # it sets them when it starts
+        # jiminy sets its own gains at the start
         for contact in self._robot.constraints.contact_frames.values():
             contact.kp, contact.kd = kp, kd
 
     def go(self, duration: float) -> None:
-        """Go on by a time [s]."""
+        """Advance by a time [s]."""
         self._engine.step(duration)
 
     def until(self, time: float) -> None:
-        """Go on to a time since the start, but for what it takes for no time [s]."""
+        """Advance to a time after the start, unless the rest is below the least step [s]."""
         left = time - self._engine.stepper_state.t
         if left > _INSTANT:
             self._engine.step(left)
@@ -92,14 +92,14 @@ class Simulation:
 
 
 def main() -> None:
-    """Answer what is asked on the standard input until it ends."""
-    asked, told = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    # what it prints is no answer
+    """Answer the requests on standard input until it ends."""
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    # output of jiminy must not mix with answers
     os.dup2(2, 1)
     simulation: Any = None
     while True:
         try:
-            name, arguments = pickle.load(asked)
+            name, arguments = pickle.load(requests)
         except EOFError:
             return
         answer: Any = None
@@ -112,8 +112,8 @@ def main() -> None:
             found = (True, answer)
         except Exception as error:
             found = (False, f"{type(error).__name__}: {error}")
-        pickle.dump(found, told)
-        told.flush()
+        pickle.dump(found, answers)
+        answers.flush()
 
 
 if __name__ == "__main__":

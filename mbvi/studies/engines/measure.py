@@ -1,4 +1,4 @@
-"""A case run in another engine: first whether it moves freely as ours does, then errors and CPU times."""
+"""Cases in other engines: a check of the motion before the first impact, then errors and CPU times."""
 
 from __future__ import annotations
 
@@ -12,71 +12,73 @@ import numpy as np
 
 from ...errors import InputError, MbviError
 from ...problem import Problem
+from ...results.run_data import RunRecord
 from ...results.trajectory import Trajectory
+from ...schemes import Timing
 from ..chart.errors import sampled_errors
-from ..chart.records import NOT, Record
+from ..chart.records import NOT_MEASURED, Record
 from ..chart.sweep import REPEATS, STEPS, Case, record
 from ..chart.workers import made
 from .rig import Array, Engine, Rig, rig
 
-# part of the time to the first impact that is compared, and the steps at which [s]
+# part of the time to the first impact that is compared; coarse and fine step [s]
 _FREE, _COARSE, _FINE = 0.9, 1e-3, 1e-4
-# an integrator of order one comes ten times nearer; what agrees to this needs to come no nearer
-_NEARER, _NEAR = 0.15, 1e-7
-# by how much a quaternion may be off the unit sphere
+# largest ratio of the errors at fine and coarse step (order one gives 0.1); error that is small enough in any case
+_CONVERGED_RATIO, _NEGLIGIBLE = 0.15, 1e-7
+# largest error of a quaternion's norm
 _UNIT = 1e-3
 
 
 class ModelError(MbviError):
-    """Another engine's model of a case is another than ours."""
+    """Another engine's model of a case differs from mbvi's."""
 
 
 def sweep_peer(
     module: str, make: Callable[[float], Case], e: float, steps: Sequence[float] = STEPS, repeats: int = REPEATS
 ) -> tuple[Record, ...]:
-    """Run a case in an engine at several steps, in the way `work_precision.sweep` runs it in ours.
+    """Run a case in an engine at several steps, as `mbvi.studies.chart.sweep` runs it in mbvi.
 
     Parameters
     ----------
     module : str
-        Such as "in_mujoco".
+        Name of the adapter, such as "in_mujoco".
     make : callable
         e -> Case.
     e : float
         Restitution.
     steps : sequence of float
-        [s].
+        Time steps [s].
     repeats : int
-        Runs at each, as of `sweep`. Times are of steps alone, without recording; the states come from a second run.
+        Runs for each step. Times are those of the steps; a second run records the states.
 
     Raises
     ------
     ModelError
-        If the engine's free motion is not ours.
+        If the engine's free motion differs from mbvi's.
     InputError
-        If the case is not of rigid bodies.
+        If the case does not consist of rigid bodies.
     """
     case, engine = made(make, e), import_module(f".{module}", __package__)
     model = rig(case)
     if model is None or case.solution is None:
-        raise InputError(f"{case.name} is no problem of rigid bodies that another engine could be given")
+        raise InputError(f"{case.name} is not a problem of rigid bodies, so other engines cannot run it")
     check_free_motion(case, model, engine)
     return tuple(_point(case, model, engine, h, repeats) for h in steps)
 
 
 def check_free_motion(case: Case, model: Rig, engine: ModuleType) -> tuple[float, float]:
-    """Return how far an engine's free motion is from ours before the first impact, at a coarse and a fine step.
+    """Return the errors of an engine's motion before the first impact, at a coarse and a fine step.
 
     Raises
     ------
     ModelError
-        If the fine step does not bring it nearer as it should.
+        If the error does not fall with the step.
     """
     off = [_free_error(case, model, engine, h) for h in (_COARSE, _FINE)]
-    if not (off[1] <= _NEARER * off[0] or off[1] <= _NEAR):
+    if not (off[1] <= _CONVERGED_RATIO * off[0] or off[1] <= _NEGLIGIBLE):
         raise ModelError(
-            f"{engine.NAME} is not charted on {case.name}: before the first impact it is off by {off[0]:.2g} at "
-            f"h = {_COARSE:g} s and by {off[1]:.2g} at {_FINE:g} s, which no integrator explains"
+            f"{engine.NAME} is not charted on {case.name}: before the first impact its error is {off[0]:.2g} at "
+            f"h = {_COARSE:g} s and {off[1]:.2g} at {_FINE:g} s, which no integrator explains"
         )
     return off[0], off[1]
 
@@ -112,14 +114,14 @@ def _point(case: Case, model: Rig, engine: ModuleType, h: float, repeats: int) -
             found.append(_judged_between(case, model, peer, run))
         else:
             found.append(_judged(case, run, peer.continuous))
-    return record(case, engine.NAME, peer.settings, h, NOT, times, found)
+    return record(case, engine.NAME, peer.settings, h, NOT_MEASURED, times, found)
 
 
 def _judged(case: Case, run: Trajectory, continuous: bool) -> tuple[float, ...]:
     errors = case.judged(run)
     if not continuous:
         return errors
-    # between samples it moves smoothly, and its energy needs no shift in time
+    # the motion is smooth between samples, and q and v belong to the same time
     assert case.solution is not None
     system = case.problem.system
 
@@ -129,29 +131,29 @@ def _judged(case: Case, run: Trajectory, continuous: bool) -> tuple[float, ...]:
         q = system.integrate(run.q[i], part * system.difference(run.q[i], run.q[i + 1]))
         return q, run.v[i] + part * (run.v[i + 1] - run.v[i])
 
-    return *sampled_errors(at, np.zeros(0), case.solution, len(run.t)), NOT, errors[-1]
+    return *sampled_errors(at, np.zeros(0), case.solution, len(run.t)), NOT_MEASURED, errors[-1]
 
 
 def _judged_between(case: Case, model: Rig, peer: Any, run: Trajectory) -> tuple[float, ...]:
-    """Return the errors of an engine that goes to any time, so that they do not depend on where it is read."""
+    """Return the errors of an engine that can stop at any time."""
     assert case.solution is not None
     solution, start = case.solution, float(run.t[0])
 
     def at(t: float) -> tuple[Array, Array]:
-        # it starts on the solution
+        # the start is on the solution
         if t <= start:
             return solution.at(t)
         peer.until(t - start)
         found: tuple[Array, Array] = model.coordinates(peer.read())
         return found
 
-    # they are asked for in their order
-    return *sampled_errors(at, np.zeros(0), solution), NOT, float(run.penetration().max(initial=0.0))
+    # `sampled_errors` evaluates times in order
+    return *sampled_errors(at, np.zeros(0), solution), NOT_MEASURED, float(run.penetration().max(initial=0.0))
 
 
 def _time(peer: Engine, count: int) -> float:
     many = getattr(peer, "many", None)
-    # some run in a process of their own
+    # engines in a child process report its CPU time
     clock = getattr(peer, "clock", process_time)
     begin = clock()
     if many is not None:
@@ -163,34 +165,34 @@ def _time(peer: Engine, count: int) -> float:
 
 
 def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start: float, count: int) -> Trajectory:
-    """Return the steps that an engine takes from where it was put, as a run of ours.
+    """Return the steps of an engine from its start as a trajectory.
 
     Parameters
     ----------
     problem : Problem
-        Ours, which the engine has in it.
+        The problem that the engine runs.
     name : str
-        How it is called.
+        Its name.
     model : Rig or Bodies
-        How coordinates correspond.
+        The map between coordinates.
     peer : Engine or BodiesEngine
         The engine, at its start.
     h, start : float
         Step and time of the start [s].
     count : int
-        How many steps.
+        Number of steps.
 
     Raises
     ------
     ModelError
-        If numbers that are not finite come back.
+        If states are not finite.
     """
 
     def read() -> tuple[Array, Array]:
         state = peer.read()
-        # where a body is turned by no rotation there are no coordinates
+        # a quaternion off the unit sphere is no rotation
         if not (np.abs(np.linalg.norm(state.quaternion, axis=-1) - 1.0) < _UNIT).all():
-            raise ModelError(f"{name} runs away at h = {h:g} s")
+            raise ModelError(f"{name} diverges at h = {h:g} s")
         found: tuple[Array, Array] = model.coordinates(state)
         return found
 
@@ -200,14 +202,12 @@ def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start
         states.append(read())
     q, v = (np.array(x) for x in zip(*states, strict=True))
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
-        raise ModelError(f"{name} runs away at h = {h:g} s")
+        raise ModelError(f"{name} diverges at h = {h:g} s")
     t = start + h * np.arange(count + 1)
     depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
-    # new velocities move the configuration through the whole step, semi-implicit, where it does not say otherwise
-    return Trajectory(
-        t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, _penetration=depth,
-        _jump=getattr(peer, "jump", 0.0),
-    )  # fmt: skip
+    # semi-implicit by default: the new velocity moves the configuration through the whole step
+    kept = RunRecord(depth, timing=Timing(jump=getattr(peer, "jump", 0.0)))
+    return Trajectory(t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, record=kept)
 
 
 def _depth(problem: Problem, t: float, q: Array) -> float:

@@ -1,4 +1,4 @@
-"""What another engine is told of a problem: a URDF, planes, and how its coordinates and ours correspond."""
+"""Models of chart cases for other engines: a URDF, planes, and the map between coordinates."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..shipped import robot_path
 Array = np.ndarray
 
 _BALL, _TIP = 0.1, 0.05
-# of what the problem takes for a point: engines refuse zero [kg m^2]
+# moment of inertia of a point mass; engines do not accept zero [kg m^2]
 _POINT = 1e-9
 
 
 class State(NamedTuple):
-    """Where a rig is and how it moves; the base's velocities in the world, its linear one that of its origin."""
+    """Configuration and velocity of a rig; base velocities are in the world, the linear one that of its origin."""
 
     position: Array
     quaternion: Array
@@ -33,28 +33,28 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Rig:
-    """A problem as an engine is given it.
+    """The model of a problem for other engines.
 
     Attributes
     ----------
     urdf : str
-        One robot or body; a fixed one hangs on its root link.
+        One robot or body; a fixed one is attached at its root link.
     base : str
         The root link.
     free : bool
         Whether the root link floats.
     joints : tuple of str
-        Names, in the order of `State.angles`.
+        Names of joints, in the order of `State.angles`.
     planes : tuple of (ndarray, float)
-        Normal and offset: free is where normal . x >= offset.
+        Normal and offset; bodies are where normal . x >= offset.
     state : callable
         (q, v) -> State.
     coordinates : callable
         State -> (q, v).
     mass : float
-        In all [kg].
+        Total mass [kg].
     closing : float
-        Speed at which the first constraint is struck [m/s], for engines whose restitution depends on it.
+        Speed of the first impact [m/s], for engines whose restitution depends on it.
     """
 
     urdf: str
@@ -69,33 +69,33 @@ class Rig:
 
 
 class Engine(Protocol):
-    """Another engine with a rig in it, at one step."""
+    """An adapter of an engine with a rig, at one step."""
 
     settings: str
-    """How it is set, in words."""
+    """Settings, in words."""
     continuous: bool
-    """Whether it chooses its own steps, so that h only says how stiff contacts are; else it is semi-implicit."""
+    """Whether the engine chooses its steps, so that h sets the stiffness only; otherwise it is semi-implicit."""
 
     def __init__(self, rig: Rig, e: float, h: float) -> None: ...
 
     def start(self, state: State) -> None:
-        """Put the rig there."""
+        """Set the state."""
 
     def advance(self) -> None:
-        """Take a step."""
+        """Advance by one step."""
 
     def read(self) -> State:
-        """Return where the rig is."""
+        """Return the state."""
 
 
 def rig(case: Case) -> Rig | None:
-    """Return what an engine of rigid bodies needs to run a case; None where it is not of rigid bodies."""
+    """Return the rig of a case, or None if the case does not consist of rigid bodies."""
     make = RIGS.get(case.name)
     return None if make is None else replace(make(case), mass=_mass(case), closing=_closing(case))
 
 
 def _mass(case: Case) -> float:
-    # the largest translation's entry of M at the start: exact for one body, of a mechanism a scale
+    # largest diagonal entry of M at the start: exact for one body, a scale for a mechanism
     problem = case.problem
     return float(max(2 * problem.system.kinetic_energy(problem.q0, unit) for unit in np.eye(problem.system.nv)))
 
@@ -127,7 +127,7 @@ def _box(case: Case) -> Rig:
     text = _urdf([_link("box", mass, np.zeros(3), inertia, f'<box size="{_words(size)}"/>')])
 
     def state(q: Array, v: Array) -> State:
-        # scipy takes no read-only arrays
+        # scipy does not accept read-only arrays
         q, v = np.array(q), np.array(v)
         return State(q[:3], q[3:], v[:0], v[:3], Rotation.from_quat(q[3:]).apply(v[3:]), v[:0])
 
@@ -141,7 +141,7 @@ def _box(case: Case) -> Rig:
 def _pendulum(case: Case) -> Rig:
     down, point = np.array([0.0, 0.0, -1.0]), _POINT * np.ones(3)
     parts = [
-        # it hangs in the world; some engines complain of a link without a mass
+        # the root is fixed; some engines do not accept a link without mass
         _link("stand", 1.0, np.zeros(3), np.ones(3)),
         _link("upper", 1.0, down, point),
         _link("lower", 1.0, down, point, f'<sphere radius="{_TIP}"/>'),
@@ -151,7 +151,7 @@ def _pendulum(case: Case) -> Rig:
     still, turn = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 
     def state(q: Array, v: Array) -> State:
-        # both of ours are from the vertical
+        # both angles of mbvi are measured from the vertical
         return State(still, turn, np.array([q[0], q[1] - q[0]]), still, still, np.array([v[0], v[1] - v[0]]))
 
     wall = (np.array([1.0, 0.0, 0.0]), -0.1 - _TIP)

@@ -14,8 +14,7 @@ import pinocchio as pin
 from ...arguments import Array
 from ...errors import InputError
 from ...geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
-from ...problem import Problem
-from ...scene.model import SceneModel
+from ...problem import BuiltScene, Problem
 from ...system import ArticulatedSystem
 
 # mass matrix and gravity must agree to this, relative to their largest entries
@@ -59,7 +58,7 @@ class MuJoCoRobot:
         if self._base:
             x, y, z, w = problem.q0[3:7]
             self._q[:7] = *problem.q0[:3], w, x, y, z
-            # MuJoCo's free joint moves along the world's axes and turns about the body's, Pinocchio's takes the body's
+            # MuJoCo's free joint has its linear velocity in world axes, Pinocchio's in body axes
             self._to_mujoco[:3, :3] = pin.Quaternion(w, x, y, z).matrix()
             self._to_mujoco[3:6, 3:6] = np.eye(3)
         self._v = self._to_mujoco @ problem.v0
@@ -67,7 +66,7 @@ class MuJoCoRobot:
         self._check(problem)
 
     def rows(self, count: int) -> float:
-        """Return the mean number of active rows over `count` steps, the first left out."""
+        """Return the mean number of active rows over `count` steps, the first excluded."""
         self._reset()
         rows = []
         for _ in range(count):
@@ -76,7 +75,7 @@ class MuJoCoRobot:
         return float(np.mean(rows[1:]))
 
     def time(self, count: int) -> float:
-        """Return the time of one step among `count`, the first taken away [s]."""
+        """Return the time of one step among `count`, the first excluded [s]."""
         self._reset()
         mujoco.mj_step(self.model, self.data)
         start = time.process_time()
@@ -87,13 +86,13 @@ class MuJoCoRobot:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:], self.data.qfrc_applied[:] = self._q, self._v, self._torque
 
-    def _compile(self, problem: Problem, scene: SceneModel, step: float) -> mujoco.MjModel:
+    def _compile(self, problem: Problem, scene: BuiltScene, step: float) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = step
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
         spec.option.gravity = self._source.gravity.linear
-        # what is fixed is no part of MuJoCo's world body, so that its pairs can be left out and the half-spaces' kept
+        # fixed links are a body of their own, so that their pairs can be excluded and those of half-spaces kept
         bodies = [spec.worldbody.add_body(name="fixed")]
         for joint in range(1, self._source.njoints):
             bodies.append(self._add_body(bodies, spec.worldbody, joint))
@@ -111,7 +110,7 @@ class MuJoCoRobot:
         return spec.compile()
 
     def _add_body(self, bodies: list, world: Any, joint: int) -> Any:
-        """Add the body behind one of Pinocchio's joints."""
+        """Add the body that one of Pinocchio's joints carries."""
         source = self._source
         place, inertia = source.jointPlacements[joint], source.inertias[joint]
         parent = source.parents[joint]
@@ -147,7 +146,7 @@ class MuJoCoRobot:
         return body
 
     def _coordinates(self) -> None:
-        """Find where the joints of one coordinate stand in MuJoCo's q and v and in Pinocchio's."""
+        """Find the indices of joints with one coordinate in MuJoCo's q and v and in Pinocchio's."""
         joints = range(2 if self._base else 1, self._source.njoints)
         mine = [self.model.joint(self._source.names[j]) for j in joints]
         self._here = np.array([int(m.qposadr[0]) for m in mine])
@@ -170,7 +169,7 @@ class MuJoCoRobot:
         for what, a, b in (("mass matrix", turn.T @ mass @ turn, theirs), ("gravity", turn.T @ data.qfrc_bias, weight)):
             off = np.abs(a - b).max() / max(np.abs(b).max(), 1e-300)
             if off > _AGREEMENT:
-                raise RuntimeError(f"{source.name}: MuJoCo's {what} is off by {off:.1e} of its largest entry")
+                raise RuntimeError(f"{source.name}: MuJoCo's {what} differs by {off:.1e} of its largest entry")
 
 
 def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:
@@ -192,8 +191,8 @@ def _add_geom(spec: Any, body: Any, placed: PlacedShape) -> None:
             geom.type, geom.meshname = kinds.mjGEOM_MESH, placed.name
 
 
-def _leave_out(spec: Any, bodies: list, scene: SceneModel, model: pin.Model) -> None:
-    """Leave out the pairs of shapes that mbvi leaves out; MuJoCo knows pairs of bodies only."""
+def _leave_out(spec: Any, bodies: list, scene: BuiltScene, model: pin.Model) -> None:
+    """Leave out the pairs of shapes that mbvi leaves out; MuJoCo excludes pairs of bodies only."""
     (robot,) = scene.items.robots
     out: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
     kept: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
@@ -203,7 +202,7 @@ def _leave_out(spec: Any, bodies: list, scene: SceneModel, model: pin.Model) -> 
             side[a.body, b.body].append((a.name, b.name))
     parents = model.parents
     for pair in out:
-        # MuJoCo by itself leaves out what hangs on what moves
+        # MuJoCo itself excludes the pair of a moving body and its parent
         if pair[0] and parents[pair[1]] == pair[0]:
             continue
         spec.add_exclude(bodyname1=bodies[pair[0]].name, bodyname2=bodies[pair[1]].name)
@@ -212,7 +211,7 @@ def _leave_out(spec: Any, bodies: list, scene: SceneModel, model: pin.Model) -> 
 
 
 def _damping_ratio(e: float) -> float:
-    """Return the damping with which a linear spring throws back at e times the speed; critical at 0."""
+    """Return the damping at which a linear spring has the restitution e; critical damping at 0."""
     return abs(np.log(e)) / np.hypot(np.pi, np.log(e)) if e > 0.0 else 1.0
 
 

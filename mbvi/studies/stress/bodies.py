@@ -19,7 +19,7 @@ from .scene import StressScene, compared, energy_drift, gain_or_penetration, mov
 _G = 9.81
 # radius of a sphere, diameter of a bead [m]
 _GRAIN, BEAD = 0.1, 0.02
-# of the table: gradients by height and two small angles, shape (100, 3)
+# legs of the table: gradients with respect to height and two small angles, shape (100, 3)
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
 LEGS = np.column_stack([np.ones(100), np.sin(_ANGLES), -np.cos(_ANGLES)])
 
@@ -50,7 +50,7 @@ def _linear(row: Array, offset: float) -> GapFunction:
 
 
 def _table(h: float) -> Problem:
-    """Return a disc on a hundred legs, by height and two small angles, let go three centimetres above the floor."""
+    """Return a disc on a hundred legs, dropped from 3 cm; q holds its height and two small angles."""
     mass = np.diag([10.0, 2.5, 2.5])
     system = LagrangianSystem(mass=lambda q: mass, force=lambda t, q, v: np.array([-10.0 * _G, 0.0, 0.0]), dim=3)
     rows = [_linear(row, 0.0) for row in LEGS]
@@ -58,7 +58,7 @@ def _table(h: float) -> Problem:
 
 
 def _beads(h: float) -> Problem:
-    """Return ten beads on a vertical wire: impacts accumulate on every one of them."""
+    """Return ten beads on a vertical wire; impacts of every bead accumulate."""
     n = 10
     rows = np.eye(n) - np.eye(n, k=-1)
     system = LagrangianSystem(
@@ -69,16 +69,16 @@ def _beads(h: float) -> Problem:
 
 
 def _plate(h: float) -> Problem:
-    """Return a ball that meets a plate so fast that it crosses ten thicknesses within a step."""
+    """Return a ball that flies at a plate, at ten thicknesses of the plate per step."""
     scene = Scene(gravity=(0, 0, 0), restitution=0.5)
     scene.add_box(size=(2.0, 2.0, 0.01), position=(0, 0, 0), fixed=True, name="plate")
-    # never at a distance that a whole number of steps meets
+    # a distance that is no whole number of steps
     scene.add_sphere(radius=0.002, mass=1.0, position=(0, 0, 0.5437), velocity=(0, 0, -0.1 / h))
     return scene.build()
 
 
 def _passed(run: Trajectory) -> float:
-    """Return how far the ball ever was beyond the plate [m]."""
+    """Return the largest distance of the ball beyond the plate [m]."""
     return max(0.0, -float(run.q[:, 2].min()))
 
 

@@ -1,4 +1,4 @@
-"""Stress scenes of mechanisms, single bodies and the paper's own setting."""
+"""Stress scenes of mechanisms, of single bodies, and of problems given by functions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HALF, _TALL, _CLEARANCE = 0.05, 0.025, 0.001
 
 
 def _slider_crank(h: float) -> Problem:
-    """Return a slider with play in its guide, driven by a crank's inertia: four corners against two walls."""
+    """Return a slider-crank with play in the guide: four corners of the slider against two walls."""
     (m1, m2, m3), (J1, J2, J3) = _MASSES, _INERTIAS
     a = J1 + _CRANK**2 * (m1 / 4 + m2 + m3)
     b = J2 + _ROD**2 * (m2 / 4 + m3)
@@ -40,7 +40,7 @@ def _slider_crank(h: float) -> Problem:
         ])  # fmt: skip
 
     def corner(along: float, up: float, wall: float) -> GapFunction:
-        # the wall above or below the slider, by its sign; the corner is at (along, up) on the slider
+        # wall = 1 is above the slider, -1 below; the corner is at (along, up) on the slider
 
         def gap(q: Array) -> float:
             height = _CRANK * np.sin(q[0]) + _ROD * np.sin(q[1]) + along * np.sin(q[2]) + up * np.cos(q[2])
@@ -61,7 +61,7 @@ def _slider_crank(h: float) -> Problem:
 
 
 def _tumbling(h: float) -> Problem:
-    """Return a free body that turns about its middle axis and flips over."""
+    """Return a free body that rotates about its middle principal axis and flips over."""
     scene = Scene(gravity=(0, 0, 0))
     # the box of mass 1 that has these moments of inertia [kg m^2]
     squares = 6.0 * np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]) @ (np.array([2.0, 1.2, 2.8]) * 1e-2)
@@ -70,7 +70,7 @@ def _tumbling(h: float) -> Problem:
 
 
 def _stretched_arm(h: float) -> Problem:
-    """Return two links in a plane that straighten towards a wall which only the straight arm touches."""
+    """Return a planar arm of two links that straightens towards a wall; only the straight arm touches it."""
 
     def mass(q: Array) -> Array:
         c = np.cos(q[1])
@@ -89,7 +89,7 @@ def _stretched_arm(h: float) -> Problem:
 
 
 def _off_the_circle(run: Trajectory) -> float:
-    """Return how far the bead is from its circle [m]."""
+    """Return the largest distance from the circle [m]."""
     return float(np.abs(np.linalg.norm(run.q, axis=1) - 1.0).max())
 
 

@@ -1,4 +1,4 @@
-"""Stress scenes as other engines are given them, and why some are not."""
+"""Models of stress scenes for other engines, and the reasons why some scenes have none."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from .scene import StressScene
 _X, _Y, _Z = np.eye(3)
 _DOWN, _NONE = np.array([0.0, 0.0, -9.81]), np.zeros(3)
 _FLOOR = (_Z, 0.0)
-# radius of what the scene takes for a point [m]
+# radius of balls that stand for points [m]
 _POINT = 0.05
 
 
 def model_of(scene: StressScene, problem: Problem) -> Bodies:
-    """Return what an engine is given of a scene.
+    """Return the model of a scene for other engines.
 
     Raises
     ------
     NoModelError
-        If nothing can be, or nothing was written for it; says which.
+        If the scene has no model; the message gives the reason.
     """
     if problem.scene is not None:
         return of_scene(problem, scene.duration)
@@ -49,7 +49,7 @@ def _row(
     problem: Problem, speed: float, axis: Array, radius: float, apart: float, planes: list[tuple[Array, float]],
     gravity: Array,
 ) -> Bodies:  # fmt: skip
-    """Return balls of a kilogram on a line, each `apart` farther along it than its coordinate says."""
+    """Return balls of 1 kg on a line; ball k is displaced along it by k times `apart`."""
     count = problem.system.nq
     shift = apart * np.arange(count)
     still, none = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
@@ -80,7 +80,7 @@ def _block(problem: Problem, speed: float) -> Bodies:
 
 
 def _table(problem: Problem, speed: float) -> Bodies:
-    """Return a disc on its legs, which end in balls whose lowest points are on the disc's plane when it lies flat."""
+    """Return a disc on legs that end in balls; the lowest points of these balls are the legs' ends."""
 
     def state(q: Array, v: Array) -> Poses:
         turn = Rotation.from_rotvec(q[1] * _X + q[2] * _Y).as_quat()
@@ -96,11 +96,11 @@ def _table(problem: Problem, speed: float) -> Bodies:
 
 
 def _corner(problem: Problem, speed: float) -> Bodies:
-    """Return a ball of a kilogram between two walls, where the kinetic metric is that of the plane."""
+    """Return a ball of 1 kg between two walls, in coordinates whose kinetic metric is Euclidean."""
     # q = lower y
     lower = problem.system.metric(problem.q0).unwhiten(np.eye(2))
     normals = problem.constraints.gradient(problem.t0, problem.q0) @ lower
-    # where it touches both it stands off the corner
+    # position of the ball's centre when it touches both walls
     shift = np.linalg.solve(normals, np.full(2, _POINT))
     still, none = np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3))
 

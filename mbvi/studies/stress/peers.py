@@ -1,4 +1,4 @@
-"""Stress scenes in other engines: the same steps, the same numbers, taken from states that are read back."""
+"""Stress scenes in other engines: the same steps and the same numbers, measured on states read after each step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from itertools import product
 from typing import Any
 
 from ...compiled import compile_all
-from ...results.trajectory import Trajectory, energies
+from ...results.energies import energies
+from ...results.trajectory import Trajectory
 from ..chart.workers import worker
 from ..engines import Peer
 from ..engines.bodies import NoModelError
@@ -22,18 +23,18 @@ from .sweep import Cell, judged
 
 
 def sweep_peer(peer: Peer, scenes: Sequence[StressScene], steps: Sequence[float], budget: float) -> Iterator[Cell]:
-    """Yield a cell for every scene and step of an engine, which runs in a process of its own.
+    """Yield a cell for every scene and step of an engine; it runs in a process of its own.
 
     Parameters
     ----------
     peer : Peer
-        One that is installed.
+        An engine that is installed.
     scenes : sequence of StressScene
-        Of `SCENES`.
+        Scenes of `SCENES`.
     steps : sequence of float
         [s].
     budget : float
-        CPU time that one run may take [s].
+        Limit of the CPU time of one run [s].
 
     Raises
     ------
@@ -54,14 +55,14 @@ def sweep_peer(peer: Peer, scenes: Sequence[StressScene], steps: Sequence[float]
 
 
 def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
-    """Run one scene in an engine at one step, as `cell` does in ours; the engine's setting stands in the cell."""
+    """Run one scene in an engine at one step, as `cell` does in mbvi; the cell holds the engine's settings."""
     compile_all()
-    engine, asked = _engine(module), next(s for s in SCENES if s.name == scene)
-    problem, setting, peer = asked.make(h), "", None
+    engine, stress_scene = _engine(module), next(s for s in SCENES if s.name == scene)
+    problem, setting, peer = stress_scene.make(h), "", None
     try:
         if not hasattr(engine, "Free"):
             raise NoModelError(engine.NO_BODIES)
-        model = model_of(asked, problem)
+        model = model_of(stress_scene, problem)
     except NoModelError as error:
         return Cell(scene, engine.NAME, h, float("inf"), "not run", 0.0, str(error))
 
@@ -73,23 +74,23 @@ def peer_cell(module: str, scene: str, h: float, budget: float) -> Cell:
             if hasattr(peer, "limit"):
                 peer.limit(budget)
             peer.start(model.state(problem.q0, problem.v0))
-            run = recorded(problem, scene, model, peer, h, problem.t0, int(asked.duration / h * (1.0 + 1e-12)))
+            run = recorded(problem, scene, model, peer, h, problem.t0, int(stress_scene.duration / h * (1.0 + 1e-12)))
         except engine.FAILURES as error:
             raise ModelError(f"{engine.NAME}: {error}") from error
         if peer.continuous:
-            # it has q and v at the same times
-            run = replace(run, _energies=energies(problem, run.t, run.q, run.v, 0.0))
+            # q and v of a continuous engine belong to the same time
+            own = energies(problem, run.t, run.q, run.v, 0.0)
+            run = replace(run, record=replace(run.record, energies=own))
         return run
 
-    found = judged(asked, engine.NAME, h, budget, run)
-    # what it took in a process of its own
-    # float() is 0
+    found = judged(stress_scene, engine.NAME, h, budget, run)
+    # CPU time in a child process of the engine; float() is 0
     own = getattr(peer, "clock", float)()
     return replace(found, setting=setting, cpu=found.cpu + own)
 
 
 def _engine(module: str) -> Any:
-    return import_module(f"..peers.{module}", __package__)
+    return import_module(f"..engines.{module}", __package__)
 
 
 def _name(module: str) -> str:

@@ -19,9 +19,9 @@ def draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
     Parameters
     ----------
     cells : sequence of Cell
-        Of a sweep.
+        Cells of a sweep.
     paths : sequence of Path
-        Where to, the format by the suffix.
+        Files; the suffix gives the format.
     """
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch, Rectangle
@@ -54,7 +54,7 @@ def draw(cells: Sequence[Cell], paths: Sequence[Path]) -> None:
 
 
 def number(cell: Cell) -> str:
-    """Return a cell's number in few characters, or why it has none."""
+    """Return the number of a cell in few characters, or the reason why it has none."""
     if cell.verdict in _WORDS:
         return _WORDS[cell.verdict]
     if cell.value == float("inf"):

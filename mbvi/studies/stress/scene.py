@@ -1,4 +1,4 @@
-"""What a stress scene is, and the numbers that scenes are judged by."""
+"""Stress scenes, and the numbers by which their runs are judged."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...problem import Problem
 from ...reference.solution import Reference
 from ...results.trajectory import Trajectory
 
-# instants at which a run is compared with an exact solution
+# number of times at which a run is compared with an exact solution
 _TIMES = 501
 
 
@@ -22,19 +22,19 @@ class StressScene:
     Attributes
     ----------
     name : str
-        Short.
+        Short name.
     make : callable
-        make(h) -> Problem; most scenes do not depend on the step.
+        make(h) -> Problem; most scenes ignore the step h.
     duration : float
-        How long [s].
+        Simulated time [s].
     measure : callable
-        measure(run) -> the number, 0 at best.
+        measure(run) -> the number; 0 is perfect.
     number : str
-        What it is, with its unit.
+        Meaning of the number, with its unit.
     held, failed : float
-        Up to and including the first the scene is held, beyond the second it has failed; in between it is degraded.
+        Bounds: the scene is held if the number is at most `held`, failed if it is above `failed`, degraded between.
     long : bool
-        Whether it is left out unless asked for.
+        Whether the scene runs with `--long` only.
     """
 
     name: str
@@ -47,18 +47,18 @@ class StressScene:
     long: bool = False
 
     def verdict(self, value: float) -> str:
-        """Return "held", "degraded" or "failed"; a NaN has failed."""
+        """Return "held", "degraded" or "failed"; NaN is "failed"."""
         return "held" if value <= self.held else "degraded" if value <= self.failed else "failed"
 
 
 def energy_drift(run: Trajectory) -> float:
-    """Return the largest change of the energy relative to the first."""
+    """Return the largest change of the energy, relative to the initial energy."""
     energy = run.energy()
     return float(np.abs(energy - energy[0]).max() / abs(energy[0]))
 
 
 def energy_gain(run: Trajectory) -> float:
-    """Return the most that the energy rises above any earlier one, relative to the first."""
+    """Return the largest rise of the energy above an earlier value, relative to the initial energy."""
     energy = run.energy()
     return float((energy - np.minimum.accumulate(energy)).max() / abs(energy[0]))
 
@@ -75,14 +75,14 @@ def gain_or_penetration(length: float) -> Callable[[Trajectory], float]:
 
 
 def moved(run: Trajectory) -> float:
-    """Return how far the configuration ever is from the first [m, rad]."""
+    """Return the largest distance from the initial configuration [m, rad]."""
     assert run.problem is not None
     difference = run.problem.system.difference
     return max(float(np.abs(difference(run.q[0], q)).max()) for q in run.q)
 
 
 def compared(name: str, exact: Reference, held: float) -> StressScene:
-    """Return a scene that has an exact solution, judged by the largest error of its configuration [m, rad]."""
+    """Return a scene with an exact solution, judged by the largest error of the configuration [m, rad]."""
 
     def measure(run: Trajectory) -> float:
         difference = exact.problem.system.difference

@@ -1,4 +1,4 @@
-"""Scenes over schemes and steps: one cell each, with its number, its verdict and its time."""
+"""Sweeps of stress scenes over schemes and steps: one cell for each, with number, verdict and time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ...schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli,
 from ..engines.bodies import NoModelError
 from .scene import StressScene
 
-# time-stepping schemes by the names they have in tables; each cell makes its own, or leaves the choice to `simulate`
+# fixed-step schemes by their names in tables; None leaves the choice to `simulate`
 SCHEMES: Mapping[str, Callable[[], Any]] = {
     "default": lambda: None,
     "Paoli": Paoli,
@@ -28,8 +28,8 @@ SCHEMES: Mapping[str, Callable[[], Any]] = {
     "SchatzmanPaoli": SchatzmanPaoli,
     "StewartTrinkle": StewartTrinkle,
 }
-# what a scene that depends on the step gets where there is none [s]
-_USUAL = 1e-3
+# step given to scenes that depend on it, for EventDriven [s]
+_DEFAULT_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -39,20 +39,20 @@ class Cell:
     Attributes
     ----------
     scene, scheme : str
-        Their names; an engine's instead of a scheme's.
+        Names of the scene and of the scheme or engine.
     step : float
-        Time step [s], or the tolerance of error control.
+        Time step [s], or the tolerance of `EventDriven`.
     value : float
-        The scene's number; infinite where there is none.
+        Number of the scene; infinite if there is none.
     verdict : str
-        "held", "degraded" or "failed"; "too slow" where the time given was not enough, "refused" where the scheme says
-        that the scene is not for it, "not run" where another engine cannot be given it.
+        "held", "degraded" or "failed"; "too slow" if the run reached its time limit; "refused" if the scheme raised
+        `UnsuitableError`; "not run" if another engine has no model of the scene.
     cpu : float
         CPU time [s].
     said : str
-        What the run said of itself: its error, or its notes.
+        Error message of the run, or its notes.
     setting : str
-        How another engine was set.
+        Settings of another engine.
     """
 
     scene: str
@@ -73,13 +73,13 @@ def sweep(
     Parameters
     ----------
     scenes : sequence of StressScene
-        Which.
+        Scenes.
     steps : sequence of float
-        Time steps of the time-stepping schemes [s].
+        Time steps of the fixed-step schemes [s].
     tolerances : sequence of float
         Tolerances of `EventDriven`.
     budget : float
-        CPU time that one run may take [s].
+        Limit of the CPU time of one run [s].
     """
     # kernels are compiled before any run is timed
     Projector()
@@ -92,18 +92,18 @@ def sweep(
 
 
 def cell(scene: StressScene, name: str, scheme: Any, step: float, budget: float) -> Cell:
-    """Run one cell; what goes wrong in it is its result. `step` is the tolerance of a scheme that has one."""
+    """Run one cell; an error becomes its verdict. For `EventDriven` the argument `step` is the tolerance."""
 
     def run() -> Trajectory:
         h = None if isinstance(scheme, EventDriven) else step
-        problem = scene.make(_USUAL if h is None else h)
+        problem = scene.make(_DEFAULT_STEP if h is None else h)
         return simulate(problem, scheme, duration=scene.duration, step=h, progress=False)
 
     return judged(scene, name, step, budget, run)
 
 
 def judged(scene: StressScene, name: str, step: float, budget: float, run: Callable[[], Trajectory]) -> Cell:
-    """Return the cell of what a function runs, within a time."""
+    """Return the cell of a run, which is stopped at a limit of CPU time."""
     start = time.process_time()
     value, verdict, said = float("inf"), "failed", ""
     try:
@@ -124,7 +124,7 @@ def judged(scene: StressScene, name: str, step: float, budget: float, run: Calla
 
 
 class _limited:
-    """Raises `TimeoutError` in the main thread after so many seconds of CPU time, however busy the machine is."""
+    """Context that raises `TimeoutError` in the main thread after a number of seconds of CPU time."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds

@@ -22,7 +22,7 @@ from mbvi.results.replay.keyframes import arrows, bounds, motion
 from mbvi.results.replay.meshes import plate_mesh
 from mbvi.results.replay.page import Page
 from mbvi.results.replay.replay import stage
-from support.browser import CHROMIUM, HEIGHT, WIDTH, chromium, distinct_colors, look, needs_browser, with_script
+from support.browser import BROWSER, HEIGHT, WIDTH, chromium, distinct_colors, look, needs_browser, with_script
 from support.paths import ROBOTS
 
 ARROW = (0xD8, 0x1B, 0x4A)
@@ -253,7 +253,7 @@ def test_every_kind_of_shape_is_drawn(tmp_path):
     )
     assert sum("/walls/" in c["path"] for c in drawn) == 3
     assert sum("/fixed/" in c["path"] for c in drawn) == 1
-    if CHROMIUM is not None:
+    if BROWSER:
         run.replay_html(tmp_path / "run.html")
         picture = look(tmp_path / "run.html", 0.35)
         assert distinct_colors(picture) > 500

@@ -105,7 +105,7 @@ CASES = {
 }
 
 
-SLOW = ("anymal", "solo12", "talos", "laikago")
+SLOW = ("anymal", "solo12", "talos", "laikago", "g1")
 
 
 @pytest.mark.parametrize("kind", [pytest.param(k, marks=[pytest.mark.slow] * (k in SLOW)) for k in CASES])
@@ -450,6 +450,7 @@ def in_browser(page, script):
     return said[1]
 
 
+@pytest.mark.slow
 @needs_browser
 def test_a_browser_shows_g1_with_its_feet(tmp_path):
     path = real_robot(G1)

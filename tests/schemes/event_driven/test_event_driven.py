@@ -389,8 +389,9 @@ def test_streaming_writes_what_the_run_holds(every, tmp_path, monkeypatch):
     run = mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45, every=every, out=tmp_path / "run.h5")
     run.save(tmp_path / "saved.h5")
     for again in (mbvi.load(tmp_path / "run.h5"), mbvi.load(tmp_path / "saved.h5")):
-        for name in ("t", "q", "v", "residual", "_dense"):
+        for name in ("t", "q", "v", "residual"):
             np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+        np.testing.assert_array_equal(again.record.dense, run.record.dense)
         np.testing.assert_array_equal(again.penetration(), run.penetration())
         np.testing.assert_allclose(again.energy(), run.energy(), rtol=1e-12)
         assert [i.time for i in again.impacts] == [i.time for i in run.impacts]
@@ -411,7 +412,7 @@ def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
     cut = mbvi.load(path)
     assert not cut.complete
     assert len(cut.t) >= 500 and len(cut.impacts) > 5
-    assert cut._dense.shape[0] == len(cut.t) - 1
+    assert cut.record.dense.shape[0] == len(cut.t) - 1
     end = float(cut.t[-1])
     whole = mbvi.simulate(swinging(), mbvi.EventDriven(1e-9), duration=end, every=4)
     # its last steps are shorter
@@ -419,7 +420,7 @@ def test_a_killed_run_leaves_its_states_and_what_is_between(tmp_path):
     assert n > 100
     np.testing.assert_array_equal(cut.t[:n], whole.t[:n])
     np.testing.assert_array_equal(cut.v[:n], whole.v[:n])
-    np.testing.assert_array_equal(cut._dense[: n - 1], whole._dense[: n - 1])
+    np.testing.assert_array_equal(cut.record.dense[: n - 1], whole.record.dense[: n - 1])
 
 
 def test_a_crowd_is_refused_and_many_spheres_keep_their_own_restitution():

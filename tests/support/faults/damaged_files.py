@@ -28,8 +28,15 @@ Mutation = Callable[[h5py.File, np.random.Generator], str]
 
 def contents(run: mbvi.Trajectory) -> tuple[Any, ...]:
     """Return all that a file keeps of a run, to the bit and comparable."""
-    arrays = [run.t, run.q, run.v, run.residual, run.penetration(), *([] if run._dense is None else [run._dense])]
-    if run.problem is not None or run._energies is not None:
+    arrays = [
+        run.t,
+        run.q,
+        run.v,
+        run.residual,
+        run.penetration(),
+        *([] if run.record.dense is None else [run.record.dense]),
+    ]
+    if run.problem is not None or run.record.energies is not None:
         arrays += run.energies()
     problem = run.problem
     kept = () if problem is None else (problem.report(), problem.q0.tobytes(), problem.v0.tobytes(), problem.t0)
@@ -38,7 +45,7 @@ def contents(run: mbvi.Trajectory) -> tuple[Any, ...]:
         (i.time, i.constraints, i.energy_change, *(getattr(i, name).tobytes() for name in rows)) for i in run.impacts
     ]
     arrays_kept = [(a.shape, a.tobytes()) for a in arrays]
-    return (arrays_kept, impacts, run.scheme, run.step, run._jump, run.notes, run.complete, kept)
+    return (arrays_kept, impacts, run.scheme, run.step, run.record.timing.jump, run.notes, run.complete, kept)
 
 
 def loads_or_says(path: Path, expected: tuple[Any, ...]) -> str:

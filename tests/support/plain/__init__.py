@@ -1,7 +1,8 @@
 """The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
 
-from support.plain.admissible_set import _use_up_plain
 from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
+from support.plain.cache import consume_clearance_plain
+from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import _first_of_lines_plain
 from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain
@@ -10,7 +11,7 @@ from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _reached_plain
 from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
-from support.plain.pairs import _spend_plain, sift_plain
+from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
@@ -44,40 +45,40 @@ PLAIN = {
     "_leave": _leave_plain,
     "_most_facing": _most_facing_plain,
     "_near_balls": _near_balls_plain,
-    "_note": _note_plain,
+    "_record_depth": _note_plain,
     "_raise_levels": _raise_levels_plain,
     "_reach": _reach_plain,
     "_reached": _reached_plain,
     "_solve_islands": solve_islands_plain,
-    "_spend": _spend_plain,
-    "_struck": _struck_plain,
+    "_choose_rows": _struck_plain,
     "_touch": _touch_plain,
     "_touching": _touching_plain,
-    "_use_up": _use_up_plain,
     "_wall_contacts": _wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,
+    "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
     "dual_active_set": dual_active_set_plain,
     "factor": factor_plain,
+    "filter_active": filter_active_plain,
     "gram": gram_plain,
     "incomplete_cholesky": incomplete_cholesky_plain,
     "islands": islands_plain,
     "law": _law_plain,
+    "list_candidates": list_candidates_plain,
     "lowest": lowest_plain,
     "refine_subset": refine_subset_plain,
-    "moved": moved_plain,
+    "integrate": moved_plain,
     "near_triangles": near_triangles_plain,
-    "placed": placed_plain,
+    "placements": placed_plain,
     "solve_active_set": solve_active_set_plain,
-    "pulled": pulled_plain,
-    "pulled_in_plane": pulled_in_plane_plain,
+    "separation_rows": pulled_plain,
+    "planar_separation_rows": pulled_in_plane_plain,
     "solve_island": solve_island_plain,
     "projected_pcg": projected_pcg_plain,
     "row": row_plain,
     "separation": separation_plain,
     "solve_equalities": solve_equalities_plain,
-    "sift": sift_plain,
     "solve": solve_plain,
     "solve_factor": solve_factor_plain,
     "stand": stand_plain,

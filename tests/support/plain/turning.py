@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.system.rotations import chart_rate, compose, exp, matrices
+from mbvi.geometry.rotations import chart_rate, compose, exp, matrices
 
 
 def moved_plain(q: Array, dv: Array, new: Array) -> None:

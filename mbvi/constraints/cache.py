@@ -1,0 +1,167 @@
+"""The cache of an admissible set: which families must be queried at a configuration, by how far things have moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..compiled import kernel
+from ..system import System
+from .candidates import PairCandidates
+from .family import ConstraintFamily
+from .rows import Array, Rows
+
+# families with a bit of their own in a mask; all others are queried at every step
+_MOST_CACHED = 60
+
+
+@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: Array) -> int:
+    """Take a displacement from the clearances of families; return a mask of those that are used up.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (nv,)
+        Tangent vector between two configurations.
+    envelope : ndarray, shape (n, nv)
+        How fast each velocity can close each family.
+    travel : ndarray, shape (n, nv)
+        Sum of |moved| since each family was last updated; added to.
+    clearance : ndarray, shape (n,)
+        How far each family is from closing, -inf where it must be queried in any case; subtracted from.
+    """
+    n, nv = envelope.shape
+    exhausted = 0
+    for k in range(n):
+        used = 0.0
+        for i in range(nv):
+            far = abs(moved[i])
+            travel[k, i] += far
+            used += envelope[k, i] * far
+        clearance[k] -= used
+        if not clearance[k] >= 0.0:
+            exhausted |= 1 << k
+    return exhausted
+
+
+class _Entry:
+    """One family in the cache, with the numbers that make rows of the problem of its rows.
+
+    Attributes
+    ----------
+    slot : int
+        Its place in the arrays of the cache; -1 for a family that is queried at every step.
+    candidates : PairCandidates or None
+        Of a family of pairs.
+    """
+
+    def __init__(self, family: ConstraintFamily, start: int, e: float, slot: int) -> None:
+        self.family, self.slot = family, slot
+        self.candidates: PairCandidates | None = None if slot < 0 else family.pair_candidates()
+        self.query: Any = family.contacts if self.candidates is None else family.contacts_among
+        self._start, self._e, self._own_e = start, e, not np.isnan(family.restitution).any()
+        # rows that need no change are passed on
+        self.as_is = start == 0 and self._own_e
+        # the numbers of the last rows, in the family and in the problem
+        self._number = self._shifted = np.zeros(0, np.int64)
+
+    def numbered(self, rows: Rows) -> Rows:
+        """Return the rows of the family as rows of the problem: with its numbers, and its e where they have none."""
+        number, gap, jacobian, e, point, normal, rate = rows
+        if number is not self._number:
+            # the same array means the same numbers: a family does not write to it
+            self._number, self._shifted = number, number + self._start
+        if not self._own_e:
+            e = np.where(np.isnan(e), self._e, e)
+        return Rows(self._shifted, gap, jacobian, e, point, normal, rate)
+
+
+class ClearanceCache:
+    """Skips the families that cannot have a row within the tolerance yet; its only owner is one `AdmissibleSet`.
+
+    After a query the cache knows the clearance of a family: by how much its gaps must fall before it has a row that the
+    query did not return. From one configuration to the next a gap falls by no more than envelope . |difference|, which
+    is taken from the clearance. Once the clearance is negative the family is queried again.
+
+    A family of pairs (`PairCandidates`) has a second level. While the clearance of all other pairs lasts, only the
+    candidates are measured, at every step. Once it is used up, the travel since the last update is taken from the
+    clearance of every pair, and the candidates are listed again.
+
+    Parameters
+    ----------
+    system : System
+        What q belongs to.
+    numbered : sequence of (ConstraintFamily, int, float)
+        Each family, the number of its first constraint, and e where it has none of its own.
+
+    Notes
+    -----
+    State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
+    (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
+    """
+
+    def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
+        self._system = system
+        self._entries: list[_Entry] = []
+        envelopes: list[Array] = []
+        for family, start, e in numbered:
+            envelope = None if family.moving or len(envelopes) == _MOST_CACHED else family.envelope()
+            self._entries.append(_Entry(family, start, e, -1 if envelope is None else len(envelopes)))
+            if envelope is not None:
+                envelopes.append(envelope)
+        self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
+        self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
+        self._travels = list(self._travel)
+        # mask of the families whose candidates are measured at every step
+        self._always_query = 0
+        # the entries to be queried for each mask: few masks come again and again
+        self._plans: dict[int, list[_Entry]] = {}
+        self._last: Array | None = None
+
+    def forget(self) -> None:
+        """Query every family, and measure every pair, at the next configuration."""
+        self._clearance[:] = -np.inf
+        for entry in self._entries:
+            if entry.candidates is not None:
+                entry.candidates.forget()
+
+    def contacts(
+        self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
+    ) -> list[Rows]:
+        """Return the rows within the tolerance, family by family; see `AdmissibleSet.active`."""
+        exhausted = self._consume(q, origin, moved)
+        found = []
+        mask = exhausted | self._always_query
+        plan = self._plans.get(mask)
+        if plan is None:
+            plan = self._plans[mask] = [one for one in self._entries if one.slot < 0 or mask >> one.slot & 1]
+        for entry in plan:
+            slot, candidates = entry.slot, entry.candidates
+            if candidates is None:
+                rows = entry.query(t, q, tolerance)
+                if slot >= 0:
+                    self._clearance[slot] = entry.family.clearance()
+            else:
+                if exhausted >> slot & 1:
+                    self._clearance[slot] = candidates.update(self._travels[slot], tolerance)
+                    self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
+                rows = entry.query(q, tolerance, candidates)
+                if candidates.any_empty:
+                    # a pair that need not be measured at the next step
+                    self._clearance[slot] = -np.inf
+            if rows is not None:
+                found.append(rows if entry.as_is else entry.numbered(rows))
+        return found
+
+    def _consume(self, q: Array, origin: Array | None, moved: Array | None) -> int:
+        """Take the displacement to q from the clearances; return the mask of those that are used up."""
+        last = self._last
+        # q itself where it cannot change, otherwise a copy
+        self._last = q if not q.flags.writeable else q.copy()
+        if last is None:
+            return (1 << len(self._clearance)) - 1
+        if moved is None or (origin is not last and (origin is None or origin.tobytes() != last.tobytes())):
+            moved = self._system.difference(last, q)
+        return consume_clearance(moved, self._envelope, self._travel, self._clearance)

@@ -1,0 +1,263 @@
+"""The base class of all constraint families: what a family provides, with a default for all but gaps and gradients."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .candidates import PairCandidates
+from .rows import NO_POINT, Array, Rows
+
+
+class RowTable(NamedTuple):
+    """The rows that `EventDriven` follows, whether they are near or far.
+
+    Attributes
+    ----------
+    number : ndarray of int, shape (k,)
+        The constraint that each row belongs to, counted within the family.
+    restitution : ndarray, shape (k,)
+        e of each row; NaN where the problem's own applies.
+    smooth : ndarray of bool, shape (k,)
+        Whether the gradient of each row is continuous.
+    reach : ndarray, shape (k, nv), or None
+        How fast each velocity can change each gap; None where that is not known.
+    thickness : ndarray, shape (k,), or None
+        How far bodies travel at least to pass through each other [m]; None where nothing is passed through.
+    """
+
+    number: Array
+    restitution: Array
+    smooth: Array
+    reach: Array | None = None
+    thickness: Array | None = None
+
+
+class ConstraintFamily(ABC):
+    """Constraints f_a(q) >= 0 of one kind, evaluated together.
+
+    A new family derives from this class and defines `gap` and `gradient`. All else has a default. The groups of methods
+    below serve, in this order, every scheme, the cache, `EventDriven`, the tunnelling guard, sleeping and the report.
+
+    Arrays that a family returns are C-contiguous, of float64, or of int64 where they hold numbers. A family does not
+    write to them afterwards. Arrays that it is given it neither changes nor keeps.
+
+    Attributes
+    ----------
+    size : int
+        How many constraints the family has: they are numbered from 0 to size - 1.
+    names : sequence of str
+        Names of the constraints; a constraint beyond the last one gets a name by its number in the problem.
+    restitution : ndarray, shape (size,), or float
+        e of each constraint; NaN where the problem's own applies.
+    smooth : ndarray of bool, shape (size,), or bool
+        Whether the gradient of each constraint is continuous.
+    lever : ndarray, shape (size,), or float
+        The factor that makes a length of a gap: the scene's length [m/rad] for an angle, otherwise 1.
+    moving : bool
+        Whether gaps change with time at a fixed q; `rate` says how fast.
+    thickness : ndarray, shape (size,), or float
+        How far bodies travel at least to pass through each other [m]; infinite where nothing is passed through.
+    tracked : bool
+        Whether the rows can be listed one by one, as `EventDriven` needs them.
+    skips_resting : bool
+        Whether the family can leave out bodies at rest; see `skip_resting`.
+    functions : tuple of callable
+        The functions of a user that the family evaluates, for the description in a file.
+    """
+
+    size: int = 1
+    names: Sequence[str] = ()
+    restitution: Array | float = np.nan
+    smooth: Array | bool = True
+    lever: Array | float = 1.0
+    moving: bool = False
+    thickness: Array | float = np.inf
+    tracked: bool = True
+    skips_resting: bool = False
+    functions: tuple[Callable[..., Any], ...] = ()
+    # written by `contacts`, returned by `clearance`
+    _clearance: float = -np.inf
+
+    @property
+    def count(self) -> int:
+        """How many constraints there are; less than `size` where numbers are left unused."""
+        return self.size
+
+    def name(self, number: int) -> str:
+        """Return the name of one constraint; "" where it has none of its own."""
+        return str(self.names[number]) if number < len(self.names) else ""
+
+    def check(self, t: float, q: Array) -> None:  # noqa: B027
+        """Raise `InputError` if gaps or gradients at the start of a run are wrong."""
+
+    # for every scheme
+
+    @abstractmethod
+    def gap(self, t: float, q: Array) -> Array:
+        """Return f(q) of every constraint, shape (size,) [m or rad]."""
+
+    @abstractmethod
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return grad f(q) of every constraint in the tangent space, shape (size, nv)."""
+
+    def nearest_points(self, q: Array) -> tuple[Array, Array]:
+        """Return the contact point and the normal of every constraint that `gap` returns, shapes (size, 3).
+
+        Only walls with a prescribed motion need them; see `MovingWalls`.
+        """
+        raise NotImplementedError
+
+    def rate(self, t: float, q: Array) -> Array | None:
+        """Return df/dt of every constraint at a fixed q, shape (size,) [m/s or rad/s]; None if nothing moves."""
+        return None
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows whose gap is at most the tolerance, or None if there are none.
+
+        One constraint may have several rows: those of a flat face that lies on another. The default evaluates `gap`,
+        and `gradient` where a row is within the tolerance.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        q : ndarray, shape (nq,)
+            Configuration.
+        tolerance : float
+            The greatest gap of a row [m]; gaps of angles are multiplied by their `lever`.
+        """
+        gap = self.gap(t, q)
+        lengths = gap * self.lever
+        near = np.flatnonzero(lengths <= tolerance)
+        if not near.size:
+            self._clearance = float(lengths.min(initial=np.inf)) - tolerance
+            return None
+        # a row that is active is evaluated at every step
+        self._clearance = -np.inf
+        rate, nowhere = self.rate(t, q), np.tile(NO_POINT, (near.size, 1))
+        e = np.full(gap.shape, self.restitution)[near]
+        jacobian = np.asarray(self.gradient(t, q)[near])
+        return Rows(near, gap[near], jacobian, e, nowhere, nowhere, None if rate is None else rate[near])
+
+    def tangents(self, t: float, q: Array, rows: Rows) -> Array | None:
+        """Return the tangents of the contact frames of some rows, shape (k, 2, nv); None without friction."""
+        return None
+
+    # for the cache
+
+    def reach(self) -> Array | None:
+        """Return how fast each velocity can change each gap, shape (size, nv); None where no bound is known.
+
+        A gap falls by no more than reach . |difference| between two configurations.
+        """
+        return None
+
+    def envelope(self) -> Array | None:
+        """Return the largest reach of any constraint as a length, shape (nv,); None: every step queries the family."""
+        reach = self.reach()
+        return None if reach is None else np.max((reach.T * self.lever).T, axis=0, initial=0.0)
+
+    def clearance(self) -> float:
+        """Return how far any gap may fall before `contacts` must be called again [m].
+
+        It is read directly after each call of `contacts`. A negative value means: at the next step in any case.
+        """
+        return self._clearance
+
+    def pair_candidates(self) -> PairCandidates | None:
+        """Return the table of a family that measures some of its pairs only; None for all others."""
+        return None
+
+    def contacts_among(self, q: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
+        """Return the rows of the candidates within the tolerance, or None; their clearances are written."""
+        raise NotImplementedError
+
+    # for EventDriven: rows with a number of their own, each a function of q
+
+    def row_table(self, t: float, q: Array) -> RowTable:
+        """Return the table of all rows; by default one row for each constraint."""
+        shape = np.shape(self.gap(t, q))
+        e, smooth = np.full(shape, self.restitution), np.full(shape, self.smooth)
+        thickness = np.full(shape, self.thickness)
+        return RowTable(np.arange(len(e)), e, smooth, self.reach(), thickness)
+
+    def row_gap(self, t: float, q: Array, rows: Array) -> Array:
+        """Return the gaps of some rows in ascending order, shape (k,) [m or rad]."""
+        return np.asarray(self.gap(t, q)[rows])
+
+    def row_lower_bound(self, t: float, q: Array, rows: Array) -> Array:
+        """Return lower bounds of some gaps, shape (k,): positive ones, or the gaps themselves."""
+        return self.row_gap(t, q, rows)
+
+    def row_gradient(self, t: float, q: Array, rows: Array) -> Array:
+        """Return the gradients of some rows, shape (k, nv)."""
+        return np.asarray(self.gradient(t, q)[rows])
+
+    def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
+        """Return (dJ/dt) v of some rows, shape (k,); NaN where it is to be found by differences of gradients."""
+        return np.full(len(rows), np.nan)
+
+    def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Return contact points and normals of some rows, shapes (k, 3); NaN where a row is no contact."""
+        nowhere = np.full((len(rows), 3), np.nan)
+        return nowhere, nowhere
+
+    def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027
+        """Raise `InputError` if the gradients of some rows that are closed are wrong."""
+
+    # for the tunnelling guard
+
+    def least_displacement(self) -> float:
+        """Return the largest entry of a tangent vector up to which nothing is passed through; infinite: never."""
+        envelope = self.envelope()
+        total = 0.0 if envelope is None else float(envelope.sum())
+        return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf
+
+    def passed_share(self) -> Array | None:
+        """Return the part of each thickness that each velocity travels in a second, shape (nv, size) [1/s].
+
+        None where the pairs are too many to be listed.
+        """
+        reach = self.reach()
+        return None if reach is None else np.asarray(reach.T / self.thickness)
+
+    def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
+        """Return the constraints whose bodies may pass through each other between q and q + displacement.
+
+        Parameters
+        ----------
+        q, displacement : ndarray, shapes (nq,) and (nv,)
+            Configuration, and the tangent vector that leads on from it.
+
+        Returns
+        -------
+        pairs : ndarray of int, shape (k,)
+            Their numbers.
+        travel, thickness : ndarray, shape (k,)
+            How far they travel towards each other at most, and their thickness [m].
+        """
+        reach = self.reach()
+        if reach is None:
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        travel, thickness = reach @ np.abs(displacement), np.full(len(reach), self.thickness)
+        pairs = np.flatnonzero(travel > thickness)
+        return pairs, travel[pairs], thickness[pairs]
+
+    def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
+        """Return the gaps of some constraints in ascending order, shape (k,) [m]."""
+        return np.asarray(self.gap(t, q)[pairs])
+
+    # for sleeping bodies
+
+    def skip_resting(self, resting: Array | None) -> None:  # noqa: B027
+        """Leave out the pairs of bodies that are both at rest, shape (bodies,) of bool; None leaves out none."""
+
+    # for the report
+
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.count} constraint{'s' * (self.count != 1)} of {type(self).__name__}"

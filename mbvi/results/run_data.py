@@ -1,0 +1,106 @@
+"""The data of a run: states, impacts, and the record that files, the diagnosis and contact forces read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..schemes import SchemeBase, Timing
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from .contacts import ContactTable
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One instant at which the velocity jumped, with every constraint that took part.
+
+    Attributes
+    ----------
+    time : float
+        When [s].
+    constraints : tuple of str, length k
+        Names, one for each contact point or limit.
+    percussion : ndarray, shape (k,)
+        p >= 0 along each gradient [N s, N m s].
+    before, after : ndarray, shape (k,)
+        Normal velocity, negative when closing [m/s, rad/s].
+    point, normal : ndarray, shape (k, 3)
+        Contact point and unit normal in the world [m]; NaN where the constraint is no contact.
+    energy_change : float
+        Kinetic energy gained by the law (8) at this instant [J], never positive for one e: the sum over all active
+        rows of p (1 - e) / 2 times the normal velocity that the law acts on, J v with 1 / (1 + e) of the step's force.
+    """
+
+    time: float
+    constraints: tuple[str, ...]
+    percussion: Array
+    before: Array
+    after: Array
+    point: Array
+    normal: Array
+    energy_change: float
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """Everything a run keeps beside its states and impacts.
+
+    Attributes
+    ----------
+    penetration : ndarray, shape (n + 1,)
+        Deepest penetration at each time [m or rad].
+    scheme : SchemeBase or None
+        The scheme object; None where a file names an unknown scheme.
+    timing : Timing
+        The scheme's timing, also where the scheme object is unknown.
+    dense : ndarray, shape (n, 2, nv, 7), or None
+        Polynomials between the states, of schemes with dense output.
+    energies : ndarray, shape (n + 1, 2), or None
+        Kinetic and potential energy read from a file [J].
+    contacts : ContactTable or None
+        None where contacts were not recorded.
+    """
+
+    penetration: Array = field(default_factory=lambda: np.zeros(0))
+    scheme: SchemeBase | None = None
+    timing: Timing = field(default_factory=Timing)
+    dense: Array | None = None
+    energies: Array | None = None
+    contacts: ContactTable | None = None
+
+
+@dataclass(frozen=True)
+class RunData:
+    """The fields of a `Trajectory`, which documents them, without its methods."""
+
+    t: Array
+    q: Array
+    v: Array
+    impacts: tuple[Impact, ...]
+    residual: Array
+    scheme: str
+    step: float
+    notes: tuple[str, ...] = ()
+    problem: Problem | None = field(default=None, repr=False)
+    complete: bool = True
+    record: RunRecord = field(default_factory=RunRecord, repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.q, self.v, self.residual, self.record.penetration):
+            array.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # the arrays of a copy are writeable
+        RunData.__post_init__(self)
+
+    @property
+    def lacks_functions(self) -> bool:
+        """Whether a file could not keep all functions of the problem, such as controls."""
+        return self.problem is not None and bool(self.problem.not_kept)

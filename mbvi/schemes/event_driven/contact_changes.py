@@ -1,0 +1,133 @@
+"""Events of the event-driven integrator: which contacts touch, bounce, come to rest and stay closed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...projection import FreeMotion, Metric
+from ...system.system import Array
+from .impact_event import ImpactEvent
+from .motion_state import NO_ROWS, MotionState, certain_rates
+from .release_events import STAYS, complementarity
+from .runge_kutta import velocity_change
+
+# height of a bounce that is put to rest, in lengths of the scene
+_BOUNCE = 1e-14
+# impacts within this time [s], between which no gap opens by more than this many times `MotionState.touching`,
+# accumulate: they are followed one by one
+_BRIEF, _COLLAPSE = 1e-5, 1e3
+# single impacts after which an accumulation is taken to have ended
+_MOST_SINGLE = 10_000
+
+
+def touching_rows(state: MotionState, known: Array) -> Array:
+    """Return the rows that touch, among the rows `known` to take part in an event and all that are near."""
+    near = state.closing.within(state.t, state.q, 10 * state.touching)
+    near = np.union1d(near, known) if known.size else near
+    gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
+    near, gaps = near[gaps <= 10 * state.touching], gaps[gaps <= 10 * state.touching]
+    touches = (gaps <= state.touching) | np.isin(near, known)
+    near, gaps = near[touches], gaps[touches]
+    # a gap that is open beyond rounding and goes on opening closes later, if at all
+    opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~np.isin(near, state.closed)
+    if opening.any():
+        J = state.rows.gradients(state.t, state.q, near[opening])
+        opening[opening] = J @ state.v > certain_rates(J, state.v, state.slow(near[opening]))
+    return near[~opening]
+
+
+def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent]:
+    """Apply the law (8) if a touching row closes, then find the contacts that stay closed.
+
+    Parameters
+    ----------
+    state : MotionState
+        Receives the velocity and the closed rows.
+    touching : ndarray of int, shape (k,)
+        Rows that touch.
+
+    Yields
+    ------
+    ImpactEvent
+        The impact, if there is one.
+    """
+    was_closed, state.closed = np.isin(touching, state.closed), NO_ROWS
+    if not touching.size:
+        return
+    state.rows.check(state.t, state.q, touching)
+    state.event_rows = touching
+    J, metric = state.rows.gradients(state.t, state.q, touching), state.system.metric(state.q)
+    e, before = state.rows.restitution[touching], J @ state.v
+    still = certain_rates(J, state.v, state.slow(touching))
+    if (before < -still).any():
+        yield _impact(state, touching, was_closed, J, metric, still)
+    rest = _resting(state, touching, J, metric, e, still)
+    if not rest.size:
+        return
+    kept = J[np.isin(touching, rest)]
+    state.v = state.v + velocity_change(metric, kept, -(kept @ state.v))
+    forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
+    # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
+    state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
+
+
+def _impact(
+    state: MotionState, touching: Array, was_closed: Array, J: Array, metric: Metric, still: Array
+) -> ImpactEvent:
+    """Apply the law (8) to the touching rows."""
+    v, e = state.v, state.rows.restitution[touching]
+    before = J @ v
+    # how far gaps went since the last impact: rows as near as that close one after the other, not at once
+    since = state.t - state.impact_time
+    opened = since * float((state.rows.lever[touching] * np.abs(before)).max())
+    one_by_one = len(touching) > 1 and not was_closed.any() and 0.0 < since < _BRIEF
+    if one_by_one and opened < _COLLAPSE * state.touching:
+        state.v, percussion = _single_impacts(v, J, metric.solve_rows(J), e, still)
+    else:
+        state.v, rates, residual = state.projector.law(v, FreeMotion(v, metric), J, e)
+        percussion, state.residual = rates[0], residual
+    state.impact_time = state.t
+    point, normal = state.rows.points(state.t, state.q, touching)
+    rates = np.array([percussion, before, J @ state.v])
+    event = ImpactEvent(state.t, state.q, v, state.v, state.rows.number[touching], rates, point, normal)
+    return state.observed.impact(event)
+
+
+def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: Array, still: Array) -> Array:
+    """Return the touching rows that rest: those without a rate, and those whose bounces are too small to follow."""
+    rates = J @ state.v
+    bias = state.rows.bias(state.t, state.q, state.v, touching)
+    smooth = state.rows.smooth[touching]
+    sure = (rates <= still) & smooth
+    pull = state.system.acceleration(state.t, state.q, state.v)
+    if sure.any():
+        # rows that rest in any case act on the others
+        pull = state.projector.project(pull, metric, J[sure], -bias[sure]).velocity
+    pull = J @ pull + bias
+    # a contact that the forces close rests where all its bounces take less time than the tolerance, or rise less than
+    # rounding
+    time = 2.0 * rates <= state.tolerance * np.abs(pull) * (1.0 - e)
+    height = state.rows.lever[touching] * rates**2 <= 2.0 * _BOUNCE * state.problem.length * np.abs(pull)
+    low = (pull < 0.0) & (time | height)
+    return np.asarray(touching[(low | sure) & smooth])
+
+
+def _single_impacts(v: Array, J: Array, inverse_mass_rows: Array, e: Array, still: Array) -> tuple[Array, Array]:
+    """Return the limit of single impacts, the fastest first, and the sums of their percussions.
+
+    `inverse_mass_rows` are the rows J M^-1, shape (k, nv).
+    """
+    diagonal, percussion = np.einsum("ij,ij->i", J, inverse_mass_rows), np.zeros(len(e))
+    scaled = still / np.sqrt(diagonal)
+    for _ in range(_MOST_SINGLE):
+        rates = J @ v
+        normal = rates / np.sqrt(diagonal) + scaled
+        a = int(normal.argmin())
+        if normal[a] >= 0.0:
+            break
+        p = -(1.0 + e[a]) * rates[a] / diagonal[a]
+        percussion[a] += p
+        v = v + p * inverse_mass_rows[a]
+    return v, percussion

@@ -1,0 +1,86 @@
+"""Steps of `Paoli` where the event-driven integrator cannot go on: gradients that jump, events without end."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+
+import numpy as np
+
+from ...constraints.rows import chosen
+from ...projection import FreeMotion
+from ...system.system import Array
+from ..paoli import Paoli
+from ..step import closes, still_rates
+from .contact_changes import change_contacts, touching_rows
+from .impact_event import ImpactEvent
+from .motion_state import NO_ROWS, MotionState, certain_rates
+from .runge_kutta import DEGREE, RungeKuttaStep
+
+# length of a step [s], and how many are taken before the smooth motion is tried again
+_STEP, _MOST_STEPS = 1e-4, 50
+# time for which contacts with jumping gradients must stay open after an impact for the smooth motion to go on [s]
+_OPEN = 1e-3
+
+
+def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, bool]:
+    """Apply the law (8) where a gradient jumps; return whether such contacts then stay open for long enough."""
+    q, v = state.q, state.v
+    active = state.problem.constraints.active(state.t, q, state.problem.tolerance)
+    number, _, J, e, point, normal, _ = active
+    before = J @ v
+    if (before < -certain_rates(J, v, state.slow_constraints(number))).any():
+        state.v, rates, state.residual = state.projector.law(v, FreeMotion(v, state.system.metric(q)), J, e)
+        rates = np.array([rates[0], before, J @ state.v])
+        yield state.observed.impact(ImpactEvent(state.t, q, v, state.v, number, rates, point, normal))
+    pull = np.abs(J @ state.flow.acceleration(state.t, q, state.v, state.closed)[: len(v)])
+    jumping = np.isin(number, state.rows.number[~state.rows.smooth])
+    return bool((2.0 * (J @ state.v) > _OPEN * pull)[jumping].all())
+
+
+def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
+    """Take steps of `Paoli` while gradients jump, then project out of the penetration that these leave."""
+    jumping = np.unique(state.rows.number[~state.rows.smooth])
+    for _ in range(_MOST_STEPS):
+        h = min(_STEP, end - state.t)
+        if h <= 0.0:
+            return
+        state.fallbacks += 1
+        active = yield from _paoli_step(state, h, end)
+        if not np.isin(active, jumping).any():
+            break
+    inside = np.flatnonzero(state.rows.gaps(state.t, state.q, state.rows.all) < 0.0)
+    if inside.size:
+        state.depth = state.close_gaps(inside)
+        yield _straight(state.t, 0.0, state.q, state.v, state.q)
+    state.closing.forget()
+    yield from change_contacts(state, touching_rows(state, NO_ROWS))
+
+
+def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKuttaStep | ImpactEvent, None, Array]:
+    """Take one step of `Paoli`; return which constraints were active."""
+    q, v = state.q, state.v
+    step = Paoli().step(state.problem, state.t, q, v, h, state.projector)
+    straight = _straight(state.t, h, q, v, step.q)
+    state.t = end if end - step.t < 1e-12 * max(1.0, abs(end)) else step.t
+    state.q, state.residual = step.q, step.residual
+    state.depth = max(0.0, -float(step.active.gap.min(initial=0.0)))
+    state.observed.step(step, h)
+    # contacts that were active before and stay so are no impact
+    closing = closes(step.rates, still_rates(state.problem, step.active.constraint))
+    percussion = step.percussion
+    state.v = v if closing.any() else step.v
+    state.fallback = step
+    yield straight
+    state.v = step.v
+    if closing.any():
+        number, _, _, _, point, normal, _ = chosen(step.active, percussion > 0.0)
+        rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
+        yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal))
+    return step.active.constraint
+
+
+def _straight(t: float, h: float, q0: Array, v: Array, q: Array) -> RungeKuttaStep:
+    """Return a step from q0 to q at constant velocity."""
+    dense, nothing = np.zeros((2, len(v), DEGREE)), np.zeros((2, len(v)))
+    dense[0, :, 0] = v
+    return RungeKuttaStep(t, h, q0, v, q, v, nothing[0], h * np.abs(v), nothing, nothing, dense)

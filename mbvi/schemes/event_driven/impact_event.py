@@ -1,0 +1,34 @@
+"""An impact that the event-driven integrator located: state, constraints and percussions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...system.system import Array
+
+
+class ImpactEvent(NamedTuple):
+    """What an impact did.
+
+    Attributes
+    ----------
+    t : float
+        When [s].
+    q, before, after : ndarray
+        Configuration and velocities.
+    number : ndarray of int, shape (k,)
+        The constraints that took part.
+    rates : ndarray, shape (3, k)
+        Percussion, J v before and J v after of each.
+    point, normal : ndarray, shape (k, 3)
+        Where, in the world [m]; NaN where a constraint is no contact.
+    """
+
+    t: float
+    q: Array
+    before: Array
+    after: Array
+    number: Array
+    rates: Array
+    point: Array
+    normal: Array

@@ -1,0 +1,98 @@
+"""The state of an event-driven integration: time, configuration, velocity and the contacts that are closed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...problem import Problem
+from ...projection import Projector
+from ...system.system import Array
+from ..step import Step
+from .closing_events import ClosingEvents
+from .contact_rows import SmoothRows
+from .observed import ObservedIntegrator
+from .runge_kutta import Flow, velocity_change
+
+# part of the tolerance by which the gap of a touching contact may be off
+_TOUCHING = 0.01
+# rates below this count as zero, in lengths of the scene a second [1/s]
+_SLOW = 1e-14
+NO_ROWS = np.zeros(0, np.int64)
+
+
+class MotionState:
+    """A state of the motion, with the rows of all constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        System, constraints and initial state.
+    tolerance : float
+        Aimed-at bound of the error, as of `EventDriven`.
+    projector : Projector
+        Solves the projections.
+
+    Attributes
+    ----------
+    t, q, v
+        Time [s], configuration and velocity.
+    closed : ndarray of int, shape (k,)
+        The rows that are kept closed.
+    event_rows : ndarray of int, shape (k,)
+        The rows of the last event.
+    impact_time : float
+        When the last impact was [s].
+    depth : float
+        Deepest penetration before the drift of closed contacts was removed [m or rad].
+    residual : float
+        Relative KKT residual of the law that led to the state; 0 where the law was not applied.
+    touching : float
+        Gap below which a contact touches [m].
+    fallbacks : int
+        How many steps of `Paoli` were taken.
+    fallback : Step or None
+        The step of `Paoli` that the last step consists of, if it does.
+    """
+
+    def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
+        self.problem, self.tolerance, self.projector = problem, tolerance, projector
+        self.system = problem.system
+        self.system.start()
+        self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
+        self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
+        self.flow, self.closing = Flow(problem, self.rows), ClosingEvents(self.system, self.rows)
+        self.observed = ObservedIntegrator(problem, self.rows)
+        self.closed, self.touching = NO_ROWS, min(problem.tolerance, _TOUCHING * tolerance * problem.length)
+        self.event_rows, self.impact_time = NO_ROWS, -np.inf
+        self.depth, self.residual, self.fallbacks = 0.0, 0.0, 0
+        self.fallback: Step | None = None
+
+    def slow(self, index: Array) -> Array:
+        """Return the rates of some rows that count as zero [m/s or rad/s]."""
+        return np.asarray(_SLOW * self.problem.length / self.rows.lever[index])
+
+    def slow_constraints(self, numbers: Array) -> Array | float:
+        """Return the rates of some constraints that count as zero [m/s or rad/s]."""
+        return _SLOW * self.problem.length / self.problem.constraints.levers(numbers)
+
+    def remove_drift(self) -> None:
+        """Remove the drift of closed contacts: from the configuration, then from the velocity."""
+        for _ in range(2):
+            self.depth = max(self.depth, self.close_gaps(self.closed))
+        J = self.rows.gradients(self.t, self.q, self.closed)
+        self.v = self.v + velocity_change(self.system.metric(self.q), J, -(J @ self.v))
+
+    def close_gaps(self, index: Array) -> float:
+        """Project the configuration so that some gaps vanish; return the depth of the deepest one before."""
+        gap, J = self.rows.gaps(self.t, self.q, index), self.rows.gradients(self.t, self.q, index)
+        self.q = self.system.integrate(self.q, velocity_change(self.system.metric(self.q), J, -gap))
+        return max(0.0, -float(gap.min()))
+
+    def names(self, index: Array) -> list[str]:
+        """Return the names of the constraints of some rows, each once."""
+        return sorted({self.problem.constraints.name(int(k)) for k in self.rows.number[index]})
+
+
+def certain_rates(J: Array, v: Array, slow: Array | float) -> Array:
+    """Return the rates beyond which rows certainly move, in spite of rounding; at least `slow`."""
+    return np.asarray(1e-12 * (np.abs(J) @ np.abs(v)) + slow)
