@@ -574,6 +574,28 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
 
 
+def sort_by_island(rng):
+    label = rng.integers(-1, 4, 20)
+    return label, np.zeros(5, np.int64), np.zeros(20, np.int64), np.zeros(20, np.uint32)
+
+
+def extract_island(rng):
+    starts, columns, data, _, _, u = solve_island(rng)
+    label = np.where(rng.random(len(u)) < 0.7, 0, -1)
+    rows = np.flatnonzero(label == 0)
+    local = np.zeros(len(u), np.uint32)
+    local[rows] = np.arange(len(rows))
+    return (
+        starts, columns, data, label, rows, local,
+        np.zeros(len(rows) + 1, np.uint32), np.zeros(len(data), np.uint32), np.zeros(len(data)),
+    )  # fmt: skip
+
+
+def solve_small_island(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, u
+
+
 def free_bodies(rng):
     """Three bodies' q, v, and a tangent vector, of which one stands, one turns a little and one by more than a turn."""
     q = rng.normal(size=(3, 7))
@@ -648,6 +670,9 @@ ARGUMENTS = {
     "solve_factor": solve_factor,
     "projected_pcg": projected_pcg,
     "dual_residual": dual_residual,
+    "sort_by_island": sort_by_island,
+    "extract_island": extract_island,
+    "solve_small_island": solve_small_island,
     "gauss_seidel": gauss_seidel,
     "restrict_to_face": restrict_to_face,
     "pcg_on_face": pcg_on_face,
