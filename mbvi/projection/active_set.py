@@ -83,7 +83,7 @@ class ActiveSet:
             before, (active, u) = u, found
             if np.abs(u - before).max() <= ROUNDING * (1.0 + u.max()):
                 break
-        return Candidate(qp.combine(u), u)
+        return Candidate(qp.combine(u), u, stationary=True)
 
 
 def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:

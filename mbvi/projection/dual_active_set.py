@@ -29,10 +29,10 @@ class DualActiveSet:
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return the solution, or None if the rows contradict each other; see `Solver`."""
-        return dual_active_set(qp.columns, qp.d, ROUNDING)
+        return goldfarb_idnani(qp.columns, qp.d, ROUNDING)
 
 
-def dual_active_set(A: Array, d: Array, rounding: float) -> Candidate | None:
+def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
     """Solve min |z|^2, A' z >= d.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled import plain_array
 from .free_motion import FreeMotion
 from .metric import Array, Metric
-from .robot_step import law, press, tree_law
+from .robot_step import law, solve_active_set, tree_law
 from .scaled_qp import Projection
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions
@@ -38,7 +38,7 @@ class FusedStep:
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         velocity, rates, last = np.empty(len(x)), np.empty((3, len(lower))), self._last
         A = plain_array(metric.solve_rows(J))
-        residual = press(J, A, x, lower, last.percussion, velocity, rates)
+        residual = solve_active_set(J, A, x, lower, last.percussion, velocity, rates)
         if not residual < np.inf:
             return None
         last.percussion, last.keys = rates[0], None
@@ -50,7 +50,7 @@ class FusedStep:
         """Return what `Projector.law` does, or None if it is not at rounding."""
         velocity, rates, last = np.empty(len(v)), np.empty((4, len(e))), self._last
         if type(motion) is TreeFreeMotion:
-            residual = tree_law(*motion.told, J, e, last.percussion, velocity, rates)
+            residual = tree_law(*motion.kernel_arguments, J, e, last.percussion, velocity, rates)
         else:
             A = plain_array(motion.metric.solve_rows(J))
             residual = law(J, A, plain_array(v), e, plain_array(motion.free), last.percussion, velocity, rates)

@@ -102,7 +102,7 @@ def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
     return csr_array((np.ascontiguousarray(block).ravel(), columns, np.cumsum(starts, dtype=np.int32)), shape=(m, n))
 
 
-def _like(rows: csr_array, data: Array) -> csr_array:
+def like(rows: csr_array, data: Array) -> csr_array:
     """Return rows with other numbers in the same places."""
     out = copy(rows)
     out.data = data
@@ -141,7 +141,7 @@ class DiagonalMetric:
         return rows / self.diagonal
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
-        return _like(rows, rows.data / self.root[rows.indices])
+        return like(rows, rows.data / self.root[rows.indices])
 
     def dense(self) -> Array:
         return np.diag(self.diagonal)
@@ -180,7 +180,7 @@ class BodiesMetric:
     def whiten_rows(self, rows: csr_array) -> csr_array:
         # the rows of bodies hold whole blocks of six
         values = self.inverse_lower[rows.indices[::6] // 6] @ rows.data.reshape(-1, 6, 1)
-        return _like(rows, values.ravel())
+        return like(rows, values.ravel())
 
     def dense(self) -> Array:
         n = 6 * len(self.blocks)

@@ -1,7 +1,7 @@
-"""The dual of a small projection, min u' G u / 2 - d' u over u >= 0: its solution on a set of rows, and the set.
+"""Kernels for the dual of a small projection, min u' G u / 2 - d' u over u >= 0: its active set, and the equations.
 
-Rows are scaled to unit length in the metric: G = J M^-1 J' has a unit diagonal, u are the percussions and d the missing
-rates in that scale.
+Rows are scaled to unit length in the metric: G = J M^-1 J' has a unit diagonal, u are the percussions and d
+the violations in that scale.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from .metric import Array
 ROUNDING = 1e-13
 # a pivot of the scaled G under the first belongs to a dependent row, over the second to an independent one
 _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
-# slack under which a row touches, and how often what pulls is cut off
+# slack under which a row is tight, and how often negative percussions are cut off
 _TIGHT, _MOST_SHARES = 1e-9, 100
 
 
 @kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])")
-def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
+def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
     """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
 
     Parameters
@@ -27,7 +27,7 @@ def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
     G : ndarray, shape (m, m)
         Scaled Delassus matrix, singular where rows depend on each other.
     d, base, u : ndarray, shape (m,)
-        Missing rates, where to start from, and the result.
+        Violations, where to start from, and the result.
     chosen : ndarray of bool, shape (m,)
         S.
     """
@@ -105,15 +105,15 @@ def settle(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
 
 
 @kernel("b1(f8[:,::1], f8[::1], b1[::1])")
-def exchange(G: Array, d: Array, chosen: Array) -> bool:
-    """Find the rows that press by the dual active-set method; False if none was found.
+def dual_active_set(G: Array, d: Array, chosen: Array) -> bool:
+    """Find the active set by the dual active-set method; False if it was not found.
 
     Parameters
     ----------
     G : ndarray, shape (m, m)
         Scaled Delassus matrix.
     d : ndarray, shape (m,)
-        Missing rates.
+        Violations.
     chosen : ndarray of bool, shape (m,)
         Receives the rows; they are independent, and their u with (G u)_S = d_S is not negative.
 
@@ -139,7 +139,7 @@ def exchange(G: Array, d: Array, chosen: Array) -> bool:
                 entering = a
         if entering < 0 or slack[entering] >= -ROUNDING * largest:
             return True
-        missing = -slack[entering]
+        violation = -slack[entering]
         while True:
             # r = G_SS^-1 G_S,entering
             for i in range(size):
@@ -162,14 +162,14 @@ def exchange(G: Array, d: Array, chosen: Array) -> bool:
                 curvature -= G[entering, S[i]] * r[i]
                 if r[i] > 0.0 and u[S[i]] < step * r[i]:
                     leaving, step = i, u[S[i]] / r[i]
-            if curvature > _INDEPENDENT and missing <= step * curvature:
-                leaving, step = -1, missing / curvature
+            if curvature > _INDEPENDENT and violation <= step * curvature:
+                leaving, step = -1, violation / curvature
             if not step < np.inf:
                 return False
             for i in range(size):
                 u[S[i]] -= step * r[i]
             u[entering] += step
-            missing -= step * curvature
+            violation -= step * curvature
             if leaving < 0:
                 break
             u[S[leaving]] = 0.0
@@ -183,24 +183,24 @@ def exchange(G: Array, d: Array, chosen: Array) -> bool:
     return False
 
 
-def shared(G: Array, d: Array) -> Array | None:
-    """Return a solution u in which all rows that are tight press, as far as none of them pulls; None if none was found.
+def nonnegative_least_squares(G: Array, d: Array) -> Array | None:
+    """Return a solution u shared by all tight rows, as far as none of them gets a negative one; None if there is none.
 
-    Where the least u on the tight rows pulls somewhere, the nearest to what of it presses is taken, again and again.
+    Where the least u on the tight rows is negative, the nearest to its positive part is taken, and again until none is.
 
     Parameters
     ----------
     G : ndarray, shape (m, m)
         Scaled Delassus matrix.
     d : ndarray, shape (m,)
-        Missing rates, the largest of them 1.
+        Violations, the largest of them 1.
     """
     chosen, u, base = np.empty(len(d), bool), np.empty(len(d)), np.zeros(len(d))
-    if not (exchange(G, d, chosen) and settle(G, d, chosen, base, u)):
+    if not (dual_active_set(G, d, chosen) and solve_equalities(G, d, chosen, base, u)):
         return None
     chosen = G @ u - d <= _TIGHT
     for _ in range(_MOST_SHARES):
-        if not settle(G, d, chosen, base, u):
+        if not solve_equalities(G, d, chosen, base, u):
             return None
         if u.min() >= -ROUNDING:
             return np.maximum(u, 0.0)

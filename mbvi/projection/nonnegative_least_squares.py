@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .nonnegative import shared
+from .nonnegative import nonnegative_least_squares
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 
 
@@ -20,5 +20,5 @@ class NonnegativeLeastSquares:
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return shared percussions, or None if G has lost the digits that they need; see `Solver`."""
-        u = shared(qp.G, qp.d)
-        return None if u is None else Candidate(qp.combine(u), u)
+        u = nonnegative_least_squares(qp.G, qp.d)
+        return None if u is None else Candidate(qp.combine(u), u, stationary=True)

@@ -11,7 +11,7 @@ from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import FEW, dense_solvers, first_good_enough
-from .dual_active_set import DualActiveSet, dual_active_set
+from .dual_active_set import DualActiveSet, goldfarb_idnani
 from .free_motion import FreeMotion
 from .fused_step import FusedStep
 from .metric import Array, Metric
@@ -176,7 +176,7 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         lower = qp.lower / qp.lengths
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
-    return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d, ROUNDING) is None
+    return len(qp.d) <= _MOST_CHECKED and goldfarb_idnani(qp.columns, qp.d, ROUNDING) is None
 
 
 def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:

@@ -49,7 +49,7 @@ class ProxQP:
                 break
             near |= missed
         u[u <= _NONE * u.max()] = 0.0
-        return Candidate(qp.combine(u), u)
+        return Candidate(qp.combine(u), u, stationary=True)
 
 
 def _solve(G: Array, d: Array, start: Array | None) -> Array:

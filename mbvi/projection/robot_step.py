@@ -1,6 +1,6 @@
-"""The small projection: which of a few rows press, guessed, exchanged where the guess fails, and always checked.
+"""Kernels of the fused step: one mechanism with a few rows, its active set guessed, solved, refined and checked.
 
-An answer counts if its own KKT residual is at rounding; otherwise others are asked.
+An answer counts if its own KKT residual is at rounding; otherwise other solvers are tried.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ import numpy as np
 
 from ..compiled import kernel
 from .metric import Array
-from .nonnegative import ROUNDING, exchange, settle
+from .nonnegative import ROUNDING, dual_active_set, solve_equalities
 from .tree import advance_by, factor, solve
 
-# the share of its terms that a sum J w cannot be told from zero at
+# a sum J w below this share of its terms is rounding
 _LAST_DIGITS = 4e-15
-# slack, relative to the largest speed, under which a row that does not press touches all the same
+# slack, relative to the largest speed, under which a row without a percussion is tight
 _TOUCHING = 1e-9
 _REFINEMENTS = 2
 
 
 @kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
-def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
-    """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
+def solve_active_set(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+    """Write argmin |w - x|_M with J w >= lower, if the active set is found.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
     lower : ndarray, shape (m,)
         Least rates.
     last : ndarray, shape (m,) or (0,)
-        Percussions that settled the same rows before, if any.
+        Percussions of the same rows in the last projection, if any.
     table : ndarray, shape (3, m)
         Receives percussions, J x and J w.
 
@@ -42,7 +42,7 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
         The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
     """
     m, n = J.shape
-    missing = False
+    violated = False
     for a in range(m):
         speed, terms = 0.0, abs(lower[a])
         for k in range(n):
@@ -50,10 +50,10 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
             speed += term
             terms += abs(term)
         table[0, a], table[1, a], table[2, a] = 0.0, speed, speed
-        missing = missing or not lower[a] - speed <= ROUNDING * terms
+        violated = violated or not lower[a] - speed <= ROUNDING * terms
     for k in range(n):
         w[k] = x[k]
-    if not missing:
+    if not violated:
         return 0.0
     G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
     largest = most_terms = 0.0
@@ -86,9 +86,9 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 continue
             for a in range(m):
                 chosen[a], base[a] = last[a] > 0.0, last[a] * lengths[a]
-        if attempt == 2 and not exchange(G, d, chosen):
+        if attempt == 2 and not dual_active_set(G, d, chosen):
             break
-        if not settle(G, d, chosen, base, u):
+        if not solve_equalities(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
             for k in range(n):
@@ -117,7 +117,7 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
                 return residual if alone else np.inf
             for a in range(m):
                 base[a] = 0.0
-            settle(G, slack, chosen, base, correction)
+            solve_equalities(G, slack, chosen, base, correction)
             for a in range(m):
                 u[a] += correction[a]
     return np.inf
@@ -125,7 +125,7 @@ def press(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, tab
 
 @kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
 def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
-    """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
+    """Write argmin |w - x|_M with J w >= -e J v; as `solve_active_set`, which this calls.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array,
         for k in range(n):
             speed += J[a, k] * v[k]
         rates[3, a], lower[a] = speed, -e[a] * speed
-    return press(J, A, x, lower, last, w, rates)
+    return solve_active_set(J, A, x, lower, last, w, rates)
 
 
 @kernel(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from .metric import Array, Metric
+from .metric import Array, Metric, like
 
 # a violation below this share of the terms that it is computed from is rounding
 ROUNDING = 1e-13
@@ -40,10 +40,21 @@ class Projection(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """The answer of a solver: z, shape (nv,), is kept beside u, shape (m,), for A u loses digits where u is large."""
+    """The answer of a solver.
+
+    Attributes
+    ----------
+    z : ndarray, shape (nv,)
+        Kept beside u, for A u loses digits where u is large.
+    u : ndarray, shape (m,)
+        Percussions.
+    stationary : bool
+        Whether z was computed as A u.
+    """
 
     z: Array
     u: Array
+    stationary: bool = False
 
 
 class WarmStart(NamedTuple):
@@ -101,6 +112,8 @@ class ScaledQP:
         self.J: Any = J
         self._speed = J @ x
         self.relative_tolerance = residual
+        # a solver that checks its answer computes the slack that the residual needs again
+        self._last_slack: tuple[Array, Array] | None = None
 
     @property
     def satisfied(self) -> bool:
@@ -169,7 +182,7 @@ class ScaledQP:
         if not self.sparse:
             return csr_array(self.columns.T)
         W = self._whitened
-        return csr_array((W.data / self.lengths[self._row], W.indices, W.indptr), shape=W.shape)
+        return like(W, W.data / self.lengths[self._row])
 
     @cached_property
     def G(self) -> Array:
@@ -185,15 +198,19 @@ class ScaledQP:
 
     def slack(self, z: Array) -> Array:
         """Return A' z - d."""
-        return (self.rows @ z if self.sparse else self.columns.T @ z) - self.d
+        if self._last_slack is None or self._last_slack[0] is not z:
+            self._last_slack = z, (self.rows @ z if self.sparse else self.columns.T @ z) - self.d
+        return self._last_slack[1]
 
     def residual(self, candidate: Candidate) -> float:
         """Return the KKT residual: the larger of max |min(u, A' z - d)| and max |z - A u| / (1 + max u).
 
         Zero exactly at a solution.
         """
-        z, u = candidate
+        z, u, stationary = candidate
         natural = np.abs(np.minimum(u, self.slack(z))).max()
+        if stationary:
+            return float(natural)
         stationarity = np.abs(z - self.combine(u)).max() / (1.0 + u.max())
         return float(max(natural, stationarity))
 

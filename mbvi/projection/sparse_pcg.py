@@ -10,7 +10,7 @@ from .cascade import dense_solvers, first_good_enough
 from .gram import gram, islands
 from .metric import Array, DiagonalMetric
 from .scaled_qp import Candidate, ScaledQP, WarmStart
-from .sparse_projector import _SMALL, _solve_islands
+from .sparse_islands import _SMALL, _solve_islands
 
 # unit rows with a product above this are the same
 _SAME = 1.0 - 1e-13
@@ -23,6 +23,8 @@ _MOST_DENSE = 400
 # the part of the last percussions that a large island is started from where they no longer fit: all of them would keep
 # percussions that balance each other among dependent rows and grow from step to step
 _CARRIED = 0.8
+# entries of the Delassus matrix a row that there is room for at first
+_ROOM = 128
 # size of the working set relative to the violated and active rows, and the share of all rows from which on it is all
 _WORKING, _ALL = 1.5, 0.5
 
@@ -68,7 +70,7 @@ class SparsePCG:
             failed = (off > enough) & (label >= 0)
             bad = set(label[failed].tolist()) - tried if failed.any() else None
             if not bad:
-                return Candidate(z, u)
+                return Candidate(z, u, stationary=True)
             for island in bad:
                 _solve_densely(qp, np.flatnonzero(label == island), u)
             tried |= bad
@@ -121,13 +123,15 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
 
 def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Array, Array]:
     """Return the Delassus matrix row after row: starts, columns, values."""
-    # no row has more entries than rows meet it in its columns, or than there are rows
-    met = np.bincount(columns, minlength=n)[columns]
-    ends = np.concatenate([[0], np.cumsum(met)])
-    room = int(np.minimum(ends[starts[1:]] - ends[starts[:-1]], len(starts) - 1).sum())
-    rows, others, G = np.empty(len(starts), np.uint32), np.empty(room, np.uint32), np.empty(room)
-    count = gram(data, columns, starts, n, rows, others, G)
-    return rows, others[:count], G[:count]
+    m = len(starts) - 1
+    rows, room = np.empty(m + 1, np.uint32), min(m, _ROOM) * m
+    while True:
+        # what is not written to takes no memory
+        others, G = np.empty(room, np.uint32), np.empty(room)
+        count = gram(data, columns, starts, n, rows, others, G)
+        if count <= room:
+            return rows, others[:count], G[:count]
+        room = count
 
 
 def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:

@@ -134,7 +134,7 @@ def _indefinite(bad: int, size: int) -> InputError:
 
 
 class TreeFreeMotion:
-    """What forces do to one mechanism within a step, worked out when it is asked for.
+    """Free motion of one mechanism within a step, computed when it is needed.
 
     Parameters
     ----------
@@ -142,28 +142,27 @@ class TreeFreeMotion:
         As of `advance_by`; good as long as `mass` is not written to.
     """
 
-    __slots__ = ("told",)
+    __slots__ = ("kernel_arguments",)
 
     def __init__(
         self, mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array
     ) -> None:
-        # what kernels are told of it
-        self.told = mass, damping, parent, v, h, torque, effects
+        self.kernel_arguments = mass, damping, parent, v, h, torque, effects
 
     @property
     def free(self) -> Array:
         """V + (M + h D)^-1 h (torque - effects - D v), shape (nv,)."""
-        return advance(*self.told)
+        return advance(*self.kernel_arguments)
 
     def of(self, v: Array, at: Array) -> TreeFreeMotion:
         """Return what the same forces do to the velocity v, if these are those at the velocity `at`."""
-        mass, damping, parent, _, h, torque, effects = self.told
+        mass, damping, parent, _, h, torque, effects = self.kernel_arguments
         return TreeFreeMotion(mass, damping, parent, plain_array(v), h, torque, effects)
 
     @property
     def metric(self) -> TreeMetric:
         """M."""
-        mass, _, parent, *_ = self.told
+        mass, _, parent, *_ = self.kernel_arguments
         return TreeMetric(mass, parent)
 
 

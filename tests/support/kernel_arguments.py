@@ -16,7 +16,7 @@ from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
-from support.plain.refinement import relax_plain
+from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
 from support.robot_problems import is_free, path_of
 
@@ -159,7 +159,7 @@ def scaled_cone(rng):
     return J @ J.T, J @ rng.normal(size=n + 1)
 
 
-def settle(rng):
+def solve_equalities(rng):
     G, d = scaled_cone(rng)
     m = len(d)
     chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
@@ -170,7 +170,7 @@ def settle(rng):
     return G, d, chosen, base, np.full(len(d), np.nan)
 
 
-def exchange(rng):
+def dual_active_set(rng):
     G, d = scaled_cone(rng)
     if rng.random() < 0.4:
         # rows may contradict each other
@@ -197,7 +197,7 @@ def restitution(rng, m):
     return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
 
 
-def press(rng):
+def solve_active_set(rng):
     J, A, v, x = cone(rng)
     m, n = J.shape
     lower = -restitution(rng, m) * (J @ v)
@@ -527,21 +527,51 @@ def solve_factor(rng):
     return rows, places, L, rng.normal(size=len(rows) - 1), np.full(len(rows) - 1, np.nan)
 
 
-def relax(rng):
+def solve_island(rng):
     U, G, starts, columns = delassus_of(rng)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return starts, columns, G.data, missing_rates(rng, U), 1e-11, start
 
 
-def rounds(rng):
-    starts, columns, data, d, target, start = relax(rng)
+def projected_pcg(rng):
+    starts, columns, data, d, target, start = solve_island(rng)
     return starts, columns, data, d, target, 0.0, 2000, np.zeros(6), np.full(len(d), np.nan), start
 
 
-def mend(rng):
+def dual_residual(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, np.zeros(len(d)), u
+
+
+def gauss_seidel(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    g = csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d
+    return starts, columns, data, 2, g, u
+
+
+def restrict_to_face(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return (
+        starts, columns, data, u, np.zeros(len(d), np.uint32), np.zeros(len(d) + 1, np.uint32),
+        np.zeros(len(data), np.uint32), np.zeros(len(data)),
+    )  # fmt: skip
+
+
+def pcg_on_face(rng):
+    starts, columns, data, d, _, _ = solve_island(rng)
+    return starts, columns, data, 1e-3, 0.0, 1e-4, d, np.zeros(len(d))
+
+
+def line_search(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    g = csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d
+    return starts, columns, data, np.arange(len(d), dtype=np.uint32), g, -g * rng.uniform(0.5, 3.0), u
+
+
+def refine_subset(rng):
     """Percussions that fit but for three."""
-    starts, columns, data, d, target, u = relax(rng)
-    relax_plain(starts, columns, data, d, 0.1 * target, u)
+    starts, columns, data, d, target, u = solve_island(rng)
+    solve_island_plain(starts, columns, data, d, 0.1 * target, u)
     u[rng.integers(len(u), size=3)] += 0.1
     return starts, columns, data, target, csr_array((data, columns, starts), shape=(len(d), len(d))) @ u - d, u
 
@@ -553,6 +583,28 @@ def solve_islands(rng):
     count = islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
+
+
+def sort_by_island(rng):
+    label = rng.integers(-1, 4, 20)
+    return label, np.zeros(5, np.int64), np.zeros(20, np.int64), np.zeros(20, np.uint32)
+
+
+def extract_island(rng):
+    starts, columns, data, _, _, u = solve_island(rng)
+    label = np.where(rng.random(len(u)) < 0.7, 0, -1)
+    rows = np.flatnonzero(label == 0)
+    local = np.zeros(len(u), np.uint32)
+    local[rows] = np.arange(len(rows))
+    return (
+        starts, columns, data, label, rows, local,
+        np.zeros(len(rows) + 1, np.uint32), np.zeros(len(data), np.uint32), np.zeros(len(data)),
+    )  # fmt: skip
+
+
+def solve_small_island(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, u
 
 
 def free_bodies(rng):
@@ -629,9 +681,17 @@ ARGUMENTS = {
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
     "solve_factor": solve_factor,
-    "rounds": rounds,
-    "mend": mend,
-    "relax": relax,
+    "projected_pcg": projected_pcg,
+    "dual_residual": dual_residual,
+    "sort_by_island": sort_by_island,
+    "extract_island": extract_island,
+    "solve_small_island": solve_small_island,
+    "gauss_seidel": gauss_seidel,
+    "restrict_to_face": restrict_to_face,
+    "pcg_on_face": pcg_on_face,
+    "line_search": line_search,
+    "refine_subset": refine_subset,
+    "solve_island": solve_island,
     "_solve_islands": solve_islands,
     "near_triangles": near_triangles,
     "integrate": moved,
@@ -647,9 +707,9 @@ ARGUMENTS = {
     "solve": solve,
     "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
-    "settle": settle,
-    "exchange": exchange,
-    "press": press,
+    "solve_equalities": solve_equalities,
+    "dual_active_set": dual_active_set,
+    "solve_active_set": solve_active_set,
     "law": law,
     "tree_law": tree_law,
     "row": row,
@@ -674,9 +734,9 @@ ARGUMENTS = {
 IF_ACCEPTED = {
     "factor": 1,
     "advance_by": 2,
-    "settle": 1,
-    "exchange": 1,
-    "press": 2,
+    "solve_equalities": 1,
+    "dual_active_set": 1,
+    "solve_active_set": 2,
     "law": 2,
     "tree_law": 2,
     "half_space_rows": 3,
@@ -692,7 +752,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("press", "law", "tree_law"):
+    if name in ("solve_active_set", "law", "tree_law"):
         return result < np.inf
     return result[-1] if isinstance(result, tuple) else result
 
@@ -704,7 +764,7 @@ def specified(name, result, arguments):
         yes = accepted(name, result)
         if not yes:
             del arguments[-IF_ACCEPTED[name] :]
-        elif name == "exchange":
+        elif name == "dual_active_set":
             # of dependent rows any may be chosen, but what they bring about is the same
             G, d, chosen = arguments
             arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
@@ -726,12 +786,12 @@ def specified(name, result, arguments):
         if not (result if isinstance(result, bool) else result[0]):
             return [False]
         return [True, rows, places[: rows[-1]], L[: rows[-1]]]
-    if name in ("rounds", "mend", "relax", "_solve_islands"):
+    if name in ("projected_pcg", "refine_subset", "solve_island", "_solve_islands"):
         # percussions may be shared between rows that depend on each other: what they bring about is the same
         starts, columns, G = arguments[:3]
         full = csr_array((G, columns, starts), shape=(len(starts) - 1, len(starts) - 1))
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
-        done = result if name == "mend" else bool(result <= 1e-11)
+        done = result if name == "refine_subset" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "_first_of_lines":
         return [result, arguments[-1][:result]]

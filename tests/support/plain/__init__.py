@@ -10,14 +10,14 @@ from support.plain.half_space import half_space_rows_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _reached_plain
-from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.pairs import filter_active_plain
-from support.plain.projected_pcg import rounds_plain
+from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
-from support.plain.refinement import mend_plain, relax_plain
-from support.plain.robot_step import _law_plain, _press_plain, _tree_law_plain
+from support.plain.refinement import refine_subset_plain, solve_island_plain
+from support.plain.robot_step import _law_plain, _tree_law_plain, solve_active_set_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
-from support.plain.sparse_projector import solve_islands_plain
+from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import _touching_plain
@@ -58,7 +58,7 @@ PLAIN = {
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
-    "exchange": exchange_plain,
+    "dual_active_set": dual_active_set_plain,
     "factor": factor_plain,
     "filter_active": filter_active_plain,
     "gram": gram_plain,
@@ -67,18 +67,18 @@ PLAIN = {
     "law": _law_plain,
     "list_candidates": list_candidates_plain,
     "lowest": lowest_plain,
-    "mend": mend_plain,
+    "refine_subset": refine_subset_plain,
     "integrate": moved_plain,
     "near_triangles": near_triangles_plain,
     "placements": placed_plain,
-    "press": _press_plain,
+    "solve_active_set": solve_active_set_plain,
     "separation_rows": pulled_plain,
     "planar_separation_rows": pulled_in_plane_plain,
-    "relax": relax_plain,
-    "rounds": rounds_plain,
+    "solve_island": solve_island_plain,
+    "projected_pcg": projected_pcg_plain,
     "row": row_plain,
     "separation": separation_plain,
-    "settle": settle_plain,
+    "solve_equalities": solve_equalities_plain,
     "solve": solve_plain,
     "solve_factor": solve_factor_plain,
     "stand": stand_plain,

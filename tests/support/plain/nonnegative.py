@@ -8,7 +8,7 @@ from mbvi.arguments import Array
 from mbvi.projection.nonnegative import _DEPENDENT, _INDEPENDENT, ROUNDING
 
 
-def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
+def solve_equalities_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
     """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
 
     Parameters
@@ -31,7 +31,7 @@ def settle_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bo
     return True
 
 
-def exchange_plain(G: Array, d: Array, chosen: Array) -> bool:
+def dual_active_set_plain(G: Array, d: Array, chosen: Array) -> bool:
     """Find the rows that press by the dual active-set method; False if none was found.
 
     Parameters

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from mbvi.arguments import Array
 
 
-def rounds_plain(
+def projected_pcg_plain(
     starts: Array,
     columns: Array,
     G: Array,

@@ -6,28 +6,28 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mbvi.arguments import Array
-from mbvi.projection.refinement import _AT_ONCE, _LEFT, _MOST, _MOST_ROUNDS, _OFF
-from support.plain.projected_pcg import rounds_plain
+from mbvi.projection.refinement import _LEFT, _MOST_ROUNDS, _MOST_ROWS, _OFF, _ROUNDS
+from support.plain.projected_pcg import projected_pcg_plain
 
 
-def mend_plain(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
+def refine_subset_plain(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
     """Settle the rows that are off, and those by them, while the others stay; return False where they are too many.
 
     Parameters
     ----------
     starts, columns, G, target, u
-        As `rounds`; u is written over.
+        As `projected_pcg`; u is written over.
     g : ndarray, shape (m,)
         G u - d.
     """
     A = csr_array((G, columns, starts), shape=(len(u), len(u)))
     off = np.abs(np.minimum(u, g)) > _OFF * target
     here = np.unique(A[np.flatnonzero(off)].indices)
-    if not 0 < len(here) <= _MOST:
+    if not 0 < len(here) <= _MOST_ROWS:
         return False
     part, inner = u[here], csr_array(A[here][:, here])
     inner.sort_indices()
-    rounds_plain(
+    projected_pcg_plain(
         inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, inner @ part - g[here],
         _LEFT * target, 0.0, _MOST_ROUNDS, np.zeros(6), np.empty(len(here)), part,
     )  # fmt: skip
@@ -35,12 +35,12 @@ def mend_plain(starts: Array, columns: Array, G: Array, target: float, g: Array,
     return True
 
 
-def relax_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
+def solve_island_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
     """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached.
 
     Parameters
     ----------
     starts, columns, G, d, target, u
-        As `rounds`.
+        As `projected_pcg`.
     """
-    return rounds_plain(starts, columns, G, d, target, 0.0, _AT_ONCE, np.zeros(6), np.empty(len(d)), u)
+    return projected_pcg_plain(starts, columns, G, d, target, 0.0, _ROUNDS, np.zeros(6), np.empty(len(d)), u)

@@ -7,11 +7,11 @@ import numpy as np
 from mbvi.arguments import Array
 from mbvi.projection.nonnegative import ROUNDING
 from mbvi.projection.robot_step import _LAST_DIGITS, _REFINEMENTS, _TOUCHING
-from support.plain.nonnegative import exchange_plain, settle_plain
+from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.tree import advance_plain, factor_plain, solve_plain
 
 
-def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
+def solve_active_set_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
     """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
 
     Parameters
@@ -52,9 +52,9 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
             if len(last) != len(d):
                 continue
             chosen, base = last > 0.0, last * lengths
-        if attempt == 2 and not exchange_plain(G, d, chosen):
+        if attempt == 2 and not dual_active_set_plain(G, d, chosen):
             break
-        if not settle_plain(G, d, chosen, base, u):
+        if not solve_equalities_plain(G, d, chosen, base, u):
             continue
         for _ in range(1 + _REFINEMENTS):
             p[:] = u / lengths
@@ -68,13 +68,13 @@ def _press_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Arr
                 alone = attempt < 2 or (slack[~chosen] > _TOUCHING * largest).all()
                 return float(residual) if alone else np.inf
             correction = np.empty(len(d))
-            settle_plain(G, -slack, chosen, nothing, correction)
+            solve_equalities_plain(G, -slack, chosen, nothing, correction)
             u += correction
     return np.inf
 
 
 def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
-    """Write argmin |w - x|_M with J w >= -e J v; as `press`, which this calls.
+    """Write argmin |w - x|_M with J w >= -e J v; as `solve_active_set`, which this calls.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w:
         Receives percussions, J x, J w and J v.
     """
     rates[3] = J @ v
-    return _press_plain(J, A, x, -e * rates[3], last, w, rates[:3])
+    return solve_active_set_plain(J, A, x, -e * rates[3], last, w, rates[:3])
 
 
 def _tree_law_plain(

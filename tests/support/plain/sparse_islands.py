@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/projection/sparse_projector.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse_islands.py."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mbvi.arguments import Array
-from mbvi.projection.sparse_projector import _SMALL
-from support.plain.nonnegative import exchange_plain, settle_plain
-from support.plain.refinement import relax_plain
+from mbvi.projection.sparse_islands import _SMALL
+from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
+from support.plain.refinement import solve_island_plain
 
 
 def solve_islands_plain(
@@ -40,13 +40,13 @@ def solve_islands_plain(
         part = u[here]
         if len(here) <= _SMALL:
             full, chosen = inner.toarray(), np.zeros(len(here), bool)
-            if exchange_plain(full, d[here], chosen):
-                settle_plain(full, d[here], chosen, np.zeros(len(here)), part)
+            if dual_active_set_plain(full, d[here], chosen):
+                solve_equalities_plain(full, d[here], chosen, np.zeros(len(here)), part)
                 np.maximum(part, 0.0, out=part)
         residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
         if residual > target:
             part *= carried
-            residual = relax_plain(
+            residual = solve_island_plain(
                 inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
             )
         u[here], worst = part, max(worst, residual)

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array, vstack
 import mbvi
 from mbvi.compiled import compile_all
 from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
-from mbvi.projection import refinement as mending
+from mbvi.projection.refinement import refine_subset, solve_island
 from mbvi.system.sparse_rows import rows_of_two
 
 SEEDS = st.integers(0, 10_000)
@@ -59,7 +59,7 @@ def test_the_answer_meets_the_conditions_to_the_residual_that_was_asked(seed, re
 
 @settings(deadline=None, max_examples=12)
 @given(SEEDS, st.integers(1, 4))
-def test_what_is_mended_lowers_the_energy_and_leaves_rows_far_away_alone(seed, count):
+def test_a_refined_subset_lowers_the_energy_and_leaves_rows_far_away_alone(seed, count):
     rng = np.random.default_rng(seed)
     _, metric, J = heap(rng, 60)
     full = metric.whiten_rows(J).toarray()
@@ -69,13 +69,13 @@ def test_what_is_mended_lowers_the_energy_and_leaves_rows_far_away_alone(seed, c
     told = G.indptr.astype(np.uint32), G.indices.astype(np.uint32), G.data
     compile_all()
     target, u = 1e-9, np.zeros(len(d))
-    assert mending.relax(*told, d, 0.1 * target, u) <= 0.1 * target
+    assert solve_island(*told, d, 0.1 * target, u) <= 0.1 * target
     spoiled = rng.choice(len(d), count, replace=False)
     u[spoiled] += rng.random(count)
     before, g = u.copy(), G @ u - d
     off = np.abs(np.minimum(u, g)) > 0.5 * target
     near = (np.abs(G) @ off) > 0.0
-    assert mending.mend(*told, target, g, u)
+    assert refine_subset(*told, target, g, u)
     after = G @ u - d
     assert np.abs(np.minimum(u, after))[near].max() <= 0.3 * target
     assert (u[~near] == before[~near]).all()
