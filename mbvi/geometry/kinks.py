@@ -130,17 +130,54 @@ def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Arra
     return span(found, m, basis)
 
 
-@kernel("b1(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
-def is_flat(n: Array, edge: Array, swell: Array, first: Array, second: Array, base: Array) -> bool:
-    """Return whether both shapes are straight along a common direction at n, so that nearest points are not unique."""
+@kernel("i8(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1])")
+def common_directions(
+    n: Array, edge: Array, swell: Array, first: Array, second: Array, base: Array, common: Array
+) -> int:
+    """Return along how many directions both shapes are straight at n, so that nearest points are not unique.
+
+    A single one is written to `common`, shape (3,).
+    """
     one, other, both, basis = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 3)), np.empty((3, 3))
     a = _flat_directions(n, 0, edge, swell, first, base[0], one)
     b = _flat_directions(n, 1, edge, swell, second, base[1], other) if a else 0
     if a == 0 or b == 0:
-        return False
+        return 0
     both[:a], both[a : a + b] = one[:a], other[:b]
-    # what n is normal to has two dimensions
-    return a + b > min(span(both, a + b, basis), 2)
+    # the directions normal to n have two dimensions
+    count = a + b - min(span(both, a + b, basis), 2)
+    if count == 1:
+        common[:] = one[0] if a == 1 else other[0]
+    return count
+
+
+@kernel("void(f8[::1], f8[:,::1], i8, f8[::1])")
+def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
+    """Write the shares of at most two vectors that a slope in their span consists of."""
+    if m == 1:
+        t[0] = dot(slope, found[0]) / dot(found[0], found[0])
+    elif m == 2:
+        aa, ab, bb = dot(found[0], found[0]), dot(found[0], found[1]), dot(found[1], found[1])
+        a, b = dot(slope, found[0]), dot(slope, found[1])
+        det = aa * bb - ab * ab
+        t[0], t[1] = (bb * a - ab * b) / det, (aa * b - ab * a) / det
+
+
+@kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, f8[::1])")
+def clear_common(slope: Array, common: Array, found: Array, kinks: Array, count: int, t: Array) -> int:
+    """Write the multipliers of two kinks, one of them along a common direction; return 1 if there is one, otherwise 0.
+
+    The multiplier along the common direction is not unique, and zero is written for it: that kink stays.
+    """
+    if count != 2 or kinks[0, 0] == DISK or kinks[1, 0] == DISK:
+        return 0
+    for i in range(2):
+        length = np.sqrt(dot(found[i], found[i]))
+        if abs(dot(found[i], common)) >= (1.0 - PARALLEL) * length:
+            multipliers(slope, found, 2, t)
+            t[i] = 0.0
+            return 1
+    return 0
 
 
 @kernel(
@@ -184,18 +221,6 @@ def add(
     for i in range(chosen, count):
         kinks[i] = kinks[i + 1]
     return count
-
-
-@kernel("void(f8[::1], f8[:,::1], i8, f8[::1])")
-def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
-    """Write the shares of at most two vectors that a slope in their span consists of."""
-    if m == 1:
-        t[0] = dot(slope, found[0]) / dot(found[0], found[0])
-    elif m == 2:
-        aa, ab, bb = dot(found[0], found[0]), dot(found[0], found[1]), dot(found[1], found[1])
-        a, b = dot(slope, found[0]), dot(slope, found[1])
-        det = aa * bb - ab * ab
-        t[0], t[1] = (bb * a - ab * b) / det, (aa * b - ab * a) / det
 
 
 @kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, i8[::1], i8[::1], b1[::1])")

@@ -18,10 +18,11 @@ from .kinks import (
     ROUNDING,
     SEGMENT,
     add,
+    clear_common,
+    common_directions,
     directions,
     has,
     is_disk,
-    is_flat,
     multipliers,
     next_kink,
     release,
@@ -150,6 +151,7 @@ def _refine(
     found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.zeros(2, np.bool_)
     count = _first_set(n, kinks, edge, sign, swell, first, second, base)
     start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.zeros(2)
+    common = np.empty(3)
     for _ in range(_MOST_SETS):
         m = directions(kinks, count, edge, swell, first, second, base, found)
         rank = span(found, m, basis)
@@ -185,12 +187,20 @@ def _refine(
                 return FAILED, 0.0
             continue
         apart = separation_along(n, between, ball, edge, swell, first, second)
-        if m > 0 and is_flat(n, edge, swell, first, second, base):
-            return (FLAT if apart >= given - ROUNDING * size else FAILED), apart
         gradient(n, used, pull, at, slope)
         along = dot(slope, n)
         for c in range(3):
             slope[c] -= along * n[c]
+        flat = common_directions(n, edge, swell, first, second, base, common) if m > 0 else 0
+        if flat > 0:
+            remain = count
+            if flat == 1 and clear_common(slope, common, found, kinks, count, t):
+                # n may still turn about the common direction
+                remain = release(n, t, found, kinks, count, sign, base, left)
+            if remain == count:
+                return (FLAT if apart >= given - ROUNDING * size else FAILED), apart
+            count = remain
+            continue
         multipliers(slope, found, m, t)
         remain = release(n, t, found, kinks, count, sign, base, left)
         if remain < count:

@@ -131,10 +131,10 @@ def test_a_box_at_constant_speed_is_a_box_at_rest_seen_from_elsewhere(name, velo
     assert np.abs(shift).max() < 1e-9
     np.testing.assert_allclose(moved.penetration(), still.penetration(), atol=1e-9)
     for a, b in zip(still.impacts, moved.impacts, strict=True):
-        # walls that move are asked after those that do not
-        one, other = (sorted(zip(i.constraints, i.percussion.tolist(), strict=True)) for i in (a, b))
-        assert [name for name, _ in one] == [name for name, _ in other]
-        np.testing.assert_allclose([p for _, p in one], [p for _, p in other], atol=1e-8)
+        # a row whose percussion is rounding may belong to one of them only
+        one, other = (dict(zip(i.constraints, i.percussion.tolist(), strict=True)) for i in (a, b))
+        for name in {*one, *other}:
+            assert other.get(name, 0.0) == pytest.approx(one.get(name, 0.0), abs=1e-8), name
         np.testing.assert_allclose(b.energy_change, a.energy_change, atol=1e-8)
 
 

@@ -146,3 +146,30 @@ def test_a_wrong_start_is_told():
     for wrong in (np.zeros(3), np.full(3, np.nan)):
         assert refined(axes, places, BODIES, wrong)[0] == FAILED
     assert refined_distance._MOST_SETS > 10
+
+
+@given(
+    exponent=st.floats(-8.5, -2.0), gap=st.floats(1e-10, 1e-3), side=st.sampled_from([1.0, -1.0]),
+    wide_first=st.booleans(), seed=st.integers(0, 10_000),
+)  # fmt: skip
+def test_boxes_that_turned_about_a_common_edge_direction(exponent, gap, side, wide_first, seed):
+    """A corner edge of a narrow box above a wide face: the distance is its height, whichever face the search starts at.
+
+    Edges along y are straight for both boxes at every normal across y.
+    """
+    wide, narrow, tilt = Box((2.0, 0.3, 0.2)), Box((0.3, 0.4, 0.3)), side * 10.0**exponent
+    turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    # the lowest edge of the narrow box is at the height of the gap
+    low = 0.15 * (abs(turn[2, 0]) + abs(turn[2, 2]))
+    R = rotation(np.random.default_rng(seed))
+    above = R @ np.array([0.0, 0.0, 0.1 + gap + low])
+    below = (R, np.zeros(3))
+    shapes = (wide, narrow) if wide_first else (narrow, wide)
+    axes, places = placed(*shapes, *((below, (R @ turn, above)) if wide_first else ((R @ turn, above), below)))
+    up = R[:, 2] if wide_first else -R[:, 2]
+    for start in (up, R @ turn @ R.T @ up):
+        normal = start.copy()
+        result, distance, _ = refined(axes, places, BODIES, normal)
+        assert result == FLAT
+        assert distance == pytest.approx(gap, abs=1e-14)
+        np.testing.assert_allclose(normal, up, atol=1e-12)

@@ -185,7 +185,8 @@ DISTANCE_ARGUMENTS = {
         "n", "within", "disks", "kink", "kinks", "count", "edge", "sign", "swell", "first", "second", "base"
     ),
     "_flat_directions": flat,
-    "is_flat": of_state("n", "edge", "swell", "first", "second", "base"),
+    "common_directions": of_state("n", "edge", "swell", "first", "second", "base", "slope"),
+    "clear_common": of_state("pull", "slope", "found", "kinks", "count", "t"),
     "add": added,
     "multipliers": of_state("pull", "found", "m", "t"),
     "release": of_state("n", "t", "found", "kinks", "count", "sign", "base", "left"),
