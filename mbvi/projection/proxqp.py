@@ -13,7 +13,7 @@ from .scaled_qp import Candidate, ScaledQP, WarmStart
 
 _ACCURACY = 1e-12
 # an iteration costs m^3 operations: most iterations up to 100 rows, fewer beyond, and the fewest
-_ITERATIONS, _FEWEST_ITERATIONS = 1000, 50
+_ITERATIONS, _FEWEST_ITERATIONS = 200, 50
 # percussions below this share of the largest are those of rows that do not touch
 _NONE = 1e-11
 _FREE = 1e20

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cascade import dense_solvers, first_good_enough
+from .cascade import FEW, dense_solvers, first_good_enough
+from .fused_step import FusedStep
 from .gram import gram, islands
 from .metric import Array, DiagonalMetric
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 from .sparse_islands import _SMALL, _solve_islands
+from .warm_start import LastPercussions
 
 # unit rows with a product above this are the same
 _SAME = 1.0 - 1e-13
@@ -113,9 +115,17 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
     part = qp.rows[rows]
     touched = np.unique(part.indices)
     J = np.ascontiguousarray(part[:, touched].toarray())
-    metric = DiagonalMetric(np.ones(len(touched)))
-    island = ScaledQP(np.zeros(len(touched)), metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
-    found, residual = first_good_enough(island, dense_solvers(len(rows)), None)
+    x, metric = np.zeros(len(touched)), DiagonalMetric(np.ones(len(touched)))
+    last = LastPercussions()
+    # the rows that are active in the approximate answer are a good guess
+    last.percussion = u[rows]
+    if len(rows) <= FEW:
+        exact = FusedStep(last).project(x, metric, J, qp.d[rows])
+        if exact is not None:
+            u[rows] = exact.percussion
+            return
+    island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
+    found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
     # one that fails is judged with all others
     if found is not None and residual <= island.tolerance:
         u[rows] = island.result(found, residual).percussion
