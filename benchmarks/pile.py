@@ -70,24 +70,10 @@ def mujoco_cg(count: int, duration: float) -> dict[str, float]:
     """Run the same pile in MuJoCo: three slide joints per sphere, no friction, CG solver with default options."""
     import mujoco
 
+    from mbvi.studies.engines.spheres_in_mujoco import spheres_in_box
+
     centres, width = lattice(count)
-    planes = [((0, 0, 0), (0, 0, 1))]
-    for axis in range(2):
-        planes += [((0, 0, 0), tuple(np.eye(3)[axis])), (tuple(width * np.eye(3)[axis]), tuple(-np.eye(3)[axis]))]
-    spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.solver = STEP, mujoco.mjtSolver.mjSOL_CG
-    spec.memory = 8 << 30
-    for place, normal in planes:
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE, pos=place, size=[0, 0, 1], condim=1,
-            quat=turn_to(np.array(normal, float)),
-        )  # fmt: skip
-    for centre in centres:
-        body = spec.worldbody.add_body(pos=centre)
-        for axis in np.eye(3):
-            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=1.0, condim=1)
-    model = spec.compile()
+    model = spheres_in_box(centres, RADIUS, width, STEP)
     data, spent, worst = mujoco.MjData(model), 0.0, 0.0
     steps = round(duration / STEP)
     for _ in range(steps):
@@ -97,13 +83,6 @@ def mujoco_cg(count: int, duration: float) -> dict[str, float]:
         worst = max(worst, depth(centres + data.qpos.reshape(-1, 3), width))
     end = depth(centres + data.qpos.reshape(-1, 3), width)
     return {"ms": 1e3 * spent / steps, "depth": worst, "end": end, "residual": float("nan")}
-
-
-def turn_to(normal: np.ndarray) -> np.ndarray:
-    """Return the quaternion (w, x, y, z) that turns z to a unit normal."""
-    axis = np.cross([0.0, 0.0, 1.0], normal)
-    quaternion = np.array([1.0 + normal[2], *axis])
-    return quaternion / np.linalg.norm(quaternion)
 
 
 def gas(duration: float = 10.0) -> tuple[float, float, int]:
