@@ -10,25 +10,17 @@ from mbvi.studies.chart.errors import errors, fitted_order, graph_distance, wors
 
 # nowhere dyadic multiples of one another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)
-# what lifts closed contacts differs from what does not where a contact stays closed
+# projection of positions makes a difference only where a contact stays closed
 OTHERS = [
     *((scheme, key) for scheme in (mbvi.MoreauJean(), mbvi.Centered(), mbvi.SchatzmanPaoli())
-      for key in ((0.5, "corner of 57.3 degrees"), (0.5, "rod"), (0.0, "tumbling body"))),
-    *((scheme, (0.0, "double pendulum")) for scheme in (mbvi.SchatzmanPaoli(), mbvi.Centered(project_positions=True))),
-    (mbvi.Centered(project_positions=True), (0.0, "tumbling body")),
+      for key in ((0.5, "corner of 57.3 degrees"), (0.5, "rod"), (0.0, "double pendulum"), (0.0, "tumbling body"))),
+    *((mbvi.Centered(project_positions=True), (0.0, key)) for key in ("double pendulum", "tumbling body")),
 ]  # fmt: skip
 CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
-# each problem at two of the three restitutions, each restitution with two problems in three
-PAOLI = {
-    (e, case.name): case
-    for j, e in enumerate((0.0, 0.5, 1.0))
-    for k, case in enumerate(reference.references(e))
-    if (j + k) % 3 != 1
-}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", PAOLI.values(), ids=[f"{name}, e = {e:g}" for e, name in PAOLI])
+@pytest.mark.parametrize("case", CASES.values(), ids=[f"{name}, e = {e:g}" for e, name in CASES])
 def test_paolis_scheme_is_of_order_one(case):
     """Configurations uniformly, velocities in L1 and by the distance of their graphs."""
     found = np.array([worst_errors(case, mbvi.Paoli(), h) for h in STEPS])
