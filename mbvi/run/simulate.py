@@ -17,7 +17,7 @@ from ..results.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
-from ..schemes.step import ended, law
+from ..schemes.step import end_at, law
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -204,7 +204,7 @@ def simulate(
                 if fast or was_fast:
                     *parts, new = guard.followed(t, state, new, length, projector)
             if i > whole and last > rest:
-                parts, new = ended(problem.system, state, [*parts, new], problem.t0 + duration)
+                parts, new = end_at(problem.system, state, [*parts, new], problem.t0 + duration)
             for part in parts:
                 recorder.step(part, False)
             state, shortened_steps = new, shortened_steps + len(parts)
