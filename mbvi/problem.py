@@ -115,7 +115,7 @@ class Problem:
         self.q0 = _state(q0, system.nq, "q0")
         self.v0 = _state(v0, system.nv, "v0")
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
-        # names of functions that a file could not keep; the problem cannot be simulated until they are given again
+        # in a problem loaded from a file: the functions that the file could not hold; runs need them given again
         self.not_kept: tuple[str, ...] = ()
         constraints = checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):

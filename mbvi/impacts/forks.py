@@ -99,7 +99,7 @@ def follow(metric: Metric, J: Array, v: Array, e: Array, most: int) -> Forks:
     ends, reasons, spread = [], [], 0.0
     cosines = cosines_between(columns)
     for rows in islands(cosines):
-        # rows of one island span few directions
+        # the gradients of one island span a small subspace, in which its impacts are computed
         basis, R = np.linalg.qr(columns[:, rows])
         start = basis.T @ before
         if condition_12_violation(cosines[np.ix_(rows, rows)], e[rows], 0.0).any():
@@ -172,24 +172,24 @@ def _single_impacts(R: Array, e: Array, start: Array, scale: float, most: int) -
             f"the search was ended after {count} single impacts, with rows still closing at up to {closing_still:.3g} "
             "in the kinetic norm"
         )
-    return ends, "a sequence of single impacts returns to an earlier velocity and repeats without end" if _has_cycle(
-        followers
-    ) else ""
+    if _has_cycle(followers):
+        return ends, "a sequence of single impacts returns to an earlier velocity and repeats without end"
+    return ends, ""
 
 
 def _has_cycle(followers: dict[int, list[int]]) -> bool:
     """Return whether a directed graph has a cycle: whether removing nodes without predecessors leaves some."""
-    before = dict.fromkeys(followers, 0)
+    predecessors = dict.fromkeys(followers, 0)
     for numbers in followers.values():
         for number in numbers:
-            before[number] += 1
-    free = [number for number, count in before.items() if not count]
-    for number in free:
+            predecessors[number] += 1
+    removed = [number for number, count in predecessors.items() if not count]
+    for number in removed:
         for following in followers[number]:
-            before[following] -= 1
-            if not before[following]:
-                free.append(following)
-    return len(free) < len(followers)
+            predecessors[following] -= 1
+            if not predecessors[following]:
+                removed.append(following)
+    return len(removed) < len(followers)
 
 
 def _diameter(points: Array) -> float:

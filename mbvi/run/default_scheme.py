@@ -173,6 +173,7 @@ def _travel_steps(problem: Problem, duration: float) -> list[tuple[float, str]]:
     """Return for each body the steps in which it travels and falls by a part of its size."""
     system = problem.system
     if problem.scene is None:
+        # without shapes the whole system counts as one body
         pull = float(np.abs(system.acceleration(problem.t0, problem.q0, problem.v0)).max(initial=0.0))
         speed = float(np.abs(problem.v0).max(initial=0.0))
         return _body_steps("the system", _SIZE * problem.length, speed, pull)

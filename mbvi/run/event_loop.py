@@ -25,6 +25,7 @@ from .progress import Progress
 
 # units of the progress bar
 _TICKS = 1000
+# exponents of the dense output
 _POWERS = np.arange(1, DEGREE + 1)
 
 

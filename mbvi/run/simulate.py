@@ -202,7 +202,7 @@ def simulate(
                 # `guard.steps`, written out: the call alone would cost a fifteenth of the cheapest step
                 parts = []
                 new = scheme.step(problem, t, state.q, state.v, length, projector)
-                # written so that a NaN counts as fast
+                # the guard checks a step if the state before or after it is fast; written so that a NaN counts as fast
                 was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
                 if fast or was_fast:
                     *parts, new = guard.followed(t, state, new, length, projector)

@@ -37,7 +37,7 @@ class _Island(NamedTuple):
 
 
 class Sleepers:
-    """The sleeping bodies of a run; a context, at whose end all are awake.
+    """The sleeping bodies of a run; a context manager that wakes all of them at its end.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Sleepers:
             self._set([])
 
     def stepped(self, advance: Callable[[], Iterable[Step]], length: float) -> list[Step]:
-        """Return the steps of `advance`, the last of which has `length` [s], with the rows of sleeping contacts."""
+        """Return the steps of `advance`, which last `length` [s] in all, with the rows of sleeping contacts."""
         found = list(advance())
         while self._islands:
             touched = self._touched(found)
@@ -98,7 +98,7 @@ class Sleepers:
             self._set([island for island in self._islands if not touched[island.bodies].any()])
             found = list(advance())
         kept = self._kept
-        # percussions are kept for a whole step
+        # only a whole step is tested, because the percussions of sleeping contacts are kept for that length
         if len(found) == 1 and length == self._h:
             self._find_resting(found[0])
         if kept is None:

@@ -40,7 +40,7 @@ class TunnellingGuard:
     limit : float
         v . v below which no body can pass through another, and no velocity diverges.
     observe : callable or None
-        `observer` of the problem; receives shortened steps, but not the last part of a step.
+        `observer` of the problem. The guard passes it shortened steps; the loop passes it the last part of each step.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:

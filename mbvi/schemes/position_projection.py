@@ -111,8 +111,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
             break
-        # where the law acts at the end of the step, these are the rows of the law
+        # where the law acts at the end of the step, the active rows there are those of the law
         before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
+        # for each row the row of the law at the same contact, -1 where there is none
         owner = match_contacts(before, rows)
         floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
         # the largest distance by which a closed contact must move out
@@ -124,7 +125,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             break
         owner = match_contacts(projected.near, rows)
         if (owner >= 0).all():
-            return _tangent(problem, applied, advance_gaps(step, drift), projected, owner, closed, projector)
+            return _with_tangent_velocity(
+                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
+            )
         rows = concatenate([rows, take(projected.near, owner < 0)])
         w, rates, residual = _law(problem, applied, rows, projector)
         q = system.integrate(applied.q, drift * w) if drift else step.q
@@ -133,10 +136,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
 
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
+    """Apply the law where the scheme applied it, with these rows."""
     return law(projector, applied.v, applied.free_motion(problem.system), rows)
 
 
-def _tangent(
+def _with_tangent_velocity(
     problem: Problem,
     applied: Applied,
     step: Step,
@@ -176,10 +180,11 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     rises = (rise > problem.tolerance) & (rows.restitution < 1.0)
     if rises.any():
         place = problem.system.integrate(applied.q, h * step.v)
-        then = problem.constraints.active(applied.t + h, place, problem.tolerance)
-        owner, lowest = match_contacts(then, rows), np.full(len(rise), np.inf)
+        # the lowest gap of each contact after a whole step at the velocity after the law
+        ahead = problem.constraints.active(applied.t + h, place, problem.tolerance)
+        owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
         known = owner >= 0
-        np.minimum.at(lowest, owner[known], then.gap[known])
+        np.minimum.at(lowest, owner[known], ahead.gap[known])
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
         # to project a contact of a body that bounces at another contact would make the body rock

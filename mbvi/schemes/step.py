@@ -114,7 +114,7 @@ def advance_gaps(step: Step, time: float) -> Step:
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
 
 
-def end_at(system: System, state: Step, found: list[Step], t: float) -> tuple[list[Step], Step]:
+def end_at(system: System, state: Step, steps: list[Step], t: float) -> tuple[list[Step], Step]:
     """Return the steps from a state up to a time, the last of them interpolated along the retraction.
 
     Parameters
@@ -123,13 +123,13 @@ def end_at(system: System, state: Step, found: list[Step], t: float) -> tuple[li
         The system that moves.
     state : Step
         Where the first step starts.
-    found : list of Step
+    steps : list of Step
         Steps of a scheme with `Timing.jump` = 0, the last of which ends at t or later.
     t : float
         Time [s].
     """
-    k = next((k for k, step in enumerate(found) if step.t >= t), len(found) - 1)
-    start, end = found[k - 1] if k else state, found[k]
+    k = next((k for k, step in enumerate(steps) if step.t >= t), len(steps) - 1)
+    start, end = steps[k - 1] if k else state, steps[k]
     displacement = system.difference(start.q, end.q)
     q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * displacement)
-    return found[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)
+    return steps[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)

@@ -59,22 +59,23 @@ class StewartTrinkle(Scheme):
             problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         for retry in range(_MOST_RETRIES + 1):
-            moving, corrected = _end_velocity(problem, rows, h, projector, free_motion)
-            place, gap = system.integrate(q, h * moving.velocity), rows.gap + h * rows.speeds(moving.velocity)
+            displacing, corrected = _end_velocity(problem, rows, h, projector, free_motion)
+            place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
+            # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
-            there = problem.constraints.near(end, place, deepest)
-            deep = problem.constraints.levers(there.constraint) * there.gap < -_RETRY_DEPTH * problem.length
-            missed = ~_is_among(there.constraint, rows.constraint) | deep
+            at_end = problem.constraints.near(end, place, deepest)
+            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
+            missed = ~_is_among(at_end.constraint, rows.constraint) | deep
             if retry == _MOST_RETRIES or not missed.any():
                 break
-            more = _at_earlier_time(take(there, missed), h)
-            rows = concatenate([rows, more._replace(gap=more.gap - h * (more.jacobian @ moving.velocity))])
+            added = _at_earlier_time(take(at_end, missed), h)
+            rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
         # the displacement that removes penetration does not enter the velocity
-        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else moving
+        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else displacing
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
-        rows = rows._replace(gap=_deeper_gaps(gap, rows, there))
-        return Step(end, place, w, rows, rates, max(residual, moving.residual))
+        rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
+        return Step(end, place, w, rows, rates, max(residual, displacing.residual))
 
 
 def _at_earlier_time(rows: Rows, time: float) -> Rows:
@@ -128,15 +129,15 @@ def _is_among(numbers: Array, known: Array) -> Array:
     return np.asarray(ranked[np.searchsorted(ranked[:-1], numbers)] == numbers)
 
 
-def _deeper_gaps(gap: Array, rows: Rows, there: Rows) -> Array:
-    """Return the gaps of rows, each lowered to that of its constraint in `there` where that is lower."""
-    known = _is_among(there.constraint, rows.constraint)
+def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
+    """Return the gaps of rows, each lowered to that of its constraint in `at_end` where that is lower."""
+    known = _is_among(at_end.constraint, rows.constraint)
     if not known.any():
         return gap
     order = np.argsort(rows.constraint, kind="stable")
-    place = order[np.searchsorted(rows.constraint[order], there.constraint[known])]
+    place = order[np.searchsorted(rows.constraint[order], at_end.constraint[known])]
     gap = gap.copy()
-    np.minimum.at(gap, place, there.gap[known])
+    np.minimum.at(gap, place, at_end.gap[known])
     return gap
 
 
@@ -155,6 +156,7 @@ def _reach(problem: Problem, q: Array, displacement: Array) -> float:
     if not bodies.size:
         return np.inf
     shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
+    # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
     far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
     return 2.0 * float(far.max()) + problem.tolerance

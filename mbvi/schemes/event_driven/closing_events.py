@@ -99,7 +99,7 @@ class ClosingEvents:
             Lower bounds of their gaps at its end, and bounds of by how much their gaps fall within it.
         """
         bounds = np.array([*(self._at(step, x, suspects, self._rows.lower_bounds) for x in FEW_NODES[:-1]), end])
-        # the same between every two nodes
+        # the same test between every two neighbouring nodes
         part = np.diff(FEW_NODES)[:, None] * fall
         near = ~(bounds[1:] + bounds[:-1] > part).all(axis=0)
         suspects = suspects[near]
@@ -118,6 +118,7 @@ class ClosingEvents:
         return share, suspects[k : k + 1] if share < 1.0 else suspects[:0]
 
     def _at(self, step: RungeKuttaStep, share: float, index: Array, gaps: GapFunction) -> Array:
+        """Return gaps, or lower bounds, of some rows at a share of the step."""
         q = step.at(self._system, share)[0] if share < 1.0 else step.q
         return gaps(step.t + share * step.h, q, index)
 

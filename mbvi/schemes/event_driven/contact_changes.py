@@ -76,7 +76,7 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
 def _impact(
     state: MotionState, touching: Array, was_closed: Array, J: Array, metric: Metric, still: Array
 ) -> ImpactEvent:
-    """Apply the law (8) to the touching rows."""
+    """Apply the law (8) to the touching rows, or single impacts where impacts accumulate."""
     v, e = state.v, state.rows.restitution[touching]
     before = J @ v
     # the largest distance that a gap has opened since the last impact; if it is tiny, impacts accumulate
@@ -103,7 +103,7 @@ def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: A
     sure = (rates <= still) & smooth
     acceleration = state.system.acceleration(state.t, state.q, state.v)
     if sure.any():
-        # the contact forces of rows that rest in any case act on the others
+        # the contact forces of rows that are sure to rest act on the others
         acceleration = state.projector.project(acceleration, metric, J[sure], -bias[sure]).velocity
     pull = J @ acceleration + bias
     # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than

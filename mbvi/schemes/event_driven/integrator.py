@@ -20,18 +20,18 @@ from .runge_kutta import RungeKuttaStep
 
 # largest error of one step, relative to the tolerance
 _LOCAL = 0.3
-# step control: the next step is h times _SAFETY error^-_EXPONENT, within both factors; the exponent is
-# one over the order of the method
+# step control: the next step is h times _SAFETY error^-_EXPONENT, between the least and the most factor; the exponent
+# is one over the order of the method
 _SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
 # the first step [s], and the least one, relative to the time or to 1 s
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
 # most Newton steps to an event, and the correction for which a parabola is exact enough, relative to the step
 _MOST_NEWTON, _PARABOLA = 4, 1e-6
-# length of the step after an event: at most this many times the time since the last event, at least this time [s]
+# longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # events without progress in time after which steps of `Paoli` are taken
 _MOST_AT_ONCE = 50
-# after this many steps and events, time must have advanced by this part of the duration
+# in this many steps and events, time must advance by this part of the duration
 _PATIENCE, _PROGRESS = 3000, 1e-5
 
 
@@ -46,6 +46,7 @@ class EventDrivenIntegrator(MotionState):
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
         """Yield the steps of the smooth motion, and the impacts between them."""
+        # `at_once` counts events without progress in time
         end, h, at_once = self.problem.t0 + duration, min(_FIRST_STEP, duration), 0
         yield from change_contacts(self, touching_rows(self, self.rows.all))
         a = self.flow.acceleration(self.t, self.q, self.v, self.closed)

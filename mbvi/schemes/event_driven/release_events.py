@@ -42,6 +42,7 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
         return later if _all_stay(flow, projector, step, closed, x * share) else x * share
     # contacts whose rows depend on each other may stay closed although their least-squares forces are negative
     low = x * share
+    # the first of some places where they do not all stay, then bisection
     for high in np.linspace(low, share, _CHECKS)[1:].tolist():
         if _all_stay(flow, projector, step, closed, high):
             low = high

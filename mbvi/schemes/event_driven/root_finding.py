@@ -50,7 +50,7 @@ class _Interpolant:
         return np.asarray(_ERROR_FACTOR * last + _ROUNDING * np.abs(values).max(axis=0))
 
     def soonest(self, values: Array) -> Array:
-        """Return where the earliest root of each may be, shape (k,); infinite where it stays above its error."""
+        """Return a lower bound of the first root of each function, shape (k,); infinite where it has certainly none."""
         grid = self._grid @ values
         # a parabola through three grid points dips between them by an eighth of the second difference
         dip = 0.125 * np.abs(np.diff(grid, 2, axis=0)).max(axis=0)
@@ -163,6 +163,7 @@ def first_root_by_slope(value: Callable[[float], float], end: float, steepest: f
 
 def _root_on_grid(p: Array, error: float) -> tuple[float | None, bool]:
     """Return the first root of a polynomial from its values p on the fine grid, or None; and whether it is certain."""
+    # three cases: a root at 0, a minimum between grid points that reaches zero, a fall through zero
     below = p <= 0.0
     if below[0] and p[1] <= p[0]:
         # it falls at once, unless it rises and falls back within the first part

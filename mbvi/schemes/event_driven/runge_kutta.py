@@ -102,7 +102,7 @@ class Flow:
 
     Notes
     -----
-    Dormand and Prince's method of order 8 with its two error estimates and its dense output, which takes three more
+    Dormand and Prince's method of order 8 with its two error estimates and its dense output, which needs three more
     stages (Hairer, Norsett, Wanner 1993, II.5 and II.6). Each step has its own chart (Munthe-Kaas 1999).
     """
 
@@ -139,16 +139,17 @@ class Flow:
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:
         """Take one step of length h from (t, q, v), where `acceleration` is a."""
         nv, n, weights = len(v), self._stages, h * self._weights
+        # `RungeKuttaStep.rates`
         K = np.empty((n + 4, nv + len(a)))
         K[0, :nv], K[0, nv:] = v, a
         for i in range(1, n + 1):
-            place, speed = self._stage(t, q, v, h, K, weights, i, closed)
+            q1, v1 = self._stage(t, q, v, h, K, weights, i, closed)
         travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
         fifth, third = np.abs(h * self._error_weights.dot(K[: n + 1]))
         both = np.sqrt(fifth**2 + 0.01 * third**2)
         # the combination of two estimates, of order five and three, is of order seven
         error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
-        return RungeKuttaStep(t, h, q, v, place, speed, K[n, nv:], travel, K, error, _NO_DENSE)
+        return RungeKuttaStep(t, h, q, v, q1, v1, K[n, nv:], travel, K, error, _NO_DENSE)
 
     def with_dense_output(self, step: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
         """Return the step with its dense output."""
@@ -161,7 +162,7 @@ class Flow:
     def _stage(
         self, t: float, q: Array, v: Array, h: float, K: Array, weights: Array, i: int, closed: Array
     ) -> tuple[Array, Array]:
-        """Write the rates of one stage; return its configuration and velocity."""
+        """Write row i of K, the rates of stage i; return its configuration and velocity."""
         nv = len(v)
         change = weights[i, :i].dot(K[:i])
         dq, speed = change[:nv], v + change[nv : 2 * nv]
