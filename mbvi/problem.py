@@ -18,6 +18,7 @@ from .system import System, checked_system, parts_of
 if TYPE_CHECKING:
     from .geometry.shapes import HalfSpace, PlacedShape
 
+# gap at and below which a constraint is active, in lengths of the scene
 _ACTIVATION = 1e-8
 
 
@@ -26,11 +27,11 @@ class BuiltScene(Protocol):
 
     @property
     def items(self) -> Any:
-        """What the user added."""
+        """The robots, bodies, walls and options that the user added."""
 
     @property
     def shapes(self) -> tuple[PlacedShape, ...]:
-        """Every shape on the body that carries it."""
+        """Every shape, with its place on the body that carries it."""
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -46,7 +47,7 @@ class BuiltScene(Protocol):
 
     @property
     def omitted(self) -> tuple[Any, ...]:
-        """What was left out of the model."""
+        """The parts that were left out of the model."""
 
     @property
     def reduce(self) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ class BuiltScene(Protocol):
         """Raise `InputError` if a configuration leaves the plane of a planar scene."""
 
     def report(self, problem: Problem) -> str:
-        """Return in words what is modelled, what was left out, and why."""
+        """Return a text that lists the parts of the model, its reductions and their reasons."""
 
 
 class Problem:
@@ -87,6 +88,8 @@ class Problem:
     length : float
         Length of the scene [m]: a constraint is active at a gap below 1e-8 of it, the limit of a joint that turns at
         1e-8 rad.
+    scene : BuiltScene, optional
+        The scene that the problem was built from; given by `Scene.build()` only.
 
     Raises
     ------
@@ -112,14 +115,14 @@ class Problem:
         self.q0 = _state(q0, system.nq, "q0")
         self.v0 = _state(v0, system.nv, "v0")
         self.t0, self.length, self.scene = finite(t0, "t0"), positive(length, "length"), scene
-        # names of functions that a file could not keep; the problem cannot be simulated until they are given again
+        # in a problem loaded from a file: the functions that the file could not hold; runs need them given again
         self.not_kept: tuple[str, ...] = ()
         constraints = checked_constraints(constraints)
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution)
-        # gap at and below which a constraint is active; of angles times their levers
+        # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()
 
@@ -170,8 +173,8 @@ class Problem:
             Initial configuration, in the order of this problem's `q0`: robots, then rigid bodies, then spheres, each in
             the order they were added. A robot has the position of its free base [m] and its quaternion (x, y, z, w),
             then its joints in the order of its `pinocchio.Model`; a rigid body its centre of mass and its quaternion; a
-            sphere its centre. A joint without limits has cosine and sine; a free base in a planar scene two positions,
-            cosine and sine.
+            sphere its centre. A turning joint without limits has the cosine and the sine of its angle; a free base in a
+            planar scene has two positions, then cosine and sine.
         v : array_like, shape (nv,)
             Initial velocity, in the order of `v0`: of a free base linear and angular in its own frame; of a rigid body
             that of the centre of mass in the world and angular in its own frame.
@@ -188,7 +191,7 @@ class Problem:
         InadmissibleStartError
             If `check` finds that q is not in K.
         """
-        # not copy(): a subclass may change what that copies
+        # copy() is avoided, because a subclass may redefine it
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.q0, new.v0, new.t0 = _state(q, self.system.nq, "q"), _state(v, self.system.nv, "v"), finite(t, "t")
@@ -204,7 +207,7 @@ class Problem:
         """Return a copy of the Pinocchio model of a robot, as it is simulated.
 
         Its q and v are the arguments of the robot's `control(t, q, v)`. Locked joints are left out. Joints whose limits
-        coincide are left out too, unless a control or a force counts them. The links behind such joints are part of
+        coincide are left out too, unless a control or a force refers to them. The links behind such joints are part of
         the link before. In a planar scene a free base is a planar joint. Gravity is that of the scene.
 
         Parameters
@@ -234,7 +237,7 @@ class Problem:
             raise InputError("the force at the initial state is not finite")
 
     def report(self) -> str:
-        """Return in words what is modelled, what was left out, and why."""
+        """Return a text that lists the parts of the model, its reductions and their reasons."""
         if self.scene is not None:
             return self.scene.report(self)
         e = np.unique(self.restitution)

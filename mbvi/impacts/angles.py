@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..projection.metric import Array, Metric
 
-# cosines below this are rounding
+# cosines below this are rounding errors and count as zero
 _ROUNDING = 1e-12
 
 
@@ -38,7 +38,7 @@ def unit_gradients(metric: Metric, J: Array) -> tuple[Array, Array]:
 def cosines_between(columns: Array) -> Array:
     """Return the Delassus matrix of `unit_gradients`, shape (m, m): the cosines of the kinetic angles."""
     sparse = csr_array(columns.T)
-    # bodies give rows of a few numbers among thousands
+    # a row of free bodies has a few nonzero numbers among thousands
     G = (sparse @ sparse.T).toarray() if 4 * sparse.nnz < columns.size else columns.T @ columns
     G[np.abs(G) < _ROUNDING] = 0.0
     return np.clip(G, -1.0, 1.0)
@@ -65,9 +65,9 @@ def condition_12_violation(cosines: Array, e: Array, tolerance: float) -> Array:
 
 
 def independent(columns: Array, cosines: Array, tolerance: float) -> bool:
-    """Tell whether unit gradients are linearly independent, assumption (H4).
+    """Return whether unit gradients are linearly independent, assumption (H4).
 
-    They are if each is farther than `tolerance` from the span of those before it.
+    They are if the distance of each from the span of those before it is above `tolerance`.
     """
     nv, m = columns.shape
     if m > nv or not cosines.diagonal().all():
@@ -77,7 +77,7 @@ def independent(columns: Array, cosines: Array, tolerance: float) -> bool:
 
 
 def islands(cosines: Array) -> list[Array]:
-    """Return the rows that depend on each other through M, one array of numbers an island."""
+    """Return the islands, each as the numbers of its rows: rows linked by cosines that are not zero."""
     count, label = connected_components(csr_array(cosines), directed=False)
     order = np.argsort(label, kind="stable")
     return np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1]) if count else []

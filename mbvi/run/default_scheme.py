@@ -12,21 +12,24 @@ from ..system import System, located_parts, parts_of
 from ..system.lengths import velocity_units
 from ..system.system import Array, Part
 
-# up to this number of constraints error control costs at most twice the time of steps of 1e-3 s:
+# up to this number of constraints `EventDriven` costs at most twice the time of steps of 1e-3 s; measured by
 # benchmarks/default_scheme.py
 _FEW = 100
-# the step as a part of each time scale: the time in which a body travels its own size, the time in which it falls by
-# its size, the fastest mode (1 / omega), the duration
+# the step relative to each time scale: the time in which a body travels its own size, the time in which it falls by its
+# size, one over the rate of the fastest mode, the duration
 _TRAVEL, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
 # size of the bodies of a system without shapes, in lengths of the scene
 _SIZE = 0.1
-# largest size of a body, in radii of the ball that fits into its thickest shape: flat bodies must not be passed through
+# largest size that a body counts as having, in radii of the ball that fits into its thickest shape: steps must be short
+# enough that nothing passes through flat bodies
 _FLAT = 5.0
-# step of the finite differences of modes, in lengths of the scene and radians, and the largest system they are made for
+# length of the differences that give modes, in lengths of the scene and radians, and the most velocities of a system
+# whose modes are computed
 _DIFFERENCE, _MOST_MODES = 1e-6, 200
-# relative difference of two finite differences above which a force has no slope
+# relative deviation between differences of two lengths above which a force counts as having no slope
 _SAME_SLOPE = 0.5
-_NEAT = (5.0, 2.0, 1.0)
+# steps are such a number times a power of ten
+_ROUND_NUMBERS = (5.0, 2.0, 1.0)
 
 
 def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDriven, float | None, str]:
@@ -49,7 +52,7 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
     reason : str
         The choice and its reason in words, as in the notes of a run.
     """
-    against = _against_error_control(problem)
+    against = _reason_against_event_driven(problem)
     if against is None:
         count = _count(problem)
         why = f"{count} smooth constraint{'s' * (count != 1)}" if count else "no constraints"
@@ -74,8 +77,8 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     return Centered(project_positions=True), "Centered(project_positions=True)"
 
 
-def _against_error_control(problem: Problem) -> str | None:
-    """Return the reason against error control in words, None if there is none."""
+def _reason_against_event_driven(problem: Problem) -> str | None:
+    """Return in words why `EventDriven` is not chosen; None if it is."""
     for family in problem.constraints.families:
         if family.tracked and not family.moving and not np.all(family.smooth):
             jumping = family.name(int(np.flatnonzero(np.logical_not(family.smooth))[0]))
@@ -99,43 +102,43 @@ def _count(problem: Problem) -> int:
 
 
 def time_step(problem: Problem, duration: float) -> tuple[float, str]:
-    """Return a step from the time scales of the scene [s], and the scale it is due to.
+    """Return a step from the time scales of the scene [s], and the shortest of them in words.
 
     The step is rounded down to 1, 2 or 5 times a power of ten.
     """
     scales = [(_RUN * duration, "the duration")]
-    scales += _modes(problem)
-    scales += _motions(problem, duration)
+    scales += _mode_steps(problem)
+    scales += _travel_steps(problem, duration)
     h, scale = min(scales)
     decade = 10.0 ** np.floor(np.log10(h))
-    # rounding must not reduce a step that is such a number already
-    neat = next(n for n in _NEAT if n * decade <= h * (1.0 + 1e-9))
-    return float(f"{neat * decade:.1g}"), scale
+    # rounding errors must not reduce a step that is such a number already
+    leading = next(n for n in _ROUND_NUMBERS if n * decade <= h * (1.0 + 1e-9))
+    return float(f"{leading * decade:.1g}"), scale
 
 
-def _modes(problem: Problem) -> list[tuple[float, str]]:
+def _mode_steps(problem: Problem) -> list[tuple[float, str]]:
     """Return the step for the fastest mode of each mechanism, linearised about the initial state."""
     found, parts = [], located_parts(problem.system)
     if problem.system.loaded and problem.system.nv <= _MOST_MODES:
-        # a force may couple the parts
+        # a force of the scene may couple the parts, so that they have common modes
         parts = [Part(problem.system, 0, 0, 0)]
     for system, q, v, _ in parts:
         q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
         # the forces on free bodies do not change
         if system.free_bodies or system.nv > _MOST_MODES:
             continue
-        rate = _fastest(system, problem.t0, q0, v0, problem.length)
+        rate = _fastest_rate(system, problem.t0, q0, v0, problem.length)
         if rate > 0.0:
             name = system.name or "the forces"
             found.append((_MODE / rate, f"the fastest mode of {name}, {rate:.3g} 1/s"))
     return found
 
 
-def _fastest(system: System, t: float, q: Array, v: Array, length: float) -> float:
+def _fastest_rate(system: System, t: float, q: Array, v: Array, length: float) -> float:
     """Return the largest modulus of an eigenvalue of d(v, M^-1 g) / d(q, v) [1/s]."""
     n = system.nv
     fine, coarse = (_jacobian(system, t, q, v, s, length) for s in (_DIFFERENCE, 10.0 * _DIFFERENCE))
-    # a force that jumps, as dry friction or a switch, has no slope: its differences grow as they are refined
+    # a force that jumps, such as dry friction or a switch, has no slope: shorter differences give larger values
     slope = np.where(np.abs(fine - coarse) <= _SAME_SLOPE * np.abs(fine), fine, 0.0)
     block = np.block([[np.zeros((n, n)), np.eye(n)], [slope]])
     return float(np.abs(np.linalg.eigvals(block)).max())
@@ -158,7 +161,7 @@ def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
     try:
         free = system.acceleration(t, q, v)
     except DivergedError:
-        # forces that are not finite beside the start give no slope
+        # a force that is not finite near the start has no slope
         return np.full(system.nv, np.nan)
     damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts_of(system)])
     if damping.any():
@@ -166,13 +169,14 @@ def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
     return free
 
 
-def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
-    """Return steps in which no body travels more than a part of its size."""
+def _travel_steps(problem: Problem, duration: float) -> list[tuple[float, str]]:
+    """Return for each body the steps in which it travels and falls by a part of its size."""
     system = problem.system
     if problem.scene is None:
+        # without shapes the whole system counts as one body
         pull = float(np.abs(system.acceleration(problem.t0, problem.q0, problem.v0)).max(initial=0.0))
         speed = float(np.abs(problem.v0).max(initial=0.0))
-        return _of_one("the system", _SIZE * problem.length, speed, pull)
+        return _body_steps("the system", _SIZE * problem.length, speed, pull)
     g = float(np.linalg.norm(problem.scene.items.gravity))
     bodies: dict[int, list[PlacedShape]] = {}
     for shape in problem.scene.shapes:
@@ -182,16 +186,16 @@ def _motions(problem: Problem, duration: float) -> list[tuple[float, str]]:
     largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
     rates, found = np.abs(problem.v0), []
     forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
-    for shapes, shape, drop in zip(bodies.values(), largest, _drops(problem, largest, g), strict=True):
+    for shapes, shape, drop in zip(bodies.values(), largest, _fall_heights(problem, largest, g), strict=True):
         reach = system.reach(shape.body, shape.position, shape.shape.bound)
         speed, pull = float(reach @ rates), g + float(reach @ forced)
         size = min(shape.shape.bound, _FLAT * max(s.shape.inner for s in shapes))
-        found += _of_one(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), pull)
+        found += _body_steps(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), pull)
     return found
 
 
-def _of_one(name: str, size: float, speed: float, pull: float) -> list[tuple[float, str]]:
-    """Return the steps of one body size [m], by its speed and by its fall."""
+def _body_steps(name: str, size: float, speed: float, pull: float) -> list[tuple[float, str]]:
+    """Return the steps for one body of a size [m]: by its speed [m/s], and by its acceleration `pull` [m/s^2]."""
     found = []
     if speed > 0.0:
         found.append((_TRAVEL * size / speed, f"the speed of {name}, {speed:.3g} m/s at a size of {size:.3g} m"))
@@ -200,7 +204,7 @@ def _of_one(name: str, size: float, speed: float, pull: float) -> list[tuple[flo
     return found
 
 
-def _drops(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
+def _fall_heights(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
     """Return how far each shape can fall: to a wall, or to the height of the lowest shape [m]."""
     scene = problem.scene
     assert scene is not None
@@ -213,11 +217,11 @@ def _drops(problem: Problem, moving: list[PlacedShape], g: float) -> Array:
     lowest = min([heights.min(), *(float(s.position @ up) for s in scene.shapes if not s.body)])
     drops = np.full(len(moving), np.inf)
     for wall in scene.walls.values():
-        drops = np.minimum(drops, _above(wall, centres, up))
+        drops = np.minimum(drops, _height_above(wall, centres, up))
     return np.where(np.isfinite(drops), np.maximum(drops, 0.0), heights - lowest)
 
 
-def _above(wall: HalfSpace, centres: Array, up: Array) -> Array:
+def _height_above(wall: HalfSpace, centres: Array, up: Array) -> Array:
     """Return the height of points above a wall, infinite where the wall is vertical."""
     normal = np.asarray(wall.normal)
     slope = float(normal @ up)

@@ -23,17 +23,20 @@ from ..schemes.event_driven.runge_kutta import DEGREE, RungeKuttaStep
 from .interrupted import run_so_far
 from .progress import Progress
 
+# units of the progress bar
 _TICKS = 1000
+# exponents of the dense output
 _POWERS = np.arange(1, DEGREE + 1)
 
 
 class _EventRecorder:
-    """States, dense output and impacts of a run; an instant at which v jumps has two states.
+    """States, dense output and impacts of a run of `EventDriven`.
 
-    Recorded are the last smooth step, those before impacts, and of the others one in `every`.
+    An impact has two states, before and after the jump of v. One smooth step in `every` is recorded, and in any case
+    the last one and those that end at impacts.
     """
 
-    # the law acts at recorded states
+    # the timing that files and energies use
     timing = EventDriven.timing
 
     def __init__(self, problem: Problem, every: int, notes: Sequence[str], contacts: ContactLog | None = None) -> None:
@@ -47,14 +50,15 @@ class _EventRecorder:
         self.impacts: list[Impact] = []
         self.notes = list(notes)
         self._no_motion = np.zeros((2, problem.system.nv, DEGREE))
-        # the number of steps since the last recorded state, the first and the last of them, and the state after them
+        # since the last recorded state: the number of steps, the largest residual, the first step, and the last step
+        # with the state after it (t, q, v, depth)
         self._since, self._worst = 0, 0.0
         self._first: RungeKuttaStep | None = None
         self._last: tuple[RungeKuttaStep, float, Array, Array, float] | None = None
 
     @property
     def count(self) -> int:
-        """How many states are kept."""
+        """Number of recorded states."""
         return len(self.t)
 
     def add_step(self, step: RungeKuttaStep, integrator: EventDrivenIntegrator) -> None:
@@ -70,15 +74,15 @@ class _EventRecorder:
             self.record_state()
 
     def record_state(self) -> None:
-        """Record the state after the last step, unless it is recorded."""
+        """Record the state after the last step, if it is not recorded yet."""
         if self._last is None or self._first is None:
             return
         step, t, q, v, depth = self._last
         dense = step.dense if self._since == 1 else self._joined(self._first, step, t, q, v)
-        self._state(t, q, v, depth, dense)
+        self._append_state(t, q, v, depth, dense)
 
     def _joined(self, first: RungeKuttaStep, last: RungeKuttaStep, t: float, q: Array, v: Array) -> Array:
-        """Return the cubics from the last recorded state to (q, v) that have the rates of both ends."""
+        """Return cubics from the last recorded state to (q, v) at t, with the rates at both ends."""
         system, h, v0 = self._problem.system, t - self.t[-1], self.v[-1]
         if h <= 0.0:
             return self._no_motion
@@ -96,7 +100,7 @@ class _EventRecorder:
         """Record an impact and the states before and after it."""
         self.record_state()
         self._worst = integrator.residual
-        self._state(event.t, event.q, event.after, integrator.depth, self._no_motion)
+        self._append_state(event.t, event.q, event.after, integrator.depth, self._no_motion)
         percussion, before, after = event.rates
         taking_part = percussion > 0.0
         metric = self._problem.system.metric(event.q)
@@ -115,7 +119,8 @@ class _EventRecorder:
             )
         )
 
-    def _state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+    def _append_state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+        """Append a state and the dense output that leads to it."""
         if self.contacts is not None:
             self.contacts.close()
         self.dense.append(dense)
@@ -128,7 +133,7 @@ class _EventRecorder:
 
     def trajectory(self, scheme: EventDriven, *, complete: bool) -> Trajectory:
         """Return the run recorded so far."""
-        # an interrupt can come between two of these
+        # an interrupt may have left these lists at different lengths
         n = min(len(self.t), len(self.q), len(self.v), len(self.penetration), len(self.residual))
         return Trajectory(
             np.array(self.t[:n]),
@@ -185,6 +190,7 @@ def run_event_driven(
 
 
 def _fallback_notes(fallbacks: int) -> list[str]:
+    """Return the note on steps of `Paoli`, if there were any."""
     if not fallbacks:
         return []
     return [

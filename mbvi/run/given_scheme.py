@@ -1,4 +1,4 @@
-"""Where schemes of users come in: the check of the argument, and the adapter for objects of their own classes."""
+"""The check of the argument `scheme`, and the adapter for schemes of users' own classes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class UserScheme(Scheme):
     Parameters
     ----------
     given : object
-        The user's object. Its `jump`, `whole_steps`, `project_positions`, `check` and `shortened` count where it has
-        them.
+        The user's object. Its attributes `timing`, or `jump` and `whole_steps`, `project_positions`, `check` and
+        `shortened` are used if it has them.
     """
 
     def __init__(self, given: Any) -> None:

@@ -25,7 +25,7 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
     known : ndarray of int, shape (n,)
         Constraints, ascending, each once.
     level : ndarray, shape (n,)
-        Written.
+        The largest percussion of each known constraint so far; raised in place.
     """
     for a in range(len(number)):
         if percussion[a] > 0.0:
@@ -34,8 +34,8 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
                 level[k] = max(level[k], percussion[a])
 
 
-def exceeding(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the rows whose percussion is more than twice the largest of their constraint in some steps before.
+def exceeds_recent(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
+    """Return which rows have a percussion above twice the largest that their constraint had in some earlier steps.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def independent_parts(system: System) -> Array:
 
 
 def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
-    """Return which rows are linked to a seed through parts of the system that both rows act on.
+    """Return which rows are linked to a seed by a chain of rows, each acting on a part of the system with the next.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
     seeds : ndarray of bool, shape (k,)
         Which of them are seeds.
     parts : ndarray of int, shape (nv,)
-        Of `independent_parts`.
+        As returned by `independent_parts`.
     """
     row, column = jacobian.nonzero()
     count = len(seeds)

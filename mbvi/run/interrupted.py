@@ -13,7 +13,7 @@ from ..results.trajectory import Trajectory
 
 @contextmanager
 def run_so_far(trajectory: Callable[[], Trajectory]) -> Iterator[None]:
-    """Set the attribute `run` of an exception that passes, also of a KeyboardInterrupt, to the run so far."""
+    """Set the attribute `run` of any exception that leaves the block, KeyboardInterrupt too, to the run so far."""
     try:
         yield
     except BaseException as error:

@@ -20,7 +20,7 @@ class Progress:
     total : int
         Number of steps.
     shown : bool or None
-        Always, never, or on a terminal if the run is estimated to be long.
+        True: always; False: never; None: on a terminal, if the run is estimated to be long.
     """
 
     def __init__(self, total: int, shown: bool | None) -> None:

@@ -16,15 +16,16 @@ from ..results.run_data import Array, Impact, RunRecord
 from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
 from ..schemes.step import STILL
-from .impact_rows import exceeding, independent_parts, linked
+from .impact_rows import exceeds_recent, independent_parts, linked
 
-# contact points of one pair in consecutive steps, nearer than this, are the same point [lengths of the scene]
+# contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1
 # the rows before the first step: numbers, points, rates
-_NOTHING = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
-# the percussion of a resting contact is its largest in so many steps: in piles many contacts act every few steps only
+_NO_LAST_ROWS = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
+# steps whose percussions are compared with that of a possible impact; several, because in piles many resting contacts
+# have a percussion every few steps only
 _RECENT = 16
-# a note may repeat at every step
+# most notes that are kept, because a note may repeat at every step
 _MOST_NOTES = 20
 
 
@@ -35,7 +36,8 @@ def _record_depth(
 ) -> bool:  # fmt: skip
     """Record the depth of a step and its residual; return whether an impact is possible.
 
-    An impact is possible if a row with a percussion approaches faster than the forces of one step explain.
+    An impact is possible if the gap of a row with a percussion falls faster than twice what the forces of one step
+    explain.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def _record_depth(
     still : float
         Closing speed below which a row counts as still [m/s].
     penetration, residuals : ndarray, shape (n,)
-        Receive the depth of the step, and the largest residual since the state before.
+        Receive the depth of the step, and the largest residual since the last recorded state.
     """
     residuals[k] = max(residuals[k], residual)
     deepest, impact = 0.0, False
@@ -70,8 +72,9 @@ def _choose_rows(
 ) -> tuple[int, float]:  # fmt: skip
     """Choose the rows that may belong to an impact, if there is one, and add up its energy.
 
-    A row closes if it has a percussion, approaches faster than the forces of one step explain, and had no percussion in
-    the step before. If a row closes, rows whose percussion is more than twice that of the step before may take part.
+    A row closes if it has a percussion, had none in the step before, and its gap falls faster than twice what the
+    forces of one step explain. If a row closes, rows whose percussion is more than twice that of the step before may
+    take part.
 
     Parameters
     ----------
@@ -80,7 +83,7 @@ def _choose_rows(
     last_number, last_point, last_rates
         Those of the step before, numbers ascending.
     far : float
-        Points of one constraint farther apart than this are not the same [m].
+        Distance above which two contact points of one constraint count as different [m].
     lever, still
         As of `_record_depth`.
     chosen : ndarray of int8, shape (k,)
@@ -106,7 +109,7 @@ def _choose_rows(
                     apart = 0.0
                     for c in range(3):
                         apart += (last_point[b, c] - point[a, c]) ** 2
-                    # limits have no points: NaN is near
+                    # written so that NaN, the point of a joint limit, counts as near
                     if not apart > far * far:
                         previous += last_rates[0, b]
         least = still / lever[number[a]] if number[a] < len(lever) else still
@@ -124,7 +127,7 @@ def _choose_rows(
 
 
 class Recorder:
-    """States in arrays allocated before the run, impacts in a list.
+    """Records the states of a run in arrays that are allocated before it, and its impacts in a list.
 
     Parameters
     ----------
@@ -207,18 +210,21 @@ class Recorder:
         """Record an impact: the rows that closed, and the rows linked to them."""
         active, rates, last = step.active, step.rates, self._last
         number, point, e = active.constraint, active.point, active.restitution
-        found = np.empty(len(number), np.int8)
-        before, places, pressed = _NOTHING if last is None else (last.active.constraint, last.active.point, last.rates)
-        if (before[1:] < before[:-1]).any():
-            order = np.argsort(before, kind="stable")
-            before, places, pressed = before[order], places[order], np.ascontiguousarray(pressed[:, order])
+        candidates = np.empty(len(number), np.int8)
+        last_number, last_point, last_rates = (
+            _NO_LAST_ROWS if last is None else (last.active.constraint, last.active.point, last.rates)
+        )
+        if (last_number[1:] < last_number[:-1]).any():
+            order = np.argsort(last_number, kind="stable")
+            last_number, last_point = last_number[order], last_point[order]
+            last_rates = np.ascontiguousarray(last_rates[:, order])
         far = _SAME_POINT * self.problem.length
         count, energy = _choose_rows(
-            number, point, rates, e, before, places, pressed, far, self._lever, self._still, found
+            number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
         )
         if not count:
             return
-        chosen = self._taking_part(step, found)
+        chosen = self._taking_part(step, candidates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if energy > 1e-9 * scale and e.min() < e.max():
             self._note(
@@ -231,13 +237,13 @@ class Recorder:
             Impact(step.t, names, percussion, speed, after, point[chosen], active.normal[chosen], energy)
         )
 
-    def _taking_part(self, step: Step, found: Array) -> Array:
-        """Return the rows that close, and rows linked to them whose percussion exceeds that of the steps before."""
-        closing, others = found == 2, np.flatnonzero(found == 1)
+    def _taking_part(self, step: Step, candidates: Array) -> Array:
+        """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""
+        closing, others = candidates == 2, np.flatnonzero(candidates == 1)
         if not others.size:
             return closing
         chosen = closing.copy()
-        chosen[others] = exceeding(step.active.constraint[others], step.percussion[others], self._recent)
+        chosen[others] = exceeds_recent(step.active.constraint[others], step.percussion[others], self._recent)
         index = np.flatnonzero(chosen)
         # all rows of a single mechanism are linked
         if self._parts[-1] and len(index) > np.count_nonzero(closing):
@@ -245,6 +251,7 @@ class Recorder:
         return chosen
 
     def _note(self, note: str) -> None:
+        """Keep a note; warn of the first one."""
         if not self._warned:
             self._warned = True
             warnings.warn(note, MbviWarning, stacklevel=6)
@@ -261,7 +268,7 @@ class ContactRecorder(Recorder):
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step and its contacts; see `Recorder`."""
-        # the law at the start comes before the first interval
+        # percussions of the law at the initial state belong to no interval between states
         if self.count:
             active = step.active
             self.contacts.add(active.constraint, active.point, active.normal, step.rates[0])

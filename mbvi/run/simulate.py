@@ -17,7 +17,7 @@ from ..results.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
-from ..schemes.step import ended, law
+from ..schemes.step import end_at, law
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -70,10 +70,10 @@ def steps(
     DivergedError
         If a step or a function of the user returns numbers that are not finite.
     """
-    _problem(problem)
+    _check_problem(problem)
     check_kept(problem)
     h, projector = positive(step, "step"), Projector(positive(residual, "residual"), checked_solver(solver))
-    chosen = time_stepping(problem)[0] if scheme is None else _scheme(problem, scheme)
+    chosen = time_stepping(problem)[0] if scheme is None else _checked_for(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
     return _steps(problem, chosen, h, projector)
@@ -110,13 +110,14 @@ def simulate(
         Time step h [s], not for `EventDriven`. By default 1e-3 if a scheme is named, else from the time scales of the
         scene.
     every : int
-        One state in `every` steps is recorded, and the last; impacts always are. `EventDriven` chooses its own steps,
-        and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded states.
+        One state in `every` steps is recorded, and the last one; impacts are always recorded. `EventDriven` chooses its
+        own steps, and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded
+        states.
     residual : float
         Relative KKT residual above which a projection raises.
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
-        Solves every projection of the run, which the notes say; by default several are tried in order, and the first
-        answer that is good enough is taken.
+        Solves every projection of the run, and a note of the run says so. By default several are tried in order, and
+        the first answer that is good enough is accepted.
     out : path, optional
         HDF5 file written while the run goes on.
     progress : bool, optional
@@ -149,7 +150,7 @@ def simulate(
     An error or a KeyboardInterrupt that ends the run has the run so far as its attribute `run`, a `Trajectory` that is
     not `complete`.
     """
-    _problem(problem)
+    _check_problem(problem)
     check_kept(problem)
     duration, residual, every = (
         positive(duration, "duration"),
@@ -162,16 +163,16 @@ def simulate(
         optional(boolean, progress, "progress"),
     )
     optional(choice, record, "record", ("contacts",))
-    scheme, h, notes = _chosen(problem, scheme, h, duration)
+    scheme, h, notes = _scheme_and_step(problem, scheme, h, duration)
     projector = Projector(residual, checked_solver(solver))
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
     if isinstance(scheme, EventDriven):
         return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None
-    # whole steps, and the remaining duration after them
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
+    # the number of whole steps, the remaining time, and the number of all steps
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
@@ -190,47 +191,49 @@ def simulate(
         Progress(total, progress) as bar,
         Sleepers(problem, h) as sleepers,
     ):
-        observe, next_poll, fast, shortened_steps, taken = _observed(guard, state), 0.0, True, 0, 0.0
+        observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
         for i in range(1, total + 1):
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
             if sleepers.any:
-                *parts, new = sleepers.stepped(partial(_advanced, guard, t, state, taken, length, projector), length)
+                *parts, new = sleepers.stepped(
+                    partial(_advanced, guard, t, state, last_length, length, projector), length
+                )
             else:
-                # `guard.steps` in line: the call alone would cost a fifteenth of the cheapest step
+                # `guard.steps`, written out: the call alone would cost a fifteenth of the cheapest step
                 parts = []
                 new = scheme.step(problem, t, state.q, state.v, length, projector)
-                # written so that a NaN counts as fast
+                # the guard checks a step if the state before or after it is fast; written so that a NaN counts as fast
                 was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
                 if fast or was_fast:
                     *parts, new = guard.followed(t, state, new, length, projector)
             if i > whole and last > rest:
-                parts, new = ended(problem.system, state, [*parts, new], problem.t0 + duration)
+                parts, new = end_at(problem.system, state, [*parts, new], problem.t0 + duration)
             for part in parts:
                 recorder.step(part, False)
             state, shortened_steps = new, shortened_steps + len(parts)
             if observe is not None:
-                taken = state.t - parts[-1].t if parts else length
-                observe(state, taken)
+                last_length = state.t - parts[-1].t if parts else length
+                observe(state, last_length)
             recorder.step(state, i % every == 0 or i == total)
             if perf_counter() >= next_poll:
                 next_poll = min(writer.poll(), bar.poll(i))
         # the sum of the steps has rounding errors
         recorder.t[-1] = problem.t0 + duration
     if shortened_steps:
-        recorder.notes.append(f"{shortened_steps} steps were cut where a body would have passed through another")
+        recorder.notes.append(f"{shortened_steps} steps were shortened where a body would have passed through another")
     return recorder.trajectory(scheme, h)
 
 
 def _advanced(
-    guard: TunnellingGuard, t: float, state: Step, taken: float, length: float, projector: Projector
+    guard: TunnellingGuard, t: float, state: Step, last_length: float, length: float, projector: Projector
 ) -> Iterator[Step]:
-    """Return `guard.steps` from a state; a control that looks at contacts receives those of the step that led there.
+    """Return `guard.steps` from a state, after passing the contacts of the step that led there to the controls.
 
-    `taken` is the length of that step [s].
+    `last_length` is the length of that step [s].
     """
-    # a retried step must see the same contacts as before
-    if guard.observe is not None and taken > 0.0:
-        guard.observe(state, taken)
+    # the controls of a retried step must receive the same contacts as before
+    if guard.observe is not None and last_length > 0.0:
+        guard.observe(state, last_length)
     return guard.steps(t, state, length, projector)
 
 
@@ -242,18 +245,19 @@ def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], No
 
 
 def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
+    """Yield the states after steps without end; see `steps`."""
     state, guard, i = _start(problem, projector), TunnellingGuard(problem, scheme, h), 0
     observe = _observed(guard, state)
     if state.percussion.any():
         yield state
     while True:
-        parts, taken = 0, h
+        parts, last_length = 0, h
         for new in guard.steps(problem.t0 + i * h, state, h, projector):
             yield new
-            parts, taken, state = parts + 1, new.t - state.t, new
+            parts, last_length, state = parts + 1, new.t - state.t, new
         if observe is not None:
-            # the time of a whole step is rounded
-            observe(state, h if parts == 1 else taken)
+            # the difference of times has rounding errors, h has none
+            observe(state, h if parts == 1 else last_length)
         i += 1
 
 
@@ -273,7 +277,7 @@ def _start(problem: Problem, projector: Projector) -> Step:
     return Step(t, q, v, active, rates, residual)
 
 
-def _chosen(
+def _scheme_and_step(
     problem: Problem, scheme: Scheme | EventDriven | None, h: float | None, duration: float
 ) -> tuple[Scheme | EventDriven, float | None, list[str]]:
     """Return the scheme, its step, and a note where the scheme was not named."""
@@ -283,7 +287,7 @@ def _chosen(
     if scheme is None:
         scheme, words = time_stepping(problem)
         return scheme, h, [f"{words} was chosen: the default at a given step"]
-    scheme = _scheme(problem, scheme)
+    scheme = _checked_for(problem, scheme)
     if not isinstance(scheme, EventDriven):
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
@@ -291,14 +295,15 @@ def _chosen(
     return scheme, None, []
 
 
-def _scheme(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
+def _checked_for(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
     """Return the scheme that a user gives if it is one and can run the problem."""
     scheme = checked_scheme(given)
     scheme.check(problem)
     return scheme
 
 
-def _problem(problem: Problem) -> None:
+def _check_problem(problem: Problem) -> None:
+    """Raise `InputError` if a user gives something else than a problem."""
     if isinstance(problem, Problem):
         return
     if isinstance(problem, Scene):

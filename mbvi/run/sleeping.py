@@ -22,8 +22,8 @@ from ..schemes import Step
 from ..system import located_parts
 from ..system.system import Array
 
-# the last two of so many steps are compared: a body at rest before and after a step stays at rest
-_TURNS = 8
+# bodies are tested once in so many steps: a body at rest before and after a step stays at rest
+_TEST_PERIOD = 8
 # speed below which a body is at rest, in units of the speed that a step of free fall adds
 _REST = 1e-10
 
@@ -37,7 +37,7 @@ class _Island(NamedTuple):
 
 
 class Sleepers:
-    """The sleeping bodies of a run; a context, at whose end all are awake.
+    """The sleeping bodies of a run; a context manager that wakes all of them at its end.
 
     Parameters
     ----------
@@ -57,26 +57,27 @@ class Sleepers:
         self._islands: list[_Island] = []
         self._kept: _Island | None = None
         system = problem.system
-        found = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
+        # only free bodies can sleep, and a scene has at most one system of them
+        holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
-        self.any = bool(found) and wanted
+        self.any = bool(holding) and wanted
         if not self.any:
             return
-        self._system, self._first, self._body = found[0]
+        self._system, self._first_velocity, self._first_body = holding[0]
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
         self._still = _REST * h * self._system.pull
-        self._turn, self._quiet = 0, np.zeros(self._count, bool)
+        self._phase, self._quiet = 0, np.zeros(self._count, bool)
         self._asleep = np.zeros(self._count, bool)
-        # the families that can leave out sleeping bodies, and the numbers of their rows
-        self._filtering: list[ConstraintFamily] = []
-        starts, able = [], []
+        # the families that can leave out sleeping bodies; for all families their first number, and whether they can
+        self._skipping: list[ConstraintFamily] = []
+        starts, can_skip = [], []
         for family, start, _ in problem.constraints.numbered():
             starts.append(start)
-            able.append(family.skips_resting)
-            if able[-1]:
-                self._filtering.append(family)
-        self._starts, self._able = np.array(starts, dtype=np.int64), np.array(able, dtype=bool)
+            can_skip.append(family.skips_resting)
+            if can_skip[-1]:
+                self._skipping.append(family)
+        self._starts, self._can_skip = np.array(starts, dtype=np.int64), np.array(can_skip, dtype=bool)
 
     def __enter__(self) -> Sleepers:
         return self
@@ -88,7 +89,7 @@ class Sleepers:
             self._set([])
 
     def stepped(self, advance: Callable[[], Iterable[Step]], length: float) -> list[Step]:
-        """Return the steps of `advance`, the last of which has `length` [s], with the rows of sleeping contacts."""
+        """Return the steps of `advance`, which last `length` [s] in all, with the rows of sleeping contacts."""
         found = list(advance())
         while self._islands:
             touched = self._touched(found)
@@ -97,20 +98,21 @@ class Sleepers:
             self._set([island for island in self._islands if not touched[island.bodies].any()])
             found = list(advance())
         kept = self._kept
-        # percussions are kept for a whole step
+        # only a whole step is tested, because the percussions of sleeping contacts are kept for that length
         if len(found) == 1 and length == self._h:
-            self._watch(found[0])
+            self._find_resting(found[0])
         if kept is None:
             return found
         ends = [found[-1].t - length, *(step.t for step in found)]
         return [
-            _with(step, kept, (end - begin) / self._h)
+            _with_sleeping_rows(step, kept, (end - begin) / self._h)
             for step, begin, end in zip(found, ends[:-1], ends[1:], strict=True)
         ]
 
     def _touched(self, found: list[Step]) -> Array:
         """Return which sleeping bodies are touched or moved, shape (n,)."""
-        touched, v = np.zeros(self._count, bool), slice(self._first, self._first + self._width * self._count)
+        touched = np.zeros(self._count, bool)
+        v = slice(self._first_velocity, self._first_velocity + self._width * self._count)
         for step in found:
             touched |= step.v[v].reshape(-1, self._width).any(axis=1)
             if step.active.gap.size:
@@ -118,23 +120,23 @@ class Sleepers:
                 touched[column // self._width] = True
         return touched & self._asleep
 
-    def _watch(self, step: Step) -> None:
-        """Put islands at rest to sleep."""
-        self._turn = (self._turn + 1) % _TURNS
-        if self._turn > 1:
+    def _find_resting(self, step: Step) -> None:
+        """Put islands to sleep that were at rest before and after a step."""
+        self._phase = (self._phase + 1) % _TEST_PERIOD
+        if self._phase > 1:
             return
-        v = step.v[self._first : self._first + self._width * self._count].reshape(-1, self._width)
+        v = step.v[self._first_velocity : self._first_velocity + self._width * self._count].reshape(-1, self._width)
         before, self._quiet = self._quiet, (np.abs(v) <= self._still).all(axis=1)
         ready = before & self._quiet & ~self._asleep
-        if self._turn == 0 or not ready.any():
+        if self._phase == 0 or not ready.any():
             return
         rows, free = step.active, self._count
         row, column = rows.jacobian.nonzero()
-        body = (column - self._first) // self._width
-        # one node for all bodies that are not free, and for constraints that cannot leave out sleeping bodies
-        body = np.where((column >= self._first) & (body < free), body, free)
-        able = self._able[np.searchsorted(self._starts, rows.constraint, "right") - 1]
-        other = np.flatnonzero(~able)
+        body = (column - self._first_velocity) // self._width
+        # one node of the graph for all other bodies, and for constraints that cannot leave out sleeping bodies
+        body = np.where((column >= self._first_velocity) & (body < free), body, free)
+        skips = self._can_skip[np.searchsorted(self._starts, rows.constraint, "right") - 1]
+        other = np.flatnonzero(~skips)
         row, body = np.concatenate([row, other]), np.concatenate([body, np.full(len(other), free)])
         size = free + 1 + len(rows.gap)
         links = csr_array((np.ones(len(row)), (body, free + 1 + row)), shape=(size, size))
@@ -151,28 +153,28 @@ class Sleepers:
             self._set(islands)
 
     def _set(self, islands: list[_Island]) -> None:
-        """Let exactly these islands sleep."""
+        """Make these islands, and no others, the sleeping ones."""
         self._islands = islands
         self._asleep[:] = False
         for island in islands:
             self._asleep[island.bodies] = True
-        carried = [island for island in islands if island.rows.gap.size]
+        with_rows = [island for island in islands if island.rows.gap.size]
         self._kept = None
-        if carried:
-            rates = np.concatenate([island.rates for island in carried], axis=1)
-            self._kept = _Island(np.zeros(0, np.int64), concatenate([island.rows for island in carried]), rates)
+        if with_rows:
+            rates = np.concatenate([island.rates for island in with_rows], axis=1)
+            self._kept = _Island(np.zeros(0, np.int64), concatenate([island.rows for island in with_rows]), rates)
         still = None
         if islands:
             still = np.zeros(len(self._problem.system.bodies), bool)
-            # the world is at rest too
+            # body 0, the world, is at rest too
             still[0] = True
-            still[1 + self._body : 1 + self._body + self._count] = self._asleep
+            still[1 + self._first_body : 1 + self._first_body + self._count] = self._asleep
         self._system.hold(self._asleep)
-        for family in self._filtering:
+        for family in self._skipping:
             family.skip_resting(still)
 
 
-def _with(step: Step, kept: _Island, share: float) -> Step:
+def _with_sleeping_rows(step: Step, kept: _Island, share: float) -> Step:
     """Return a step with the rows of sleeping contacts; `share` is its length as a part of a whole step."""
     rows, rates = kept.rows, kept.rates.copy()
     # percussions and free rates are proportional to the length of the step

@@ -15,12 +15,12 @@ from ..schemes.event_driven.root_finding import first_root_by_slope
 from ..schemes.observer import observer
 from ..system.system import Array
 
-# v . v above which a run has diverged [m/s, rad/s]
+# v . v at and above which a run has diverged
 _RUNAWAY = 1e16
-# penetration at the end of a shortened step, in units of the thickness that would be passed through
-_DEEP = 1e-3
-# most shortened steps within one step, and the part of a step that is too short for one
-_MOST_SHORTENED, _REST = 100, 1e-9
+# penetration at the end of a shortened step, relative to the thickness that would be passed through
+_DEPTH = 1e-3
+# most shortened steps within one step, and the remaining part of a step that is not shortened again
+_MOST_SHORTENED, _LEAST_REST = 100, 1e-9
 
 
 class TunnellingGuard:
@@ -40,32 +40,32 @@ class TunnellingGuard:
     limit : float
         v . v below which no body can pass through another, and no velocity diverges.
     observe : callable or None
-        `observer` of the problem; receives shortened steps, but not the last part of a step.
+        `observer` of the problem. The guard passes it shortened steps; the loop passes it the last part of each step.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
         self._problem, self._scheme = problem, scheme
         self._jump = scheme.timing.jump
         self.observe = observer(problem)
-        # the families of which bodies can pass through something
+        # the families whose bodies can pass through each other
         least = {family: family.least_displacement() for family in problem.constraints.families}
         self._watched = [family for family in problem.constraints.families if np.isfinite(least[family])]
         self.limit = _RUNAWAY
-        # largest relative displacement of any pair per velocity in a step, in units of the smallest thickness
-        self._share = np.zeros(problem.system.nv)
-        # the same for each pair, in units of its own thickness
+        # for each velocity, the largest displacement of any pair in a step relative to its thickness
+        self._per_velocity = np.zeros(problem.system.nv)
+        # the same for each pair, one array a family
         self._displacements: list[Array] = []
-        # with many bodies there are no bounds per pair: largest entry of v with which no body travels its thickness
-        self._slow = 0.0
+        # with many bodies there are no bounds of each pair, but an entry of v below which no body travels its thickness
+        self._slow_speed = 0.0
         for family in self._watched:
             share = family.passed_share()
             if share is None:
-                self._share, self._displacements = np.full(problem.system.nv, np.inf), []
-                self._slow = min(least[one] for one in self._watched) / h
+                self._per_velocity, self._displacements = np.full(problem.system.nv, np.inf), []
+                self._slow_speed = min(least[one] for one in self._watched) / h
                 break
-            np.maximum(self._share, h * share.max(axis=1), out=self._share)
+            np.maximum(self._per_velocity, h * share.max(axis=1), out=self._per_velocity)
             self._displacements.append(h * share)
-        reach = float(self._share.dot(self._share))
+        reach = float(self._per_velocity.dot(self._per_velocity))
         if reach > 0.0:
             self.limit = min(self.limit, 1.0 / reach)
 
@@ -84,7 +84,7 @@ class TunnellingGuard:
             if self._none_passes(np.maximum(np.abs(state.v), np.abs(new.v))):
                 break
             part = self._part(state, new, rest)
-            if part == 1.0 or rest <= _REST * h:
+            if part == 1.0 or rest <= _LEAST_REST * h:
                 break
             shortened = self._shortened(t + h - rest, state, part * rest, projector)
             self._check(shortened, h)
@@ -100,15 +100,16 @@ class TunnellingGuard:
         return self._scheme.shortened(self._problem, t, state, h, projector)
 
     def _none_passes(self, v: Array) -> bool:
-        """Return whether no pair travels as far as its thickness at speeds of up to v, shape (nv,)."""
+        """Return whether no pair travels its thickness in a step if no velocity exceeds that in v, shape (nv,)."""
         if not self._displacements:
-            return float(v.max(initial=0.0)) < self._slow
-        return float(self._share.dot(v)) < 1.0 or all(
+            return float(v.max(initial=0.0)) < self._slow_speed
+        return float(self._per_velocity.dot(v)) < 1.0 or all(
             (v.dot(displacements) < 1.0).all() for displacements in self._displacements
         )
 
     def _check(self, state: Step, h: float) -> None:
-        # written so that a NaN is refused too
+        """Raise `DivergedError` if velocities are too large or not finite."""
+        # written so that a NaN raises too
         if not state.v.dot(state.v) < _RUNAWAY:
             raise DivergedError(
                 f"the velocity runs away at t = {state.t:.6g} s, to {np.abs(state.v).max():.3g}: the forces change too "
@@ -129,7 +130,7 @@ class TunnellingGuard:
         return 1.0
 
     def _first(self, q: Array, displacement: Array) -> float:
-        """Return the share of a displacement at which the first body meets the body it would pass through."""
+        """Return the share of a displacement at which the first pair meets that would pass through each other."""
         first = 1.0
         for family in self._watched:
             for k, travel, thickness in zip(*family.passable(q, displacement), strict=True):
@@ -146,10 +147,10 @@ class TunnellingGuard:
             return float(family.pair_gap(self._problem.t0, place, pair)[0])
 
         tolerance, start = self._problem.tolerance, gap(0.0)
-        short = min(_DEEP * thickness / travel, 1.0)
-        begin, near = 0.0, max(tolerance, 0.1 * _DEEP * thickness)
+        short = min(_DEPTH * thickness / travel, 1.0)
+        begin, near = 0.0, max(tolerance, 0.1 * _DEPTH * thickness)
         if start <= tolerance:
-            # the law acted on contacts at the start, unless it acts within the step: then take a short one
+            # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
             begin, rise = short, gap(short) - start
             if rise < near:
                 return short if rise < -near else 1.0

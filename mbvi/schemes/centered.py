@@ -12,9 +12,7 @@ from ..projection import Projector
 from ..system.system import Array
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import Step, advance_gaps, law
-
-_NONE = np.zeros((4, 0))
+from .step import NO_RATES, Step, advance_gaps, law
 
 
 class Centered(Scheme):
@@ -48,13 +46,14 @@ class Centered(Scheme):
         system, end, half = problem.system, t + h, 0.5 * h
         ahead = problem.constraints.active(end, system.integrate(q, h * v), problem.tolerance)
         t, middle = t + half, system.integrate(q, half * v)
-        at = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
+        # the velocity at which forces are evaluated
+        force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
         if not ahead.gap.size:
-            w = system.free_velocity(t, middle, at, h)
-            w = w if at is v else v + (w - at)
-            return Step(end, system.integrate(middle, half * w), w, ahead, _NONE, 0.0)
-        applied = Applied(t, middle, v, h, at)
-        active = _in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
+            w = system.free_velocity(t, middle, force_velocity, h)
+            w = w if force_velocity is v else v + (w - force_velocity)
+            return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
+        applied = Applied(t, middle, v, h, force_velocity)
+        active = _rows_in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
         w, rates, residual = law(projector, v, applied.free_motion(system), active)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
         return (
@@ -62,23 +61,23 @@ class Centered(Scheme):
         )
 
 
-def _in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, approach: Array) -> Rows:
-    """Return the rows at q of the constraints that are active at the end, each at the nearest contact point.
+def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:
+    """Return the rows in the middle of a step that correspond to rows active at its end.
 
     Parameters
     ----------
     t, q
         Time and configuration in the middle of the step.
     ahead : Rows
-        The active rows at its end.
-    approach : ndarray, shape (k,)
-        By how much their gaps rise from the middle to the end [m or rad].
+        The rows that are active at its end.
+    change : ndarray, shape (k,)
+        Change of their gaps from the middle to the end at the velocity before the step [m or rad].
     """
     # twice the linear estimate, because the gradients change within the step
-    reach = problem.tolerance + 2.0 * float((np.abs(ahead.gap) + np.abs(approach)).max())
+    reach = problem.tolerance + 2.0 * float((np.abs(ahead.gap) + np.abs(change)).max())
     here = problem.constraints.active(t, q, reach)
     owner = match_contacts(ahead, here)
-    found = take(here, np.unique(owner[owner >= 0]))
-    # rows that are not found in the middle keep the gradient they have at the end
-    lost = owner < 0
-    return concatenate([found, take(ahead, lost)]) if lost.any() else found
+    matched = take(here, np.unique(owner[owner >= 0]))
+    # a row without a counterpart in the middle keeps the gradient that it has at the end
+    unmatched = owner < 0
+    return concatenate([matched, take(ahead, unmatched)]) if unmatched.any() else matched

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..arguments import between, boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import Step, advance_gaps, law
-
-_NONE = np.zeros((4, 0))
+from .step import NO_RATES, Step, advance_gaps, law
 
 
 class MoreauJean(Scheme):
@@ -59,7 +55,7 @@ class MoreauJean(Scheme):
         active = problem.constraints.active(t, middle, problem.tolerance)
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
-            return Step(end, system.integrate(middle, self.theta * h * w), w, active, _NONE, 0.0)
+            return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
         w, rates, residual = law(projector, v, system.free_motion(t, middle, v, h), active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:

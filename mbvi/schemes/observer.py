@@ -1,4 +1,4 @@
-"""Passes the contacts of accepted steps to controls that look at contacts."""
+"""Passes the contacts of accepted steps to the controls that read `state.contacts`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def observer(problem: Problem) -> Callable[[Step, float], None] | None:
-    """Return a function to call with each accepted step and its length [s]; None if no control looks at contacts.
+    """Return a function to call with each accepted step and its length [s]; None if no control reads contacts.
 
     The length is 0 for an instantaneous impact, as at an inadmissible initial velocity.
     """
@@ -26,12 +26,12 @@ def observer(problem: Problem) -> Callable[[Step, float], None] | None:
     if observe is None:
         return None
 
-    def show(step: Step, h: float) -> None:
+    def pass_on(step: Step, h: float) -> None:
         rows = step.active
-        found = rows.constraint, step.percussion, rows.point, rows.normal
-        observe(partial(contacts_of_rows, *found, h, problem.constraints.name))
+        of_rows = rows.constraint, step.percussion, rows.point, rows.normal
+        observe(partial(contacts_of_rows, *of_rows, h, problem.constraints.name))
 
-    return show
+    return pass_on
 
 
 def contacts_of_rows(
@@ -42,7 +42,7 @@ def contacts_of_rows(
     Parameters
     ----------
     number : ndarray of int, shape (k,)
-        The constraint of each.
+        The constraint of each row.
     percussion : ndarray, shape (k,)
         Percussion of each row within the time h [N s, N m s].
     point, normal : ndarray, shape (k, 3)

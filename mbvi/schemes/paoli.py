@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..arguments import boolean
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import Step, law
-
-_NONE = np.zeros((4, 0))
+from .step import NO_RATES, Step, law
 
 
 class Paoli(Scheme):
     """q_{i+1} = q_i + h v_i, then the law (8) at q_{i+1} on v_i + h M^-1 g.
 
     v_{i+1} = -e v_i + (1 + e) Proj_M(T_K(q_{i+1}), v_i + h / (1 + e) M^-1 g(t_{i+1}, q_{i+1}, v_i)), computed as
-    argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, which is the same since T_K is a cone and carries one e
-    per constraint as well.
+    argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i. Both are the same because T_K is a cone; the second form
+    also allows one e per constraint.
 
     Parameters
     ----------
@@ -45,7 +41,7 @@ class Paoli(Scheme):
         t, q = t + h, system.integrate(q, drift)
         active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
-            return Step(t, q, system.free_velocity(t, q, v, h), active, _NONE, 0.0)
+            return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         velocity, rates, residual = law(projector, v, system.free_motion(t, q, v, h), active)
         step = Step(t, q, velocity, active, rates, residual)
         return project_positions(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step

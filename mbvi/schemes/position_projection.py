@@ -1,4 +1,4 @@
-"""Projects closed contacts out of penetration, in the kinetic metric; the penetration of bounces remains."""
+"""Projects closed contacts out of penetration, in the kinetic metric; contacts that bounce keep their penetration."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _INDEPENDENT = 1e-9
 
 
 class Applied(NamedTuple):
-    """Where a scheme applied the law in a step of length h.
+    """Where in a step of length h a scheme applied the impact law.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Applied(NamedTuple):
         Configuration, and velocity before the law.
     h : float
         Length of the step [s].
-    at : ndarray, shape (nv,)
+    force_velocity : ndarray, shape (nv,)
         Velocity at which the forces were evaluated.
     """
 
@@ -43,16 +43,29 @@ class Applied(NamedTuple):
     q: Array
     v: Array
     h: float
-    at: Array
+    force_velocity: Array
 
     def free_motion(self, system: System) -> FreeMotion | TreeFreeMotion:
-        """Return the free motion of v under the forces at the velocity `at`."""
-        free_motion = system.free_motion(self.t, self.q, self.at, self.h)
-        return free_motion if self.at is self.v else free_motion.of(self.v, self.at)
+        """Return the free motion of v under the forces at `force_velocity`."""
+        at = self.force_velocity
+        free_motion = system.free_motion(self.t, self.q, at, self.h)
+        return free_motion if at is self.v else free_motion.of(self.v, at)
 
 
 class _Projected(NamedTuple):
-    """A projected configuration: its displacement from the configuration before, and the rows that are near there."""
+    """A projected configuration.
+
+    Attributes
+    ----------
+    q : ndarray, shape (nq,)
+        The configuration.
+    displacement : ndarray, shape (nv,)
+        Tangent vector to it from the configuration before the projection.
+    near : Rows
+        The rows there that took part in the last projection.
+    residual : float
+        Relative KKT residual of that projection.
+    """
 
     q: Array
     displacement: Array
@@ -63,14 +76,14 @@ class _Projected(NamedTuple):
 def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector) -> Step:
     """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
 
-    A contact is closed if its gap, at the velocity after the law, rises by no more than the activation tolerance within
-    a step. For e < 1 it is closed too if its gap is no larger at the end of the step, as in sliding along a concave
-    wall. A contact that is coupled to one that is not closed does not count as closed.
+    A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
+    step. A contact with e < 1 whose gap starts to rise is closed too if the gap is no larger after a whole step, as in
+    sliding along a concave wall. A contact that is coupled to a bouncing one does not count as closed.
 
-    The projection opens the gaps of closed contacts. No other gap gets smaller than it is, or negative if it is
-    positive. Rows that are active after the projection and were not before join the law, and the law is applied again:
-    otherwise a box at rest would tip from edge to edge. At last the velocity is made tangent to the closed contacts at
-    the projected configuration.
+    The projection raises the gaps of closed contacts to zero. Any other gap that is negative gets no smaller, and one
+    that is positive gets no smaller than zero. Rows that are active only after the projection join the law, and the law
+    is applied again: otherwise a box at rest would tip from edge to edge. Finally the velocity is made tangent to the
+    closed contacts at the projected configuration.
 
     Parameters
     ----------
@@ -98,10 +111,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
             break
-        # without a drift after the law these are the rows of the law
+        # where the law acts at the end of the step, the active rows there are those of the law
         before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
+        # for each row the row of the law at the same contact, -1 where there is none
         owner = match_contacts(before, rows)
         floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
+        # the largest distance by which a closed contact must move out
         depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max(initial=0.0))
         if depth <= problem.tolerance:
             break
@@ -110,7 +125,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             break
         owner = match_contacts(projected.near, rows)
         if (owner >= 0).all():
-            return _tangent(problem, applied, advance_gaps(step, drift), projected, owner, closed, projector)
+            return _with_tangent_velocity(
+                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
+            )
         rows = concatenate([rows, take(projected.near, owner < 0)])
         w, rates, residual = _law(problem, applied, rows, projector)
         q = system.integrate(applied.q, drift * w) if drift else step.q
@@ -119,10 +136,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
 
 
 def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
+    """Apply the law where the scheme applied it, with these rows."""
     return law(projector, applied.v, applied.free_motion(problem.system), rows)
 
 
-def _tangent(
+def _with_tangent_velocity(
     problem: Problem,
     applied: Applied,
     step: Step,
@@ -132,18 +150,18 @@ def _tangent(
     projector: Projector,
 ) -> Step:
     """Return the step at the projected configuration, with a velocity tangent to its closed contacts."""
-    rows, near, left = step.active, projected.near, np.ones(len(closed), bool)
-    left[owner] = False
-    # the projection turned the gradients of closed contacts: that must not make them bounce
+    rows, near, unmatched = step.active, projected.near, np.ones(len(closed), bool)
+    unmatched[owner] = False
+    # the projection changed the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
-    rows = concatenate([near, take(rows, left)]) if left.any() else near
+    rows = concatenate([near, take(rows, unmatched)]) if unmatched.any() else near
     free_motion = applied.free_motion(problem.system)
     free, before = free_motion.free, rows.speeds(applied.v)
     lower = -rows.restitution * before
-    # a gap that the projection left open may close by the next law, not later: otherwise the body would fall freely
-    idle = closed[owner] | (step.percussion[owner] == 0.0)
-    opened = np.flatnonzero(idle & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
+    # a gap that the projection left open may close until the next law: otherwise its body would fall freely
+    may_close = closed[owner] | (step.percussion[owner] == 0.0)
+    opened = np.flatnonzero(may_close & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
     lower[opened] = -near.gap[opened] / (applied.h - (step.t - applied.t))
     if rows.rate is not None:
         lower -= rows.rate
@@ -153,7 +171,7 @@ def _tangent(
 
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
-    """Return which rows of the law are closed contacts, shape (k,)."""
+    """Return which rows of the law are closed contacts, shape (k,); see `project_positions`."""
     rows, h = step.active, applied.h
     lever = problem.constraints.levers(rows.constraint)
     rise, gap = h * lever * step.after, lever * rows.gap
@@ -162,13 +180,14 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     rises = (rise > problem.tolerance) & (rows.restitution < 1.0)
     if rises.any():
         place = problem.system.integrate(applied.q, h * step.v)
-        then = problem.constraints.active(applied.t + h, place, problem.tolerance)
-        owner, lowest = match_contacts(then, rows), np.full(len(rise), np.inf)
+        # the lowest gap of each contact after a whole step at the velocity after the law
+        ahead = problem.constraints.active(applied.t + h, place, problem.tolerance)
+        owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
         known = owner >= 0
-        np.minimum.at(lowest, owner[known], then.gap[known])
+        np.minimum.at(lowest, owner[known], ahead.gap[known])
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
-        # projecting one side of a body that bounces at another side would set the body rocking
+        # to project a contact of a body that bounces at another contact would make the body rock
         metric, J = problem.system.metric(applied.q), rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
         closed[closed] = ~_coupled(metric, J, closed, bounces)
@@ -176,7 +195,10 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
 
 
 def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
-    """Return which of some rows are coupled to any of the others in the kinetic metric, shape (k,)."""
+    """Return which of the rows `some` are coupled to any of the rows `others` in the kinetic metric, shape (k,).
+
+    Both are masks of the rows of J; k is the number of rows in `some`.
+    """
     if isinstance(J, np.ndarray):
         lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
         cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
@@ -192,12 +214,12 @@ def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -
 
 
 def _projected(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Projected | None:
-    """Return the nearest configuration in which no gap is below its lower bound, None where none is found.
+    """Return the nearest configuration in which no gap is below its lower bound; None if the iteration fails.
 
     Parameters
     ----------
     step : Step
-        Where to start from.
+        The step at whose configuration the projection starts.
     before : Rows
         The active rows there.
     floor : ndarray, shape (k,)

@@ -11,11 +11,10 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .scheme import Scheme, Timing
-from .step import Step
+from .step import NO_RATES, Step
 
-_NONE = np.zeros((4, 0))
 # most linearisations of K within a step
-_MOST_PASSES = 20
+_MOST_LINEARISATIONS = 20
 
 
 class SchatzmanPaoli(Scheme):
@@ -49,29 +48,29 @@ class SchatzmanPaoli(Scheme):
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system = problem.system
-        # the first step has no step before it: v0 is the velocity at t0 itself
+        # v_i is the mean velocity of the step before; v_0 is the velocity at t0 itself, so that half a step is left
         free = system.free_velocity(t, q, v, 0.5 * h if t == problem.t0 else h)
-        rows = _beyond(problem, t + h, q, v, free, h, problem.tolerance)
+        rows = _rows_at_p(problem, t + h, q, v, free, h, problem.tolerance)
         if rows is None:
             empty = problem.constraints.empty
-            return Step(t + h, system.integrate(q, h * free), free, empty, _NONE, 0.0)
+            return Step(t + h, system.integrate(q, h * free), free, empty, NO_RATES, 0.0)
         w, found, lower, metric = free, [rows], np.zeros(0), system.metric(q)
         deepest = float(-rows.gap.min())
-        for _ in range(_MOST_PASSES):
+        for _ in range(_MOST_LINEARISATIONS):
             # f(p(w)) >= 0, linearised at the present w; rows of earlier linearisations are kept
-            new = found[-1].jacobian @ w - (1.0 + found[-1].restitution) / h * found[-1].gap
-            lower = np.concatenate([lower, new])
+            last = found[-1]
+            lower = np.concatenate([lower, last.jacobian @ w - (1.0 + last.restitution) / h * last.gap])
             rows = concatenate(found)
             w, percussion, residual = projector.project(free, metric, rows.jacobian, lower)
-            more = _beyond(problem, t + h, q, v, w, h, -problem.tolerance)
+            more = _rows_at_p(problem, t + h, q, v, w, h, -problem.tolerance)
             if more is None:
                 break
             found.append(more)
         else:
             left = float(-found[-1].gap.min())
             raise ProjectionError(
-                f"the projection onto K at t = {t:.6g} s still leaves {left:.1e} of {deepest:.1e} after {_MOST_PASSES} "
-                f"linearisations: take a smaller step than h = {h:g} s",
+                f"the projection onto K at t = {t:.6g} s still leaves {left:.1e} of {deepest:.1e} after "
+                f"{_MOST_LINEARISATIONS} linearisations: take a smaller step than h = {h:g} s",
                 {"x": free, "M": metric.dense(), "J": rows.jacobian, "lower": lower},
                 left / deepest,
             )
@@ -112,7 +111,7 @@ class SchatzmanPaoli(Scheme):
         gap = np.concatenate([rows.gap, (ahead.gap - h * ahead.speeds(free))[new]])
         rows = concatenate([rows, take(ahead, new)]) if new.any() else rows
         if not rows.gap.size:
-            return Step(t + h, system.integrate(q, h * free), free, rows, _NONE, 0.0)
+            return Step(t + h, system.integrate(q, h * free), free, rows, NO_RATES, 0.0)
         before, owner = rows.speeds(v), match_contacts(rows, state.active)
         impacting = (owner >= 0) & (np.append(state.percussion, 0.0)[owner] > 0.0)
         incoming = np.where(impacting, np.minimum(before, np.append(state.before, 0.0)[owner]), before)
@@ -126,8 +125,8 @@ class SchatzmanPaoli(Scheme):
         return Step(t + h, system.integrate(q, h * displacing), w, rows, rates, max(residual, error))
 
 
-def _beyond(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:
-    """Return the rows with f(p(w)) <= least, each at the p(w) of its own e."""
+def _rows_at_p(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:
+    """Return the rows with f(p(w)) <= least, or None; p(w) depends on e, and each row is evaluated at that of its e."""
 
     def at(e: float) -> Rows:
         # p(w) is a weighted mean of the configurations at t and, with weight e, at t - 2 h

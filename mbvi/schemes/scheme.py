@@ -26,7 +26,7 @@ class Timing:
         Whether all steps of a run must be equally long. The last step then ends at or after the end of the run, and
         `Scheme.shortened` replaces `Scheme.step` where a step must be shorter.
     own_steps : bool
-        Whether the scheme chooses its own steps and locates impacts between them.
+        Whether the scheme chooses the lengths of its steps, so that they end at impacts that it locates in time.
     """
 
     jump: float = 1.0
@@ -50,11 +50,11 @@ class SchemeBase:
 
     @property
     def name(self) -> str:
-        """The name that runs and files give."""
+        """The name that results and files give."""
         return type(self).__name__
 
     def options(self) -> dict[str, Any]:
-        """Return the arguments that an equal scheme is constructed with."""
+        """Return the constructor's arguments by name; they construct an equal scheme."""
         return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters if hasattr(self, name)}
 
     def check(self, problem: Problem) -> None:

@@ -12,6 +12,9 @@ from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
 
+# rates of a step without active rows
+NO_RATES = np.zeros((4, 0))
+
 
 class Step(NamedTuple):
     """The state after a step, with the constraints that acted in it.
@@ -28,7 +31,7 @@ class Step(NamedTuple):
         The active constraints at the configuration where the law was applied; for some schemes this is within the
         step. Their gaps are those at q, to first order.
     rates : ndarray, shape (4, k)
-        `percussion`, `free`, `after` and `before` of each active row.
+        Of each active row the percussion, then three rates of its gap: `percussion`, `free`, `after` and `before`.
     residual : float
         Relative KKT residual of the projection.
     """
@@ -87,12 +90,16 @@ def law(
     return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
 
 
-# a gap whose rate is above minus this does not close [lengths of the scene per second, rad/s]
+# closing speed below which a row counts as still [lengths of the scene per second, rad/s]
 STILL = 1e-12
 
 
 def closes(rates: Array, still: Array | float) -> Array:
-    """Return which rows close: rows with a percussion that approach faster than `still` and the forces of one step."""
+    """Return which rows close, shape (k,).
+
+    A row closes if it has a percussion and its gap fell before the law, faster than `still` plus twice what the forces
+    of the step explain.
+    """
     percussion, free, _, before = rates
     return np.asarray((percussion > 0.0) & (before + 2.0 * np.abs(free - before) < -still))
 
@@ -107,7 +114,7 @@ def advance_gaps(step: Step, time: float) -> Step:
     return step._replace(active=step.active._replace(gap=step.active.gap + time * step.after))
 
 
-def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[list[Step], Step]:
+def end_at(system: System, state: Step, steps: list[Step], t: float) -> tuple[list[Step], Step]:
     """Return the steps from a state up to a time, the last of them interpolated along the retraction.
 
     Parameters
@@ -116,13 +123,13 @@ def ended(system: System, state: Step, found: list[Step], t: float) -> tuple[lis
         The system that moves.
     state : Step
         Where the first step starts.
-    found : list of Step
+    steps : list of Step
         Steps of a scheme with `Timing.jump` = 0, the last of which ends at t or later.
     t : float
         Time [s].
     """
-    k = next((k for k, step in enumerate(found) if step.t >= t), len(found) - 1)
-    start, end = found[k - 1] if k else state, found[k]
+    k = next((k for k, step in enumerate(steps) if step.t >= t), len(steps) - 1)
+    start, end = steps[k - 1] if k else state, steps[k]
     displacement = system.difference(start.q, end.q)
     q = system.integrate(start.q, min(1.0, (t - start.t) / (end.t - start.t)) * displacement)
-    return found[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)
+    return steps[:k], advance_gaps(end._replace(t=t, q=q), t - end.t)

@@ -22,10 +22,10 @@ _RETRY_DEPTH = 1e-3
 class StewartTrinkle(Scheme):
     """Keep gaps open at the end of the step: J w >= -max(f, 0) / h for all pairs within reach, then q + h w.
 
-    v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, the rows
-    those within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y,
-    with y the same projection under J y >= -f / h: the displacement that removes penetration does not enter the
-    velocity. For e = 0.
+    v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, for the
+    rows within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y
+    instead, where y is the same projection under J y >= -f / h. The displacement that removes penetration thus does not
+    enter the velocity. For e = 0.
 
     Notes
     -----
@@ -34,7 +34,7 @@ class StewartTrinkle(Scheme):
     first and its part of the percussion. The reach is twice the displacement of the fastest body.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
-    projection penetrates. Elsewhere gradients turn within a step. A contact that was out of reach, or that penetrates
+    projection penetrates. Elsewhere gradients change within a step. A contact that was out of reach, or that penetrates
     at the end of the step by more than 1e-3 of the scene's length, then gets a row as it is there, and the step is
     retried. Smaller penetration is removed in the next step.
 
@@ -54,29 +54,32 @@ class StewartTrinkle(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
         free_motion = system.free_motion(t, q, v, h)
-        # moving walls are taken where they are in the middle of the step
-        rows = _back(problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h)
-        for turn in range(_MOST_RETRIES + 1):
-            moving, corrected = _end_velocity(problem, rows, h, projector, free_motion)
-            place, gap = system.integrate(q, h * moving.velocity), rows.gap + h * rows.speeds(moving.velocity)
+        # rows to walls with a prescribed motion are linearised in the middle of the step
+        rows = _at_earlier_time(
+            problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
+        )
+        for retry in range(_MOST_RETRIES + 1):
+            displacing, corrected = _end_velocity(problem, rows, h, projector, free_motion)
+            place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
+            # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
-            there = problem.constraints.near(end, place, deepest)
-            deep = problem.constraints.levers(there.constraint) * there.gap < -_RETRY_DEPTH * problem.length
-            missed = ~_among(there.constraint, rows.constraint) | deep
-            if turn == _MOST_RETRIES or not missed.any():
+            at_end = problem.constraints.near(end, place, deepest)
+            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
+            missed = ~_is_among(at_end.constraint, rows.constraint) | deep
+            if retry == _MOST_RETRIES or not missed.any():
                 break
-            more = _back(take(there, missed), h)
-            rows = concatenate([rows, more._replace(gap=more.gap - h * (more.jacobian @ moving.velocity))])
+            added = _at_earlier_time(take(at_end, missed), h)
+            rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
         # the displacement that removes penetration does not enter the velocity
-        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else moving
+        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else displacing
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
-        rows = rows._replace(gap=_deepened(gap, rows, there))
-        return Step(end, place, w, rows, rates, max(residual, moving.residual))
+        rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
+        return Step(end, place, w, rows, rates, max(residual, displacing.residual))
 
 
-def _back(rows: Rows, time: float) -> Rows:
-    """Return rows with the gaps of a time before, as far as walls move by a prescribed motion."""
+def _at_earlier_time(rows: Rows, time: float) -> Rows:
+    """Return rows with gaps less what the prescribed motion of walls adds to them in `time` [s]."""
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
 
 
@@ -85,7 +88,7 @@ def _open_gaps(
 ) -> Projection:
     """Return the velocity with which no gap of the rows is negative after a step.
 
-    Of a penetration only the part up to `most` is removed.
+    Of each penetration at most `most` is removed [m or rad].
     """
     if not rows.gap.size:
         return Projection(free_motion.free, np.zeros(0), 0.0)
@@ -99,39 +102,42 @@ def _open_gaps(
 def _end_velocity(
     problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
 ) -> tuple[Projection, bool]:
-    """Return the velocity that leads to the end of a step, and whether it removes penetration."""
-    if rows.gap.size and rows.gap.min() < -_unsolved(rows, h, projector, free_motion) - problem.tolerance:
+    """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
+    if rows.gap.size and rows.gap.min() < -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
         try:
             return _open_gaps(rows, h, projector, free_motion, np.inf), True
         except ProjectionError:
-            # contacts that contradict each other keep their penetration, which the run records
+            # where contacts contradict each other penetration remains, and the run records it
             pass
     return _open_gaps(rows, h, projector, free_motion, 0.0), False
 
 
-def _unsolved(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
-    """Return the penetration that the residual of a projection may leave [m]; removing it would need a second one."""
+def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
+    """Return the penetration that the residual of a projection may leave [m].
+
+    It is not removed, because that would cost a second projection in each step.
+    """
     largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
     return 2.0 * h * projector.residual * largest
 
 
-def _among(numbers: Array, known: Array) -> Array:
-    """Return which numbers are known, faster than `np.isin`, which sorts both arrays."""
+def _is_among(numbers: Array, known: Array) -> Array:
+    """Return which of `numbers` are among `known`; faster than `np.isin`, which sorts both arrays."""
     if not known.size:
         return np.zeros(len(numbers), bool)
     ranked = np.sort(known, kind="stable")
     return np.asarray(ranked[np.searchsorted(ranked[:-1], numbers)] == numbers)
 
 
-def _deepened(gap: Array, rows: Rows, there: Rows) -> Array:
-    """Return the gaps of rows, replaced by those found at the end of the step where these are deeper."""
-    known = _among(there.constraint, rows.constraint)
+def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
+    """Return the gaps of rows, each lowered to that of its constraint in `at_end` where that is lower."""
+    known = _is_among(at_end.constraint, rows.constraint)
     if not known.any():
         return gap
     order = np.argsort(rows.constraint, kind="stable")
-    place = order[np.searchsorted(rows.constraint[order], there.constraint[known])]
+    place = order[np.searchsorted(rows.constraint[order], at_end.constraint[known])]
     gap = gap.copy()
-    np.minimum.at(gap, place, there.gap[known])
+    np.minimum.at(gap, place, at_end.gap[known])
     return gap
 
 
@@ -150,6 +156,7 @@ def _reach(problem: Problem, q: Array, displacement: Array) -> float:
     if not bodies.size:
         return np.inf
     shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
+    # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))
     far = np.sqrt((shift[:, 3] ** 2).sum(axis=1)) + problem.length * turned
     return 2.0 * float(far.max()) + problem.tolerance

@@ -188,14 +188,14 @@ def test_a_search_that_is_cut_says_so():
     # in a corner of a thousandth of a radian a cascade at e = 1/2 takes thousands of impacts
     found = mbvi.forks(np.eye(2), corner(np.degrees(1e-3)), [-1.0, -0.3], 0.5)
     assert not found.complete
-    assert "cut after" in found.reason
+    assert "ended after" in found.reason
 
 
 def test_a_cascade_that_goes_round_is_not_complete():
     """Between two walls that touch it on both sides a point at e = 1 is sent back and forth."""
     found = mbvi.forks(np.eye(1), [[1.0], [-1.0]], [-1.0], 1.0)
     assert not found.complete
-    assert "round for ever" in found.reason
+    assert "repeats without end" in found.reason
     assert len(found.outcomes) == 0
     assert np.isnan(found.spread)
 

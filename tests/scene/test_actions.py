@@ -485,7 +485,7 @@ def test_cut_steps_are_seen_too_and_a_force_drives_nothing_through_a_wall():
             break
     assert short > 1
     result = mbvi.simulate(problem, scheme, step=5e-3, duration=0.1)
-    assert any("cut" in note for note in result.notes)
+    assert any("shortened" in note for note in result.notes)
     assert result.q[:, 0].max() < -0.03 and result.q[-1, 0] == pytest.approx(-0.035, abs=1e-3)
     # by hand every part of a step is shown
     assert len(seen) == len(all_seen) > 0.1 / 5e-3

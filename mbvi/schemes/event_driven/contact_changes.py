@@ -15,22 +15,22 @@ from .runge_kutta import velocity_change
 
 # height of a bounce that is put to rest, in lengths of the scene
 _BOUNCE = 1e-14
-# impacts within this time [s], between which no gap opens by more than this many times `MotionState.touching`,
-# accumulate: they are followed one by one
-_BRIEF, _COLLAPSE = 1e-5, 1e3
-# single impacts after which an accumulation is taken to have ended
+# impacts accumulate if less than this time lies between them [s], and if no gap opens in between by more than this many
+# times `MotionState.touching`; they are then followed as single impacts
+_MOST_TIME_BETWEEN, _MOST_OPENING = 1e-5, 1e3
+# single impacts after which their limit counts as reached
 _MOST_SINGLE = 10_000
 
 
 def touching_rows(state: MotionState, known: Array) -> Array:
-    """Return the rows that touch, among the rows `known` to take part in an event and all that are near."""
+    """Return the rows that touch, among all near rows and those `known` to take part in the event."""
     near = state.closing.within(state.t, state.q, 10 * state.touching)
     near = np.union1d(near, known) if known.size else near
     gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
     near, gaps = near[gaps <= 10 * state.touching], gaps[gaps <= 10 * state.touching]
     touches = (gaps <= state.touching) | np.isin(near, known)
     near, gaps = near[touches], gaps[touches]
-    # a gap that is open beyond rounding and goes on opening closes later, if at all
+    # a gap above rounding that rises belongs to a later event, if to any
     opening = (gaps > state.rows.rounding[near] * state.rows.lever[near]) & ~np.isin(near, state.closed)
     if opening.any():
         J = state.rows.gradients(state.t, state.q, near[opening])
@@ -76,14 +76,14 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
 def _impact(
     state: MotionState, touching: Array, was_closed: Array, J: Array, metric: Metric, still: Array
 ) -> ImpactEvent:
-    """Apply the law (8) to the touching rows."""
+    """Apply the law (8) to the touching rows, or single impacts where impacts accumulate."""
     v, e = state.v, state.rows.restitution[touching]
     before = J @ v
-    # how far gaps went since the last impact: rows as near as that close one after the other, not at once
+    # the largest distance that a gap has opened since the last impact; if it is tiny, impacts accumulate
     since = state.t - state.impact_time
     opened = since * float((state.rows.lever[touching] * np.abs(before)).max())
-    one_by_one = len(touching) > 1 and not was_closed.any() and 0.0 < since < _BRIEF
-    if one_by_one and opened < _COLLAPSE * state.touching:
+    one_by_one = len(touching) > 1 and not was_closed.any() and 0.0 < since < _MOST_TIME_BETWEEN
+    if one_by_one and opened < _MOST_OPENING * state.touching:
         state.v, percussion = _single_impacts(v, J, metric.solve_rows(J), e, still)
     else:
         state.v, rates, residual = state.projector.law(v, FreeMotion(v, metric), J, e)
@@ -96,26 +96,28 @@ def _impact(
 
 
 def _resting(state: MotionState, touching: Array, J: Array, metric: Metric, e: Array, still: Array) -> Array:
-    """Return the touching rows that rest: those without a rate, and those whose bounces are too small to follow."""
+    """Return the touching rows that rest: their rate is zero or negative, or their bounces are too small to follow."""
     rates = J @ state.v
     bias = state.rows.bias(state.t, state.q, state.v, touching)
     smooth = state.rows.smooth[touching]
     sure = (rates <= still) & smooth
-    pull = state.system.acceleration(state.t, state.q, state.v)
+    acceleration = state.system.acceleration(state.t, state.q, state.v)
     if sure.any():
-        # rows that rest in any case act on the others
-        pull = state.projector.project(pull, metric, J[sure], -bias[sure]).velocity
-    pull = J @ pull + bias
-    # a contact that the forces close rests where all its bounces take less time than the tolerance, or rise less than
-    # rounding
-    time = 2.0 * rates <= state.tolerance * np.abs(pull) * (1.0 - e)
-    height = state.rows.lever[touching] * rates**2 <= 2.0 * _BOUNCE * state.problem.length * np.abs(pull)
-    low = (pull < 0.0) & (time | height)
+        # the contact forces of rows that are sure to rest act on the others
+        acceleration = state.projector.project(acceleration, metric, J[sure], -bias[sure]).velocity
+    pull = J @ acceleration + bias
+    # a contact that the forces close rests if all its bounces last less time than the tolerance, or rise less than
+    # `_BOUNCE`
+    brief = 2.0 * rates <= state.tolerance * np.abs(pull) * (1.0 - e)
+    flat = state.rows.lever[touching] * rates**2 <= 2.0 * _BOUNCE * state.problem.length * np.abs(pull)
+    low = (pull < 0.0) & (brief | flat)
     return np.asarray(touching[(low | sure) & smooth])
 
 
 def _single_impacts(v: Array, J: Array, inverse_mass_rows: Array, e: Array, still: Array) -> tuple[Array, Array]:
-    """Return the limit of single impacts, the fastest first, and the sums of their percussions.
+    """Return the velocity after single impacts until no row closes, and the sums of their percussions.
+
+    Each single impact is that of the row that closes fastest in the kinetic metric.
 
     `inverse_mass_rows` are the rows J M^-1, shape (k, nv).
     """

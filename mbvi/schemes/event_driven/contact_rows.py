@@ -12,21 +12,22 @@ from ...constraints.rows import Array
 from ...errors import UnsuitableError
 from ...system.lengths import velocity_units
 
+# most sets of rows whose division into families is kept
 _MOST_SETS = 1000
-# rows times velocities, beyond which a row for every pair is too much
+# rows times velocities above which a row for every pair needs too much memory
 _MOST_NUMBERS = 20_000_000
-# length of the differences that give (dJ/dt) v, in lengths of the scene and radians: both errors of order four are at
-# rounding there
+# length of the differences of order four that give (dJ/dt) v, in lengths of the scene and radians: truncation and
+# rounding are both negligible there
 _DIFFERENCE = 1e-3
-# rounding of gaps, relative to how far things are from the origin
+# rounding of gaps, relative to the largest distance of a body from the origin
 _ROUNDING = 1e-14
 
 
 class SmoothRows:
-    """Gaps and gradients of every row, each a function of the configuration with a number of its own.
+    """Gaps and gradients of all rows, near or far; each row is a function of q with a fixed number.
 
-    A shape over a half-space has one row for each point it can stand on. Where a gradient jumps (polyhedra against each
-    other) there is one row a pair, its least distance.
+    A shape over a half-space has one row for each of its support points. A pair of polyhedra has one row, the distance
+    of the pair, whose gradient jumps: `smooth` says so.
 
     Parameters
     ----------
@@ -50,11 +51,11 @@ class SmoothRows:
     reach : ndarray, shape (m, nv)
         How fast each velocity can change the gap; infinite where that is not known.
     thickness : ndarray, shape (m,)
-        What bodies travel at least in passing through each other [m]; infinite where nothing is passed through.
+        How far bodies travel at least to pass through each other [m]; infinite where nothing is passed through.
     lever : ndarray, shape (m,)
-        What a gap is multiplied by to be a length: 1, or the scene's length for an angle.
+        The factor that makes a length of a gap: 1, or the scene's length for an angle.
     rounding : ndarray, shape (m,)
-        What a gap is off by rounding [m or rad].
+        Error of a gap by rounding [m or rad].
 
     Raises
     ------
@@ -82,7 +83,7 @@ class SmoothRows:
         self.all = np.arange(start)
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
-        self._known: dict[bytes, list[tuple[ConstraintFamily, Array]]] = {}
+        self._splits: dict[bytes, list[tuple[ConstraintFamily, Array]]] = {}
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""
@@ -98,7 +99,7 @@ class SmoothRows:
         return self._each(index, lambda family, rows: family.row_gradient(t, q, rows), nothing)
 
     def bias(self, t: float, q: Array, v: Array, index: Array) -> Array:
-        """Return (dJ/dt) v of some rows in ascending order, shape (k,): how fast their rates change at constant v."""
+        """Return (dJ/dt) v of some rows in ascending order, shape (k,): the change of their rates at constant v."""
         bias = self._each(index, lambda family, rows: family.row_bias(t, q, v, rows), np.zeros(0))
         unknown = np.isnan(bias)
         if unknown.any():
@@ -106,6 +107,7 @@ class SmoothRows:
         return bias
 
     def _difference(self, t: float, q: Array, v: Array, index: Array) -> Array:
+        """Return (dJ/dt) v by differences of gradients along v."""
         speed = float(np.linalg.norm(v / self._units))
         if speed == 0.0:
             return np.zeros(len(index))
@@ -115,7 +117,7 @@ class SmoothRows:
         return np.asarray((rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s))
 
     def check(self, t: float, q: Array, index: Array) -> None:
-        """Check the gradients that a user gave of some closed rows."""
+        """Compare the gradients of some closed rows with differences, where a user gave them."""
         for family, rows in self._split(index):
             family.check_rows(t, q, rows)
 
@@ -130,14 +132,14 @@ class SmoothRows:
         return found[0] if len(found) == 1 else np.concatenate([nothing, *found])
 
     def _split(self, index: Array) -> list[tuple[ConstraintFamily, Array]]:
-        """Return the families of some rows, each with its own rows; the same few sets come again and again."""
+        """Return the families of some rows, each with its own rows; kept, because the same sets recur."""
         key = index.tobytes()
-        split = self._known.get(key)
+        split = self._splits.get(key)
         if split is None:
-            if len(self._known) >= _MOST_SETS:
-                self._known.clear()
+            if len(self._splits) >= _MOST_SETS:
+                self._splits.clear()
             ends = np.searchsorted(index, [rows.start for _, rows in self._parts] + [len(self.all)])
-            split = self._known[key] = [
+            split = self._splits[key] = [
                 (family, index[low:high] - rows.start)
                 for (family, rows), low, high in zip(self._parts, ends[:-1], ends[1:], strict=True)
                 if high > low
@@ -146,7 +148,7 @@ class SmoothRows:
 
 
 def _extent(system: Any, q: Array) -> float:
-    """Return how far bodies are from the origin at most [m]."""
+    """Return the largest distance of a body from the origin [m]."""
     bodies = np.arange(1, len(system.bodies))
     return float(np.linalg.norm(system.placements(q, bodies)[:, 3], axis=1).max()) if bodies.size else 0.0
 

@@ -16,14 +16,14 @@ from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
 from .runge_kutta import DEGREE, RungeKuttaStep
 
-# length of a step [s], and how many are taken before the smooth motion is tried again
+# length of a step [s], and the number of steps after which the smooth motion is tried again
 _STEP, _MOST_STEPS = 1e-4, 50
-# time for which contacts with jumping gradients must stay open after an impact for the smooth motion to go on [s]
-_OPEN = 1e-3
+# the smooth motion continues after an impact if contacts with jumping gradients then stay open for this time [s]
+_OPEN_TIME = 1e-3
 
 
 def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, bool]:
-    """Apply the law (8) where a gradient jumps; return whether such contacts then stay open for long enough."""
+    """Apply the law (8) where a gradient jumps; return whether such contacts then stay open for `_OPEN_TIME`."""
     q, v = state.q, state.v
     active = state.problem.constraints.active(state.t, q, state.problem.tolerance)
     number, _, J, e, point, normal, _ = active
@@ -34,11 +34,11 @@ def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, 
         yield state.observed.impact(ImpactEvent(state.t, q, v, state.v, number, rates, point, normal))
     pull = np.abs(J @ state.flow.acceleration(state.t, q, state.v, state.closed)[: len(v)])
     jumping = np.isin(number, state.rows.number[~state.rows.smooth])
-    return bool((2.0 * (J @ state.v) > _OPEN * pull)[jumping].all())
+    return bool((2.0 * (J @ state.v) > _OPEN_TIME * pull)[jumping].all())
 
 
 def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
-    """Take steps of `Paoli` while gradients jump, then project out of the penetration that these leave."""
+    """Take steps of `Paoli` while contacts with jumping gradients are active, then remove their penetration."""
     jumping = np.unique(state.rows.number[~state.rows.smooth])
     for _ in range(_MOST_STEPS):
         h = min(_STEP, end - state.t)

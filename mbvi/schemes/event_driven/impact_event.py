@@ -8,20 +8,22 @@ from ...system.system import Array
 
 
 class ImpactEvent(NamedTuple):
-    """What an impact did.
+    """An impact at one instant.
 
     Attributes
     ----------
     t : float
         When [s].
-    q, before, after : ndarray
-        Configuration and velocities.
+    q : ndarray, shape (nq,)
+        Configuration.
+    before, after : ndarray, shape (nv,)
+        Velocity before and after the impact.
     number : ndarray of int, shape (k,)
         The constraints that took part.
     rates : ndarray, shape (3, k)
         Percussion, J v before and J v after of each.
     point, normal : ndarray, shape (k, 3)
-        Where, in the world [m]; NaN where a constraint is no contact.
+        Contact points and normals in the world [m]; NaN where a constraint is no contact.
     """
 
     t: float

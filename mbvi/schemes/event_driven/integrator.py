@@ -18,17 +18,20 @@ from .motion_state import NO_ROWS, MotionState
 from .release_events import first_release
 from .runge_kutta import RungeKuttaStep
 
-# part of the tolerance that the error of one step may reach
+# largest error of one step, relative to the tolerance
 _LOCAL = 0.3
-_SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _ORDER = 0.8, 0.2, 10.0, 0.125
+# step control: the next step is h times _SAFETY error^-_EXPONENT, between the least and the most factor; the exponent
+# is one over the order of the method
+_SAFETY, _LEAST_FACTOR, _MOST_FACTOR, _EXPONENT = 0.8, 0.2, 10.0, 0.125
+# the first step [s], and the least one, relative to the time or to 1 s
 _FIRST_STEP, _LEAST_STEP = 1e-3, 1e-13
-# most Newton steps to an event, and the part of a step within which a parabola is exact enough
-_NEWTON, _CLOSE = 4, 1e-6
-# length of the step after an event: at most this many times the time since the last event, at least this time [s]
+# most Newton steps to an event, and the correction for which a parabola is exact enough, relative to the step
+_MOST_NEWTON, _PARABOLA = 4, 1e-6
+# longest step after an event: this many times the step that ended at the event, or this time [s] if that is more
 _AFTER, _LEAST_AFTER = 10.0, 1e-6
 # events without progress in time after which steps of `Paoli` are taken
 _MOST_AT_ONCE = 50
-# after this many steps and events, time must have advanced by this part of the duration
+# in this many steps and events, time must advance by this part of the duration
 _PATIENCE, _PROGRESS = 3000, 1e-5
 
 
@@ -43,6 +46,7 @@ class EventDrivenIntegrator(MotionState):
 
     def run(self, duration: float) -> Iterator[RungeKuttaStep | ImpactEvent]:
         """Yield the steps of the smooth motion, and the impacts between them."""
+        # `at_once` counts events without progress in time
         end, h, at_once = self.problem.t0 + duration, min(_FIRST_STEP, duration), 0
         yield from change_contacts(self, touching_rows(self, self.rows.all))
         a = self.flow.acceleration(self.t, self.q, self.v, self.closed)
@@ -61,7 +65,7 @@ class EventDrivenIntegrator(MotionState):
                 continue
             event = share < 1.0
             if event:
-                # the next event may be as near
+                # the next event may follow as soon
                 h = min(h, max(_AFTER * share * length, _LEAST_AFTER))
             at_once = at_once + 1 if event and step.h < _LEAST_STEP * max(1.0, abs(self.t)) else 0
             self._advance(step, end)
@@ -76,7 +80,7 @@ class EventDrivenIntegrator(MotionState):
                     at_once = 0
             else:
                 h = step.h * factor
-            # a control may react to the contacts it was just shown
+            # a control may react to the contacts that it has just received
             changed = event or self.closed.size or self.observed.active
             a = self.flow.acceleration(self.t, self.q, self.v, self.closed) if changed else step.a
 
@@ -102,15 +106,15 @@ class EventDrivenIntegrator(MotionState):
         step : RungeKuttaStep or None
             The step; None if its error is too large.
         factor : float
-            By which the next step may differ from h.
+            Length of the next step over h.
         share : float
-            The part of h after which the event is, 1 if there is none.
+            Share of h at which the event is; 1 if there is none.
         first : ndarray of int
             The row that closes there, if one does.
         """
         step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
         error = self._error(step)
-        factor = min(max(_SAFETY * max(error, 1e-12) ** -_ORDER, _LEAST_FACTOR), _MOST_FACTOR)
+        factor = min(max(_SAFETY * max(error, 1e-12) ** -_EXPONENT, _LEAST_FACTOR), _MOST_FACTOR)
         # written so that a NaN is refused too
         if not error <= 1.0:
             return None, factor if np.isfinite(error) else _LEAST_FACTOR, 1.0, NO_ROWS
@@ -124,6 +128,7 @@ class EventDrivenIntegrator(MotionState):
         return step, factor, share, first
 
     def _shorter(self, h: float, factor: float, error: DivergedError | None = None) -> float:
+        """Return the length of a retried step; raise `error`, or an error of its own, if that is too short."""
         if h * factor < _LEAST_STEP * max(1.0, abs(self.t)):
             if error is not None:
                 raise error
@@ -153,14 +158,14 @@ class EventDrivenIntegrator(MotionState):
     def _step_to_event(self, a: Array, h: float, first: Array) -> RungeKuttaStep:
         """Return a step of about length h that ends where the first row closes, by Newton's method."""
         step = self.flow.step(self.t, self.q, self.v, a, h, self.closed)
-        for _ in range(_NEWTON if first.size else 0):
+        for _ in range(_MOST_NEWTON if first.size else 0):
             gap = float(self.rows.gaps(step.t + h, step.q, first)[0])
             rate = float((self.rows.gradients(step.t + h, step.q, first) @ step.v)[0])
-            # where the row only grazes, the dense output is as exact
+            # where the gap touches zero without falling through, Newton's method is no better than the dense output
             if abs(gap) < 0.1 * self.rows.rounding[first[0]] or rate >= 0.0 or not 0.0 < h - gap / rate:
                 break
             late = -gap / rate
-            if abs(late) < _CLOSE * h:
+            if abs(late) < _PARABOLA * h:
                 step = step.prolonged(self.system, late)
                 break
             h += late

@@ -10,10 +10,10 @@ from ...system.system import Array
 from ..step import Step
 from .closing_events import ClosingEvents
 from .contact_rows import SmoothRows
-from .observed import ObservedIntegrator
+from .observed import ContactObserver
 from .runge_kutta import Flow, velocity_change
 
-# part of the tolerance by which the gap of a touching contact may be off
+# largest gap of a touching contact, relative to the tolerance of the scheme
 _TOUCHING = 0.01
 # rates below this count as zero, in lengths of the scene a second [1/s]
 _SLOW = 1e-14
@@ -28,7 +28,7 @@ class MotionState:
     problem : Problem
         System, constraints and initial state.
     tolerance : float
-        Aimed-at bound of the error, as of `EventDriven`.
+        Intended bound of the error, as of `EventDriven`.
     projector : Projector
         Solves the projections.
 
@@ -41,9 +41,9 @@ class MotionState:
     event_rows : ndarray of int, shape (k,)
         The rows of the last event.
     impact_time : float
-        When the last impact was [s].
+        Time of the last impact [s].
     depth : float
-        Deepest penetration before the drift of closed contacts was removed [m or rad].
+        Deepest penetration at the end of the last step, before drift was removed [m or rad].
     residual : float
         Relative KKT residual of the law that led to the state; 0 where the law was not applied.
     touching : float
@@ -51,7 +51,7 @@ class MotionState:
     fallbacks : int
         How many steps of `Paoli` were taken.
     fallback : Step or None
-        The step of `Paoli` that the last step consists of, if it does.
+        The step of `Paoli`, if the last step was one.
     """
 
     def __init__(self, problem: Problem, tolerance: float, projector: Projector) -> None:
@@ -61,7 +61,7 @@ class MotionState:
         self.t, self.q, self.v = problem.t0, problem.q0.copy(), problem.v0.copy()
         self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
         self.flow, self.closing = Flow(problem, self.rows), ClosingEvents(self.system, self.rows)
-        self.observed = ObservedIntegrator(problem, self.rows)
+        self.observed = ContactObserver(problem, self.rows)
         self.closed, self.touching = NO_ROWS, min(problem.tolerance, _TOUCHING * tolerance * problem.length)
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
         self.depth, self.residual, self.fallbacks = 0.0, 0.0, 0
@@ -83,7 +83,7 @@ class MotionState:
         self.v = self.v + velocity_change(self.system.metric(self.q), J, -(J @ self.v))
 
     def close_gaps(self, index: Array) -> float:
-        """Project the configuration so that some gaps vanish; return the depth of the deepest one before."""
+        """Move the configuration so that some gaps vanish, to first order; return the deepest penetration before."""
         gap, J = self.rows.gaps(self.t, self.q, index), self.rows.gradients(self.t, self.q, index)
         self.q = self.system.integrate(self.q, velocity_change(self.system.metric(self.q), J, -gap))
         return max(0.0, -float(gap.min()))
@@ -94,5 +94,5 @@ class MotionState:
 
 
 def certain_rates(J: Array, v: Array, slow: Array | float) -> Array:
-    """Return the rates beyond which rows certainly move, in spite of rounding; at least `slow`."""
+    """Return for each row a rate that exceeds all rounding errors of J v, at least `slow`."""
     return np.asarray(1e-12 * (np.abs(J) @ np.abs(v)) + slow)

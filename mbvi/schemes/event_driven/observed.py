@@ -1,4 +1,4 @@
-"""Passes the contacts of an event-driven motion to controls that look at contacts."""
+"""Passes the contacts of an event-driven run to the controls that read `state.contacts`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .impact_event import ImpactEvent
 from .runge_kutta import RungeKuttaStep, least_percussion
 
 
-class ObservedIntegrator:
-    """Passes smooth steps and impacts to the controls; does nothing where no control looks at contacts.
+class ContactObserver:
+    """Passes smooth steps and impacts to the controls; does nothing where no control reads contacts.
 
     Parameters
     ----------
@@ -28,11 +28,11 @@ class ObservedIntegrator:
     Attributes
     ----------
     active : bool
-        Whether a control looks at contacts.
+        Whether a control reads contacts.
     """
 
     def __init__(self, problem: Problem, rows: SmoothRows) -> None:
-        self._observe, self._show = problem.system.observe, observer(problem)
+        self._observe, self._pass_on = problem.system.observe, observer(problem)
         self.active = self._observe is not None
         self._metric, self._rows, self._name = problem.system.metric, rows, problem.constraints.name
 
@@ -50,7 +50,7 @@ class ObservedIntegrator:
         if not closed.size:
             self._observe(tuple)
             return
-        # accelerations at the end with contact forces and without; the control of both knew the contacts before
+        # accelerations at the end with and without contact forces, both computed before the control receives these
         kept, free = np.split(step.a, 2)
         J = self._rows.gradients(t, q, closed)
         forces = least_percussion(J @ self._metric(q).solve_rows(J).T, J @ (kept - free))
@@ -59,5 +59,5 @@ class ObservedIntegrator:
 
     def step(self, step: Step, h: float) -> None:
         """Pass on a step of `Paoli` of length h."""
-        if self._show is not None:
-            self._show(step, h)
+        if self._pass_on is not None:
+            self._pass_on(step, h)

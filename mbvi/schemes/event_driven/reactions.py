@@ -34,12 +34,12 @@ def reactions(state: MotionState, step: RungeKuttaStep) -> Iterator[tuple[Array,
     if step.h <= 0.0:
         return
     if fallback is not None:
-        # an impact in the step holds all its percussions
+        # where the step has an impact, that holds all percussions of the step
         active = fallback.active
         if not closes(fallback.rates, still_rates(state.problem, active.constraint)).any():
             yield active.constraint, active.point, active.normal, fallback.percussion
     elif closed.size:
-        # a projector of its own: the integrator's keeps solutions between calls, which changes rounding
+        # a separate projector: further calls of the integrator's would change its warm starts, and so its rounding
         projector = Projector(state.projector.residual, state.projector.solver)
         for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS * step.h, strict=True):
             t, (q, v) = step.t + node * step.h, step.at(state.system, node)

@@ -9,18 +9,19 @@ from ...system.system import Array
 from .root_finding import first_root
 from .runge_kutta import Flow, RungeKuttaStep, least_percussion
 
-# relative acceleration above which a closed contact opens, and the smaller one below which a contact without a force
-# stays closed: were they equal, a contact that has just opened could be kept closed
+# relative acceleration above which a closed contact opens, and below which a contact without a force stays closed; the
+# second is smaller, because otherwise a contact that has just opened could be closed again
 _OPENS, STAYS = 1e-9, 1e-10
-# how much later in a step a release is certain, and at how many places of a step dependent contacts are checked
+# share of a step after which a release is certain, and number of places at which dependent contacts are checked
 _LATER, _CHECKS = 1e-7, 17
-_SHORTEST = 1e-13
+# share of a step to which bisection finds a release
+_BISECTED = 1e-13
 # accelerations below this are denormal numbers and count as zero
 _DENORMAL = 1e-290
 
 
 def complementarity(flow: Flow, projector: Projector, t: float, q: Array, v: Array, rest: Array) -> tuple[Array, Array]:
-    """Return the forces of resting contacts, and their opening accelerations relative to the terms of these."""
+    """Return the forces of resting contacts, and the accelerations of their gaps relative to the terms of these."""
     free, metric, J, wanted = flow.contact_equations(t, q, v, rest)
     solved = projector.project(free, metric, J, wanted)
     scale = np.abs(J) @ np.abs(free) + np.abs(wanted) + _DENORMAL
@@ -29,7 +30,7 @@ def complementarity(flow: Flow, projector: Projector, t: float, q: Array, v: Arr
 
 
 def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed: Array, share: float) -> float:
-    """Return the share of a step at which a closed contact is released, 1 if none is before `share`."""
+    """Return the share of a step at which a closed contact is released; 1 if none is released before `share`."""
     if not closed.size:
         return 1.0
     x, _ = first_root(lambda x, of: _forces(flow, step, closed, x * share)[of], np.full(len(closed), np.inf))
@@ -37,15 +38,16 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
         return 1.0
     later = min(x * share + _LATER, share)
     if not _all_stay(flow, projector, step, closed, later):
-        # where all forces on a contact vanish at once it opens only afterwards
+        # where all forces on a contact vanish at one instant, it opens only after that
         return later if _all_stay(flow, projector, step, closed, x * share) else x * share
-    # contacts that depend on each other may stay closed although their least-squares forces are negative
+    # contacts whose rows depend on each other may stay closed although their least-squares forces are negative
     low = x * share
+    # the first of some places where they do not all stay, then bisection
     for high in np.linspace(low, share, _CHECKS)[1:].tolist():
         if _all_stay(flow, projector, step, closed, high):
             low = high
             continue
-        while high - low > _SHORTEST:
+        while high - low > _BISECTED:
             middle = 0.5 * (low + high)
             stays = _all_stay(flow, projector, step, closed, middle)
             low, high = (middle, high) if stays else (low, middle)
@@ -54,7 +56,7 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
 
 
 def _forces(flow: Flow, step: RungeKuttaStep, closed: Array, share: float) -> Array:
-    """Return the forces of closed contacts if none may open, as accelerations; positive in spite of rounding."""
+    """Return the forces of closed contacts, if none may open, as accelerations plus a margin for rounding."""
     q, v = step.at(flow.system, share)
     free, metric, J, wanted = flow.contact_equations(step.t + share * step.h, q, v, closed)
     G = J @ metric.solve_rows(J).T

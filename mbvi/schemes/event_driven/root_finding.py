@@ -20,10 +20,10 @@ Values = Callable[[float, Array], Array]
 _ERROR_FACTOR, _ROUNDING = 4.0, 1e-15
 # error below which an interpolant replaces the function: relative to its largest value, and absolute rounding of gaps
 _RESOLVED, _NOISE = 1e-7, 1e-15
-# how often an interval is halved where a function has a kink, and where it is smooth but only touches zero
+# most halvings of an interval where a function has a kink, and where it is smooth but only touches zero
 _KINKED, _TOUCHING = 6, 20
-# most steps along a function of known slope, and the length that counts as zero, relative to the interval
-_MOST_STEPS, _SHORT = 400, 1e-9
+# most steps along a function of known slope, and the value that counts as zero, relative to the slope
+_MOST_STEPS, _ZERO = 400, 1e-9
 
 
 class _Interpolant:
@@ -38,9 +38,10 @@ class _Interpolant:
     def __init__(self, degree: int) -> None:
         self.nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
         self._coefficients = np.linalg.inv(chebyshev.chebvander(2.0 * self.nodes - 1.0, degree))
-        self._on_grid, self._on_fine = (self._on(np.linspace(0.0, 1.0, n)) for n in (65, _PARTS + 1))
+        self._grid, self._fine_grid = (self._evaluation(np.linspace(0.0, 1.0, n)) for n in (65, _PARTS + 1))
 
-    def _on(self, x: Array) -> Array:
+    def _evaluation(self, x: Array) -> Array:
+        """Return the matrix from values at the nodes to the polynomial's values at x."""
         return np.asarray(chebyshev.chebvander(2.0 * x - 1.0, len(self.nodes) - 1) @ self._coefficients)
 
     def error(self, values: Array) -> Array:
@@ -49,25 +50,26 @@ class _Interpolant:
         return np.asarray(_ERROR_FACTOR * last + _ROUNDING * np.abs(values).max(axis=0))
 
     def soonest(self, values: Array) -> Array:
-        """Return where the earliest root of each may be, shape (k,); infinite where it stays above its error."""
-        grid = self._on_grid @ values
+        """Return a lower bound of the first root of each function, shape (k,); infinite where it has certainly none."""
+        grid = self._grid @ values
         # a parabola through three grid points dips between them by an eighth of the second difference
         dip = 0.125 * np.abs(np.diff(grid, 2, axis=0)).max(axis=0)
-        low = ~(grid[1:] > self.error(values) + dip)
-        return np.where(low.any(axis=0), low.argmax(axis=0) / (len(grid) - 1), np.inf)
+        undecided = ~(grid[1:] > self.error(values) + dip)
+        return np.where(undecided.any(axis=0), undecided.argmax(axis=0) / (len(grid) - 1), np.inf)
 
-    def on_fine(self, values: Array) -> Array:
-        """Return one interpolant at x = 0, 1 / 1024, ..., 1."""
-        return np.asarray(self._on_fine @ values)
+    def on_fine_grid(self, values: Array) -> Array:
+        """Return one interpolant's values at x = 0, 1 / 1024, ..., 1."""
+        return np.asarray(self._fine_grid @ values)
 
 
+# intervals of the fine grid
 _PARTS = 1024
 _COARSE, _FINE = _Interpolant(4), _Interpolant(8)
 FEW_NODES = _COARSE.nodes
 
 
 def first_root(values: Values, steepest: Array, known: Array | None = None) -> tuple[float, int]:
-    """Return the earliest root of some functions in [0, 1], and of which; 1 and -1 if there is none.
+    """Return the earliest root of some functions in [0, 1], and the index of its function; 1 and -1 if there is none.
 
     Parameters
     ----------
@@ -83,13 +85,13 @@ def first_root(values: Values, steepest: Array, known: Array | None = None) -> t
         if x < best:
             best, which = x, k
     for k in np.flatnonzero(np.isfinite(steepest)).tolist():
-        x = first_root_by_slope(_one(values, k), best, float(steepest[k]))
+        x = first_root_by_slope(_single(values, k), best, float(steepest[k]))
         if x < best:
             best, which = x, k
     return best, which
 
 
-def _one(values: Values, k: int) -> Callable[[float], float]:
+def _single(values: Values, k: int) -> Callable[[float], float]:
     own = np.array([k])
     return lambda x: float(values(x, own)[0])
 
@@ -110,7 +112,7 @@ def _roots(values: Values, index: Array, known: Array | None) -> Iterator[tuple[
     for k in np.argsort(soonest, kind="stable").tolist():
         if soonest[k] >= best:
             return
-        x = _root(_one(values, int(index[k])), 0.0, 1.0, fine[:, k], 0)
+        x = _root(_single(values, int(index[k])), 0.0, 1.0, fine[:, k], 0)
         if x is not None:
             best = min(best, x)
             yield int(index[k]), x
@@ -124,7 +126,7 @@ def _root(value: Callable[[float], float], low: float, high: float, known: Array
             return None
     error = float(_FINE.error(known[:, None])[0])
     smooth = error <= max(_RESOLVED * float(np.abs(known).max()), _NOISE)
-    share, sure = _root_on_grid(_FINE.on_fine(known), error)
+    share, sure = _root_on_grid(_FINE.on_fine_grid(known), error)
     if (smooth and sure) or halved >= (_TOUCHING if smooth else _KINKED):
         return None if share is None else low + share * (high - low)
     middle = 0.5 * (low + high)
@@ -135,7 +137,7 @@ def _root(value: Callable[[float], float], low: float, high: float, known: Array
 def first_root_by_slope(value: Callable[[float], float], end: float, steepest: float) -> float:
     """Return the first root of a function, or `end` if there is none before, by steps that cannot pass a root.
 
-    A place where the function is so near to zero that the search takes too many steps counts as a root.
+    A place where the search has taken `_MOST_STEPS` steps counts as a root: the function is nearly zero there.
 
     Parameters
     ----------
@@ -147,12 +149,12 @@ def first_root_by_slope(value: Callable[[float], float], end: float, steepest: f
         A bound of how fast the function falls.
     """
     x, found = 0.0, value(0.0)
-    nothing, last = _SHORT * steepest, np.inf
+    zero, last = _ZERO * steepest, np.inf
     for _ in range(_MOST_STEPS):
         # a function that is zero at the start may rise from there
-        if found <= nothing and x > 0.0 and found <= last:
+        if found <= zero and x > 0.0 and found <= last:
             break
-        x += max(found, nothing) / steepest
+        x += max(found, zero) / steepest
         if x >= end:
             return end
         last, found = found, value(x)
@@ -160,7 +162,8 @@ def first_root_by_slope(value: Callable[[float], float], end: float, steepest: f
 
 
 def _root_on_grid(p: Array, error: float) -> tuple[float | None, bool]:
-    """Return the first root of a polynomial on the fine grid, or None; and whether that is certain."""
+    """Return the first root of a polynomial from its values p on the fine grid, or None; and whether it is certain."""
+    # three cases: a root at 0, a minimum between grid points that reaches zero, a fall through zero
     below = p <= 0.0
     if below[0] and p[1] <= p[0]:
         # it falls at once, unless it rises and falls back within the first part

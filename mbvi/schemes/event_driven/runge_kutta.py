@@ -1,4 +1,7 @@
-"""Runge-Kutta steps of order eight for the smooth motion between events, each in its own chart."""
+"""Runge-Kutta steps of order eight for the smooth motion between events.
+
+The unknowns of a step are coordinates of a chart: the tangent vector dq from the configuration at its start.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,12 @@ from .contact_rows import SmoothRows
 
 # singular values of the Delassus matrix below this count as zero
 _DEPENDENT = 1e-10
-# pivots of its factor, in lengths of the rows, above which the rows are certainly independent
+# pivots of its Cholesky factor, relative to the lengths of the rows, above which rows are certainly independent
 _INDEPENDENT = 1e-3
 # degree of the dense output
 DEGREE = 7
 _POWERS = np.arange(1, DEGREE + 1)
-# factor between the travel of a coordinate at the rate of the fastest stage and the bound of its travel
+# safety factor of the travel of a coordinate, which is computed from the largest rate of all stages
 _MARGIN = 1.2
 
 
@@ -40,12 +43,13 @@ class RungeKuttaStep(NamedTuple):
     travel : ndarray, shape (nv,)
         Bound of the travel of each coordinate of the chart.
     rates : ndarray, shape (16, nv + len(a))
-        Of each stage the rate of the chart's coordinates, then the acceleration; the last three stages belong to the
+        For each stage the rates of the chart's coordinates, then the acceleration; the last three stages belong to the
         dense output.
     error : ndarray, shape (nv + len(a),)
-        Estimated error of the chart's coordinates, of v and, where contacts are closed, of v without contact forces.
+        Estimated errors of the chart's coordinates, of v, and, where contacts are closed, of v without contact forces.
     dense : ndarray, shape (2, nv, 7)
-        Polynomials of both in the share of the step; NaN before `Flow.with_dense_output`.
+        Coefficients of the chart's coordinates and of v - v0, both over h, as polynomials in the share of the step; NaN
+        before `Flow.with_dense_output`.
     """
 
     t: float
@@ -61,12 +65,12 @@ class RungeKuttaStep(NamedTuple):
     dense: Array
 
     def at(self, system: System, share: float) -> tuple[Array, Array]:
-        """Return (q, v) at a share of the step, of order seven."""
+        """Return (q, v) at a share of the step, by polynomials of degree seven."""
         dq, dv = self.h * (self.dense @ share**_POWERS)
         return system.integrate(self.q0, dq), self.v0 + dv
 
     def prolonged(self, system: System, time: float) -> RungeKuttaStep:
-        """Return the step with its end moved by a time so short that a parabola is exact enough."""
+        """Return the step with its end moved by a short time, in which the motion is a parabola."""
         a = self.a[: len(self.v)]
         q = system.integrate(self.q, time * self.v + 0.5 * time**2 * a)
         return self._replace(h=self.h + time, q=q, v=self.v + time * a)
@@ -98,7 +102,7 @@ class Flow:
 
     Notes
     -----
-    Dormand and Prince's method of order 8 with its two error estimates and its dense output, which takes three more
+    Dormand and Prince's method of order 8 with its two error estimates and its dense output, which needs three more
     stages (Hairer, Norsett, Wanner 1993, II.5 and II.6). Each step has its own chart (Munthe-Kaas 1999).
     """
 
@@ -113,9 +117,9 @@ class Flow:
         self._weights[:n, :n], self._weights[n, :n], self._weights[n + 1 :, : n + 3] = (
             DOP853.A, DOP853.B, DOP853.A_EXTRA[:, : n + 3],
         )  # fmt: skip
-        self._c = [*DOP853.C.tolist(), 1.0, *DOP853.C_EXTRA.tolist()]
-        self._stages, self._e = n, np.array([DOP853.E5, DOP853.E3])
-        self._p = _dense_polynomials(DOP853.B, DOP853.D)
+        self._nodes = [*DOP853.C.tolist(), 1.0, *DOP853.C_EXTRA.tolist()]
+        self._stages, self._error_weights = n, np.array([DOP853.E5, DOP853.E3])
+        self._dense_weights = _dense_polynomials(DOP853.B, DOP853.D)
 
     def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
         """Return the free acceleration, M, J, and the value of J a that keeps the closed rows closed."""
@@ -135,16 +139,17 @@ class Flow:
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:
         """Take one step of length h from (t, q, v), where `acceleration` is a."""
         nv, n, weights = len(v), self._stages, h * self._weights
+        # `RungeKuttaStep.rates`
         K = np.empty((n + 4, nv + len(a)))
         K[0, :nv], K[0, nv:] = v, a
         for i in range(1, n + 1):
-            place, speed = self._stage(t, q, v, h, K, weights, i, closed)
+            q1, v1 = self._stage(t, q, v, h, K, weights, i, closed)
         travel = _MARGIN * abs(h) * np.abs(K[: n + 1, :nv]).max(axis=0)
-        fifth, third = np.abs(h * self._e.dot(K[: n + 1]))
+        fifth, third = np.abs(h * self._error_weights.dot(K[: n + 1]))
         both = np.sqrt(fifth**2 + 0.01 * third**2)
-        # of two estimates, of order five and three, a combination of order seven
+        # the combination of two estimates, of order five and three, is of order seven
         error = fifth * np.divide(fifth, both, out=np.zeros_like(both), where=both != 0.0)
-        return RungeKuttaStep(t, h, q, v, place, speed, K[n, nv:], travel, K, error, _UNKNOWN)
+        return RungeKuttaStep(t, h, q, v, q1, v1, K[n, nv:], travel, K, error, _NO_DENSE)
 
     def with_dense_output(self, step: RungeKuttaStep, closed: Array) -> RungeKuttaStep:
         """Return the step with its dense output."""
@@ -152,22 +157,23 @@ class Flow:
         weights = h * self._weights
         for i in range(self._stages + 1, len(K)):
             self._stage(t, q, v, h, K, weights, i, closed)
-        return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._p).reshape(2, len(v), DEGREE))
+        return step._replace(dense=K[:, : 2 * len(v)].T.dot(self._dense_weights).reshape(2, len(v), DEGREE))
 
     def _stage(
         self, t: float, q: Array, v: Array, h: float, K: Array, weights: Array, i: int, closed: Array
     ) -> tuple[Array, Array]:
-        """Write the rates of one stage; return its configuration and velocity."""
+        """Write row i of K, the rates of stage i; return its configuration and velocity."""
         nv = len(v)
         change = weights[i, :i].dot(K[:i])
         dq, speed = change[:nv], v + change[nv : 2 * nv]
         place = self.system.integrate(q, dq)
         K[i, :nv] = self.system.chart_rate(q, dq, speed)
-        K[i, nv:] = self.acceleration(t + self._c[i] * h, place, speed, closed)
+        K[i, nv:] = self.acceleration(t + self._nodes[i] * h, place, speed, closed)
         return place, speed
 
 
-_UNKNOWN = np.full((2, 1, DEGREE), np.nan)
+# the dense output of a step before it is computed
+_NO_DENSE = np.full((2, 1, DEGREE), np.nan)
 
 
 def _dense_polynomials(b: Array, d: Array) -> Array:

@@ -16,8 +16,8 @@ class EventDriven(SchemeBase):
     Parameters
     ----------
     tolerance : float
-        Aimed-at bound of the error of configurations, in lengths of the scene (`Problem.length`) and radians, and of
-        velocities, in their own unit and relative to the largest.
+        Intended bound of the error: of configurations in lengths of the scene (`Problem.length`) and radians, of
+        velocities in the same units per second, relative to the largest velocity where that is above 1.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class EventDriven(SchemeBase):
     (8) applies at each located instant, to several constraints at once. The complementarity problem of accelerations
     decides which closed contacts stay closed and which are released.
 
-    A contact is put to rest if all its bounces would take less time than the tolerance, or rise less than 1e-14 of the
+    A contact is put to rest if all its bounces would last less time than the tolerance, or rise less than 1e-14 of the
     scene's length. Where impacts on several constraints accumulate, single impacts are followed to their limit.
 
     Where polyhedra rest on each other, so that gradients jump, and where events follow each other without end, the
