@@ -721,7 +721,7 @@ ARGUMENTS = {
     "lowest": lowest,
     "stand": stand,
     "half_space_rows": half_space_rows,
-    "_reached": reached,
+    "_limits_within": reached,
     "_reach": reach,
     "_clear": clear,
     "_keep": keep,
@@ -740,7 +740,7 @@ IF_ACCEPTED = {
     "law": 2,
     "tree_law": 2,
     "half_space_rows": 3,
-    "_reached": 1,
+    "_limits_within": 1,
 }
 
 

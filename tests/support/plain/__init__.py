@@ -9,7 +9,7 @@ from support.plain.gram import gram_plain, islands_plain
 from support.plain.half_space import half_space_rows_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
-from support.plain.joint_limit import _reached_plain
+from support.plain.joint_limit import _limits_within_plain
 from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import projected_pcg_plain
@@ -48,7 +48,7 @@ PLAIN = {
     "_record_depth": _note_plain,
     "_raise_levels": _raise_levels_plain,
     "_reach": _reach_plain,
-    "_reached": _reached_plain,
+    "_limits_within": _limits_within_plain,
     "_solve_islands": solve_islands_plain,
     "_choose_rows": _struck_plain,
     "half_space_rows": half_space_rows_plain,
