@@ -228,5 +228,5 @@ class _ListedPairs(SignedDistances):
             self._known[key] = placed.shape.coal(unit)
         return self._known[key]
 
-    def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
+    def _constants_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
         return self._numbers[pair], self._first_body[pair], self._second_body[pair], self.restitution[pair]
