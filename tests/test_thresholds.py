@@ -182,7 +182,7 @@ PATHS = {
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),
     "constraints in the cache": ([(cache, "_MOST_CACHED")], crowd, {"boxes": 6, "robot": "hopper"}),
     "rows solved by the compiled projection": ([(projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
-    "rows exchanged": ([(cascade, "_EXCHANGED"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
+    "rows exchanged": ([(cascade, "_MOST_NONNEGATIVE"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "rows solved by an SVD": ([(equalities, "_MANY"), (projector, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
     "selections of points kept": ([(half_space, "_MOST_SELECTIONS")], crowd, {"boxes": 6}),
 }  # fmt: skip

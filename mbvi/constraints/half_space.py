@@ -46,9 +46,7 @@ class _Selection:
     bodies : ndarray of int, shape (b,), or None
         The bodies of these points; None for a single mechanism, whose kinematics holds the poses of all bodies.
     numbers : ndarray, shape (k, 17)
-        Of each point, by columns: 0-2 its position in the body, or the centre of the rim or ellipsoid that it moves on
-        [m]; 3-11 the three half axes of the rim or ellipsoid in the body, zero for a fixed point; 12-14 the normal of
-        the half-space; 15 the radius of the ball around the point; 16 that radius plus the half-space's offset [m].
+        The points as `geometry.support_points` describes them: columns 12-14 hold the normal of the half-space.
     owners : ndarray of int, shape (k, 2)
         Of each point: the place of its body in `bodies` (the body itself if that is None), and its pair.
     index : ndarray of int, shape (k + 1,)

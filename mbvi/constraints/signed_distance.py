@@ -17,7 +17,7 @@ from ..geometry.polyhedron_overlap import overlap
 from ..geometry.refined_distance import FAILED, FLAT, refined, separated
 from ..geometry.separating_axis import SeparatingAxes
 from ..geometry.shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
-from ..geometry.sphere_capsule import Balls, out_of_cylinder
+from ..geometry.sphere_capsule import SphereCapsulePairs, out_of_cylinder
 from ..system import System
 from .family import RowTable
 from .pairs import Array, Contacts, Pairs
@@ -132,10 +132,10 @@ class SignedDistances(Pairs):
         self._axes = SeparatingAxes(self._placed, both)
         self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
         self._bounds = np.empty(len(self._sides))
-        self._balls = Balls(self._placed, self._axes.frame, both)
+        self._closed_form = SphereCapsulePairs(self._placed, self._axes.frame, both)
         # pairs of spheres and capsules have a continuous gradient
-        self.smooth: Array = self._balls.are
-        self._is_smooth = self._balls.are.tolist().__getitem__
+        self.smooth: Array = self._closed_form.closed_form
+        self._is_smooth = self.smooth.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._scaled]
         for (side, unit), pose in zip(self._scaled, self._pose, strict=True):
             placed_shape = self._placed[side]
@@ -195,11 +195,11 @@ class SignedDistances(Pairs):
     def _measure_all(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
         """Return the contacts of some pairs; if `rough`, gaps beyond the tolerance are lower bounds."""
         if all(map(self._is_smooth, pairs.tolist())):
-            balls = self._balls.contacts(places, pairs)
+            found = self._closed_form.contacts(places, pairs)
             # concentric spheres have no normal in closed form; Coal returns one
-            if balls is not None:
-                self._axes.keep(places, pairs, balls[2])
-                return Contacts(pairs, *balls)
+            if found is not None:
+                self._axes.keep(places, pairs, found[2])
+                return Contacts(pairs, *found)
         if self._at_rest:
             places = np.round(places * self._grid)
             places *= self._cell

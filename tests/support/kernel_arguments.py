@@ -11,7 +11,7 @@ from mbvi.constraints import HalfSpaceContacts, sphere_walls
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.geometry.sphere_capsule import Balls
+from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.plain.gram import islands_plain
@@ -366,8 +366,8 @@ def ball_contacts(rng):
     if rng.random() < 0.3:
         # two about one centre
         placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
-    balls = Balls(placed, axes.frame, axes._sides)
-    pairs = np.flatnonzero(balls.are)
+    balls = SphereCapsulePairs(placed, axes.frame, axes._sides)
+    pairs = np.flatnonzero(balls.closed_form)
     k = len(pairs)
     written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
     return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
