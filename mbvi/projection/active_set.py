@@ -60,8 +60,8 @@ class ActiveSet:
 
     A row is wrong if it is active with a negative percussion or inactive and violated. All wrong rows are exchanged at
     once. If that does not lower their number for some exchanges, only the last wrong row is exchanged; this rule ends
-    for every positive definite G. Dependent rows make G singular. Therefore G + s I with a small s is used, and proximal
-    steps, which add s times the last u to d, lead to the solution for G.
+    for every positive definite G. Dependent rows make G singular. Therefore G + s I with a small s is used, and
+    proximal steps, which add s times the last u to d, lead to the solution for G.
 
     Notes
     -----

@@ -36,8 +36,8 @@ class SparsePCG:
 
     G = A' A is sparse: two rows have an entry only if they share a body. A working set is solved: the violated rows,
     those active in the last projection, and the nearest others. Rows that the answer violates join it. Rows that share
-    a body, directly or through other rows, form an island; islands have no body in common and are solved one by one. A small island is solved to rounding by
-    the compiled dual active-set method. A large one keeps the last percussions if they still fit; otherwise sweeps of
+    a body, directly or through other rows, form an island; islands have no body in common and
+    are solved one by one. A small island is solved to rounding by the compiled dual active-set method. A large one keeps the last percussions if they still fit; otherwise sweeps of
     projected Gauss-Seidel find its active rows, and conjugate gradients with an incomplete Cholesky factor solve the
     equations of these, cut off where a percussion would turn negative. An island whose residual stays too
     large, for instance because masses differ by many powers of ten, is solved by the dense solvers.

@@ -284,7 +284,7 @@ def test_what_stands_still_is_measured_once_and_moves_the_same(scheme, monkeypat
         asked[0] += 1
         return measure(self, *arguments)
 
-    monkeypatch.setattr(SignedDistances, "_measure", counted)
+    monkeypatch.setattr(SignedDistances, "_refined_distance", counted)
     runs, counts = [], []
     for reduce in (["rest"], []):
         asked[0] = 0
