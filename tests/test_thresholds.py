@@ -176,7 +176,7 @@ PATHS = {
     "rows, dense or sparse": (DENSE, crowd, {"boxes": 9, "spheres": 3}),
     "rows with a robot, dense or sparse": (DENSE, crowd, {"boxes": 4, "robot": "hopper", "fixed": 1}),
     "rows in a plane, dense or sparse": (DENSE, chain, {"count": 9}),
-    "reaches, dense or sparse": ([(pairs, "_DENSE_REACH")], crowd, {"boxes": 8, "mixed": 6}),
+    "reaches, dense or sparse": ([(pairs, "_MOST_DENSE")], crowd, {"boxes": 8, "mixed": 6}),
     "spheres, few or many": ([(assembly, "_FEW_SPHERES")], crowd, {"spheres": 8, "boxes": 2, "driven": 1, "fixed": 1}),
     "shapes, few or many": ([(assembly, "_FEW_SHAPES")], crowd, {"boxes": 6, "mixed": 5, "spheres": 2}),
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),

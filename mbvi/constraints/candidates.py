@@ -14,7 +14,7 @@ from .rows import Array
 def list_candidates(
     clearance: Array, reach: Array, travel: Array, tolerance: float, candidates: Array
 ) -> tuple[int, float]:
-    """Take the travel from the clearances of pairs and list those that are used up.
+    """Take the travel from the clearances of pairs, and list the pairs whose clearance is used up.
 
     Parameters
     ----------

@@ -219,7 +219,7 @@ class ConstraintFamily(ABC):
         return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf
 
     def passed_share(self) -> Array | None:
-        """Return the travel of each constraint at each unit velocity, in its thickness a second, shape (nv, size).
+        """Return the reach divided by the thickness, shape (nv, size): travel in thicknesses per unit displacement.
 
         None where the pairs are too many to be listed.
         """

@@ -95,7 +95,7 @@ class GivenConstraint(ConstraintFamily):
         self.moving = self._rate is not None
         self.functions = (constraint.f,) if isinstance(constraint, GapFunction) else ()
         # how many times rows became active, at how many steps rows were active, and whether they were at the last one
-        self._starts, self._count, self._touching = 0, 0, False
+        self._activations, self._active_steps, self._were_active = 0, 0, False
         # the least gap at the last full check: a scheme may activate rows long before they touch, so that a gradient is
         # checked again when the gap is ten times smaller
         self._nearest = np.inf
@@ -163,7 +163,7 @@ class GivenConstraint(ConstraintFamily):
         gap = self.gap(t, q)
         index = (gap <= tolerance).nonzero()[0]
         if not index.size:
-            self._touching = False
+            self._were_active = False
             return None
         gradient = self.gradient(t, q)
         self._check_active(t, q, index, gap, gradient)
@@ -191,21 +191,23 @@ class GivenConstraint(ConstraintFamily):
         InputError
             If a gradient is of the wrong sign, or zero where f is not stationary.
         """
-        count, flat = self._count + 1, gradient.ravel()
+        count, flat = self._active_steps + 1, gradient.ravel()
         vanishes = not (len(gradient) == 1 and flat.dot(flat) > 0.0) and not gradient[index].any(axis=1).all()
         # the usual step: the rows stay active, and this step is not one of those that are checked
-        if self._touching and self._nearest == 0.0 and count & (count - 1) and not vanishes:
-            self._count, self._vanishes = count, False
+        if self._were_active and self._nearest == 0.0 and count & (count - 1) and not vanishes:
+            self._active_steps, self._vanishes = count, False
             return
-        starts, nearer, at_once = self._starts + (not self._touching), False, vanishes and not self._vanishes
+        activations, much_nearer = self._activations + (not self._were_active), False
+        newly_zero = vanishes and not self._vanishes
         if self._nearest > 0.0:
             nearest = max(float(gap[index].min()), 0.0)
-            nearer = nearest < 0.1 * self._nearest
+            much_nearer = nearest < 0.1 * self._nearest
         # otherwise at the first, second, fourth, eighth ... activation and step
-        if at_once or nearer or (starts & (starts - 1) == 0 and starts > self._starts) or count & (count - 1) == 0:
-            self.compare(t, q, index, full=at_once or nearer)
-            self._nearest = nearest if nearer else self._nearest
-        self._starts, self._count, self._touching, self._vanishes = starts, count, True, vanishes
+        due = count & (count - 1) == 0 or (activations > self._activations and activations & (activations - 1) == 0)
+        if newly_zero or much_nearer or due:
+            self.compare(t, q, index, full=newly_zero or much_nearer)
+            self._nearest = nearest if much_nearer else self._nearest
+        self._activations, self._active_steps, self._were_active, self._vanishes = activations, count, True, vanishes
 
     def check(self, t: float, q: Array) -> None:
         """Raise `InputError` unless gaps, gradients and rates at the start are numbers that fit each other."""

@@ -16,7 +16,7 @@ from .rebuilt import Rebuilt
 from .rows import Array, Rows
 
 # entries of the table of reaches up to which it is a dense array
-_DENSE_REACH = 200_000
+_MOST_DENSE = 200_000
 
 
 class Contacts(NamedTuple):
@@ -118,7 +118,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         self._constants = self._last_pair, self._first_body[:0], self._second_body[:0], self.restitution[:0]
         # which pairs are at rest; the last candidates and those of them that are not at rest
         self._resting: Array | None = None
-        self._awake: tuple[Array, Array] | None = None
+        self._last_awake: tuple[Array, Array] | None = None
         self._set_reach(first, second)
         # for queries without a cache: every pair is a candidate
         self._every = PairCandidates(self.size)
@@ -128,7 +128,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         system = self.system
         reaches: dict[str, Array] = {}
         rows, envelope = [], np.zeros(system.nv)
-        dense = len(second) * system.nv <= _DENSE_REACH
+        dense = len(second) * system.nv <= _MOST_DENSE
         for a, b in zip(first, second, strict=True):
             sides = [np.zeros(system.nv) if s is None else _reach(system, s, reaches) for s in (a, b)]
             # a velocity that moves both bodies moves them as one rigid body: their distance does not change
@@ -174,13 +174,13 @@ class Pairs(Rebuilt, ConstraintFamily):
     def skip_resting(self, resting: Array | None) -> None:
         """Leave out the pairs of bodies that are both at rest; see the base class."""
         self._resting = None if resting is None else resting[self._first_body] & resting[self._second_body]
-        self._awake = None
+        self._last_awake = None
 
     def _not_resting(self, index: Array, resting: Array) -> Array:
         # return the same array while nothing changes: `HalfSpaceContacts` compares it by identity
-        if self._awake is None or self._awake[0] is not index:
-            self._awake = index, index[~resting[index]]
-        return self._awake[1]
+        if self._last_awake is None or self._last_awake[0] is not index:
+            self._last_awake = index, index[~resting[index]]
+        return self._last_awake[1]
 
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         """Return the rows of some pairs within the tolerance; see `contacts_among`."""
@@ -216,7 +216,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         return self.nearest(q, pairs).gap
 
     def passed_share(self) -> Array:
-        """Return the travel of each pair at each unit velocity, in its thickness a second, shape (nv, n)."""
+        """Return the reach divided by the thickness, shape (nv, n); see the base class."""
         return np.asarray(self.reach().T / self.thickness)
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:

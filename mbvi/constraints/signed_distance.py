@@ -28,8 +28,8 @@ _FINE, _ROBUST = 1e-9, 1e-6
 # lengths below are relative to the bounding radius of the smaller shape
 # how much deeper the fine answer may be than the robust one
 _AGREEMENT = 1e-4
-# error of Coal's normal: at most, where the shapes just touch, and at least, far from there [rad]
-_MOST_TURN, _LEAST_TURN = 0.3, 1e-5
+# bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad]
+_ERROR_TOUCHING, _ERROR_APART = 0.3, 1e-5
 # how deep below the contact plane a vertex may lie and still belong to the patch
 _PATCH_DEPTH = 0.02
 # a patch whose corners are all less deep than the penetration by more than this lacks the deepest point
@@ -45,7 +45,7 @@ _SAME_FACE, _EQUAL = cos(1e-3), 1e-8
 _GRID = 2.0**47
 
 
-class _Kept(NamedTuple):
+class _Measurement(NamedTuple):
     """The last measurement of a pair: the placements of its bodies as bytes, and its contacts.
 
     `patched` is whether the patch was computed. If `rough` is True, `distance` is only a lower bound.
@@ -97,7 +97,7 @@ class SignedDistances(Pairs):
     ) -> None:
         super().__init__(system, first, second, names, restitution)
         self._line, self._at_rest = line, at_rest
-        self._kept: dict[int, _Kept] = {}
+        self._kept: dict[int, _Measurement] = {}
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
@@ -225,11 +225,11 @@ class SignedDistances(Pairs):
             normal.extend([kept.normal] * len(kept.gap))
         return Contacts(np.array(pair), np.array(gap), np.array(point), np.array(normal))
 
-    def _measure_one(self, k: int, places: Array, where: bytes, tolerance: float, rough: bool) -> _Kept:
+    def _measure_one(self, k: int, places: Array, where: bytes, tolerance: float, rough: bool) -> _Measurement:
         """Return the contacts of one pair, after `_place`, with all that is kept while its bodies stand still."""
         distance, axis, middle, exact = self._refined_distance(k, places, tolerance if rough else np.inf)
         if distance > tolerance:
-            return _Kept(where, False, rough, distance, axis, [distance], [middle], axis)
+            return _Measurement(where, False, rough, distance, axis, [distance], [middle], axis)
         n, patch = axis, None
         if self._has_faces[k]:
             n = self._face_of(k, places, axis, distance) if exact else self._likely_face(k, axis, distance)
@@ -244,7 +244,7 @@ class SignedDistances(Pairs):
         # where edges cross, the deepest point may be none of the corners of the patch: it is a row of its own
         if not gap or min(gap) > distance + _CORNER * self._bound[k]:
             gap, point = [distance, *gap], [middle, *point]
-        return _Kept(where, True, False, distance, axis, gap, point, n)
+        return _Measurement(where, True, False, distance, axis, gap, point, n)
 
     def _face_of(self, k: int, places: Array, n: Array, distance: float) -> Array:
         """Return the normal of a face, if the separation along it is the distance; else n. The first shape goes first.
@@ -268,8 +268,8 @@ class SignedDistances(Pairs):
 
         The error grows as the distance vanishes.
         """
-        turn = _FINE * self._unit[k] / max(abs(distance), 1e-300) + _LEAST_TURN
-        closest, sharp = cos(min(_MOST_TURN, turn)), n
+        turn = _FINE * self._unit[k] / max(abs(distance), 1e-300) + _ERROR_APART
+        closest, sharp = cos(min(_ERROR_TOUCHING, turn)), n
         for side, scaled, sign in zip(self._sides[k], self._scaled_sides[k], (1.0, -1.0), strict=True):
             normals = self._normals[side]
             if normals is None:

@@ -19,7 +19,7 @@ _ITERATIONS, _FEWEST_ITERATIONS = 1000, 50
 _NEGLIGIBLE = 1e-11
 # upper bound of u, which stands for none
 _UNBOUNDED = 1e20
-# a row whose slack is this many times the largest violation is left out at first; rounds in which rows join
+# rows with a slack of this many times the largest violation are left out until violated; most solutions until then
 _FAR, _MOST_TRIES = 1e8, 10
 # percussions above this share of the largest belong to active rows
 _POSITIVE = 1e-7

@@ -36,11 +36,12 @@ class SparsePCG:
 
     G = A' A is sparse: two rows have an entry only if they share a body. A working set is solved: the violated rows,
     those active in the last projection, and the nearest others. Rows that the answer violates join it. Rows that share
-    a body, directly or through other rows, form an island; islands have no body in common and
-    are solved one by one. A small island is solved to rounding by the compiled dual active-set method. A large one keeps the last percussions if they still fit; otherwise sweeps of
-    projected Gauss-Seidel find its active rows, and conjugate gradients with an incomplete Cholesky factor solve the
-    equations of these, cut off where a percussion would turn negative. An island whose residual stays too
-    large, for instance because masses differ by many powers of ten, is solved by the dense solvers.
+    a body, directly or through other rows, form an island; islands have no body in common and are solved one by one. A
+    small island is solved to rounding by the compiled dual active-set method. A large one keeps the last percussions
+    if they still fit; otherwise sweeps of projected Gauss-Seidel find its active rows, and conjugate gradients with an
+    incomplete Cholesky factor solve the equations of these, cut off where a percussion would turn negative. An island
+    whose residual stays too large, for instance because masses differ by many powers of ten, is solved by the dense
+    solvers.
 
     Notes
     -----
@@ -52,29 +53,29 @@ class SparsePCG:
         m = len(qp.d)
         u = np.zeros(m) if start is None else start.u.copy()
         carried = 1.0 if start is not None and start.same_velocity else _CARRIED
-        small = min(qp.tolerance, _ROUNDED * qp.largest)
-        working, tried = _working_set(qp.d, u), set[int]()
+        rounding = min(qp.tolerance, _ROUNDED * qp.largest)
+        working, solved_densely = _working_set(qp.d, u), set[int]()
         label = None
         while True:
             if label is None:
                 label = _solve_working_set(qp, working, carried, u)
                 carried = 1.0
-                few = np.bincount(label + 1)[label + 1] <= _SMALL
-                enough = np.where(few, small, qp.tolerance)
+                is_small = np.bincount(label + 1)[label + 1] <= _SMALL
+                allowed = np.where(is_small, rounding, qp.tolerance)
             z = qp.combine(u)
             slack = qp.slack(z)
-            off = np.abs(np.minimum(u, slack))
+            residual = np.abs(np.minimum(u, slack))
             violated = ~working & (slack < 0.0)
-            if violated.any() and off[violated].max() > enough[label >= 0].max(initial=0.0):
+            if violated.any() and residual[violated].max() > allowed[label >= 0].max(initial=0.0):
                 working, label = working | violated, None
                 continue
-            failed = (off > enough) & (label >= 0)
-            bad = set(label[failed].tolist()) - tried if failed.any() else None
-            if not bad:
+            failed = (residual > allowed) & (label >= 0)
+            failed_islands = set(label[failed].tolist()) - solved_densely if failed.any() else None
+            if not failed_islands:
                 return Candidate(z, u, stationary=True)
-            for island in bad:
+            for island in failed_islands:
                 _solve_densely(qp, np.flatnonzero(label == island), u)
-            tried |= bad
+            solved_densely |= failed_islands
 
 
 def _working_set(d: Array, u: Array) -> Array:

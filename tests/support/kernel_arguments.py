@@ -673,7 +673,7 @@ ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
-    "_touching": touching,
+    "_pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
@@ -771,7 +771,7 @@ def specified(name, result, arguments):
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
     if name == "_near_balls":
         return [result, np.sort(arguments[-1][:result])]
-    if name in ("_touching", "wall_contacts"):
+    if name in ("_pairs_within", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
     if name == "gram":

@@ -20,7 +20,7 @@ from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plai
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
-from support.plain.spheres import _touching_plain
+from support.plain.spheres import _pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import _back_plain, advance_plain, factor_plain, solve_plain
 from support.plain.triangles import near_triangles_plain
@@ -52,7 +52,7 @@ PLAIN = {
     "_solve_islands": solve_islands_plain,
     "_choose_rows": _struck_plain,
     "half_space_rows": half_space_rows_plain,
-    "_touching": _touching_plain,
+    "_pairs_within": _pairs_within_plain,
     "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,
