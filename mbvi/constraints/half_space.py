@@ -136,8 +136,8 @@ class HalfSpaceContacts(Pairs):
 
     Attributes
     ----------
-    in_line : int
-        How many points are left out.
+    collinear_points : int
+        How many support points are left out for that reason.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class HalfSpaceContacts(Pairs):
         restitution: Array,
         lines: Array | None = None,
     ) -> None:
-        self.in_line = 0
+        self.collinear_points = 0
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = hasattr(system, "kinematics")
@@ -162,7 +162,7 @@ class HalfSpaceContacts(Pairs):
             if lines is not None:
                 # a rim with its centre on such a line may be left out too: its lowest point is another fixed point
                 kept = unique_along(points, lines[pair])
-                self.in_line += len(points) - len(kept)
+                self.collinear_points += len(points) - len(kept)
                 points, axes = points[kept], axes[kept]
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
             numbers.append(np.concatenate([points, axes, rest], axis=1))
