@@ -1,4 +1,4 @@
-"""Unilateral constraints f(q) >= 0 and their gradients: they know no time step."""
+"""Unilateral constraints f(q) >= 0 and their gradients, independent of time steps and solvers."""
 
 from .admissible_set import AdmissibleSet
 from .broad_phase import BroadPhasePairs

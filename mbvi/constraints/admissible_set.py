@@ -23,11 +23,11 @@ class AdmissibleSet(Rebuilt):
     Parameters
     ----------
     system : System
-        What q belongs to.
+        The system whose configurations q are.
     constraints : sequence of Constraint or ConstraintFamily
         Families, and a user's objects with `gap(t, q)` and `gradient(t, q)`.
     restitution : ndarray, shape (len(constraints),)
-        e of those constraints that have none of their own.
+        e of each constraint; it applies where a constraint has none of its own.
 
     Attributes
     ----------
@@ -36,12 +36,13 @@ class AdmissibleSet(Rebuilt):
     families : tuple of ConstraintFamily
         The same, each user's object in its adapter.
     lever : ndarray, shape (k,)
-        The factors that make lengths of gaps and rates of the first k constraints; those of all others are lengths.
+        Factors by which gaps and rates of the first k constraints become lengths and speeds: the scene's length for
+        angles, otherwise 1. All further constraints have lengths as gaps.
 
     Notes
     -----
-    Constraints are numbered through; `name(k)` is the name of number k in impacts. Rows do not depend on what the cache
-    knows of earlier configurations.
+    Constraints of all families are numbered one after the other; `name(k)` is the name of number k in impacts. The
+    cache saves time only: the rows are the same as without it.
     """
 
     def __init__(
@@ -95,13 +96,13 @@ class AdmissibleSet(Rebuilt):
         return max((float(np.max(own, initial=0.0)) for own in e), default=0.0)
 
     def levers(self, numbers: Array) -> Array | float:
-        """Return the factors that make lengths of gaps and rates of some rows, shape (k,), or 1."""
+        """Return the factors by which gaps of some constraints become lengths, shape (k,), or 1 for all."""
         if not self.lever.size:
             return 1.0
         return np.where(numbers < len(self.lever), self.lever.take(numbers, mode="clip"), 1.0)
 
     def numbered(self) -> list[tuple[ConstraintFamily, int, float]]:
-        """Return every family, the number of its first constraint, and e where it has none of its own."""
+        """Return families, the number of the first constraint of each, and the e that applies where it has none."""
         return list(zip(self.families, self._starts[:-1], self._e, strict=True))
 
     def active(
@@ -116,16 +117,17 @@ class AdmissibleSet(Rebuilt):
         q : ndarray, shape (nq,)
             Configuration.
         tolerance : float
-            Activation tolerance [m or rad]. Rows beyond the tolerance of earlier calls may be missing; see `near`.
+            Activation tolerance [m or rad]. If it is larger than in earlier calls, rows may be missing: call `near`
+            instead.
         origin, moved : ndarray, shapes (nq,) and (nv,), optional
-            Another configuration and the tangent vector from there to q, where known: if it is the configuration of the
-            last call, no difference is computed.
+            Another configuration and the tangent vector from it to q. If `origin` is the configuration of the last
+            call, the cache uses `moved` and need not compute the difference.
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         return concatenate(found) if found else self.empty
 
     def near(self, t: float, q: Array, reach: float) -> Rows:
-        """Return the rows with f_a(q) <= reach, which may be more than the tolerance of earlier calls."""
+        """Return the rows with f_a(q) <= reach, for any reach: the cache is cleared first."""
         self.cache.forget()
         return self.active(t, q, reach)
 

@@ -1,4 +1,4 @@
-"""The family of many shapes against each other: only pairs of a Verlet list are measured."""
+"""The family of many shapes against each other: only pairs of a Verlet list have their distance computed."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from .signed_distance import SignedDistances
 
 
 class BroadPhasePairs(Rebuilt, ConstraintFamily):
-    """Every pair of a scene's shapes, but those of one body, of two spheres, and those left out.
+    """Every pair of shapes on different bodies, except those that `left_out` names.
 
     Parameters
     ----------
     system : System
         What moves the bodies.
     shapes : sequence of PlacedShape
-        The shapes, in the order that numbers and names go by.
+        The shapes; constraints are numbered by their places in this list.
     left_out : callable
         left_out(i, j) -> ndarray of bool: which pairs of shapes, i < j, are left out.
     restitution_of : callable
@@ -38,13 +38,13 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
 
     Notes
     -----
-    Constraint i n + j is the pair of shapes i < j. A pair is listed if its bounding spheres are near each other and, if
-    one shape is a box of the world, that box is near the bounding sphere of the other. A list is valid until shapes
-    have moved against each other by the skin of the `VerletList`.
+    Constraint i n + j is the pair of shapes i < j of n shapes. A pair is listed if its bounding spheres are near each
+    other. If one shape is a box of the world, the box itself must be near the bounding sphere of the other. A list is
+    valid until two shapes can have come nearer to each other by the skin of the `VerletList`.
     """
 
     smooth = False
-    # pairs are listed only when near
+    # EventDriven needs all rows in advance; here pairs are listed only when near
     tracked = False
     skips_resting = True
 
@@ -65,7 +65,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         self._bound = np.array([s.shape.bound for s in shapes])
         self._turn = np.array([s.rotation for s in shapes])
         self._position = np.array([s.position for s in shapes])
-        # of boxes of the world only: a list stays valid while other boxes turn
+        # half edges of boxes of the world; other boxes may turn while a list is valid, so that only their spheres count
         self._half = np.array(
             [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
         )
@@ -73,14 +73,14 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         self._geometry: dict[tuple[int, float], Any] = {}
         self._unit = length_unit(self._bound.tolist())
         self._inner = np.array([s.shape.inner for s in shapes])
-        # made when first needed
+        # computed when first needed
         self._reach: csr_array | None = None
-        self._listed: _Listed | None = None
-        self._queried: tuple[bytes, _Listed] | None = None
-        self._lists = -1
+        self._listed: _ListedPairs | None = None
+        self._queried: tuple[bytes, _ListedPairs] | None = None
+        self._list_count = -1
         self._resting: Array | None = None
         self.size = len(self._shapes) ** 2
-        # of pairs that are not listed yet no e is known
+        # e is looked up when a pair is listed
         self.restitution = np.zeros(0)
 
     def name(self, constraint: int) -> str:
@@ -93,7 +93,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         return f"pairs of {len(self._shapes)} shapes, found when near"
 
     def _places(self, q: Array) -> tuple[Array, Array]:
-        """Return where the shapes are: rotations, shape (n, 3, 3), and centres, shape (n, 3)."""
+        """Return rotations, shape (n, 3, 3), and centres, shape (n, 3), of all shapes in the world."""
         turns, centres = self._turn.copy(), self._position.copy()
         on = self._body > 0
         places = self.system.placements(q, self._moving)[self._frame[on]]
@@ -106,9 +106,9 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         """Return the rows within the tolerance, or None."""
         turns, centres = self._places(q)
         pairs = self._neighbours.within(centres, max(tolerance, 0.0))
-        if self._listed is None or self._lists != self._neighbours.lists:
-            self._lists = self._neighbours.lists
-            self._listed = self._list(*np.divmod(pairs, len(self._shapes)), turns, centres)
+        if self._listed is None or self._list_count != self._neighbours.lists:
+            self._list_count = self._neighbours.lists
+            self._listed = self._list_near(*np.divmod(pairs, len(self._shapes)), turns, centres)
             self._listed.skip_resting(self._resting)
         return self._listed.contacts(t, q, tolerance)
 
@@ -118,19 +118,20 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         if self._listed is not None:
             self._listed.skip_resting(resting)
 
-    def _list(self, i: Array, j: Array, turns: Array, centres: Array) -> _Listed:
-        """Return the pairs that can become near before shapes have moved by the skin."""
+    def _list_near(self, i: Array, j: Array, turns: Array, centres: Array) -> _ListedPairs:
+        """Return those of the pairs (i, j) whose shapes can touch before they have moved by the skin."""
         kept, far = (self._body[i] != self._body[j]) & ~self._left_out(i, j), self._neighbours.reach
         for a, b in ((i, j), (j, i)):
-            # the other's bounding sphere in the axes of the box
+            # the centre of the other's bounding sphere in the axes of the box, beyond its faces
             outside = np.abs(np.vecmat(centres[b] - centres[a], turns[a])) - self._half[a]
             kept &= np.linalg.norm(np.maximum(outside, 0.0), axis=1) <= self._bound[b] + far
-        return self._listing(i[kept], j[kept])
+        return self._pairs_of(i[kept], j[kept])
 
-    def _listing(self, i: Array, j: Array) -> _Listed:
+    def _pairs_of(self, i: Array, j: Array) -> _ListedPairs:
+        """Return the family of the given pairs of shapes."""
         first, second = [self._shapes[k] for k in i.tolist()], [self._shapes[k] for k in j.tolist()]
         e = np.array([self._restitution_of(a.name, b.name) for a, b in zip(first, second, strict=True)])
-        return _Listed(
+        return _ListedPairs(
             self.system,
             first,
             second,
@@ -170,32 +171,36 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs, shape (k,) [m]."""
         if self._queried is None or self._queried[0] != pairs.tobytes():
-            self._queried = pairs.tobytes(), self._listing(*np.divmod(pairs, len(self._shapes)))
+            self._queried = pairs.tobytes(), self._pairs_of(*np.divmod(pairs, len(self._shapes)))
         return self._queried[1].nearest(q, np.arange(len(pairs))).gap
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of the nearest contact of each pair that is not left out, in the order of `gap`."""
-        contacts = self._every(q)[0]
+        contacts = self._nearest_of_all(q)[0]
         return contacts.point, contacts.normal
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair that is not left out, shape (m,) [m]."""
-        return self._every(q)[0].gap
+        return self._nearest_of_all(q)[0].gap
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair's distance, shape (m, nv)."""
-        contacts, listed = self._every(q)
+        contacts, listed = self._nearest_of_all(q)
         return dense(listed._gradients(q, contacts))
 
-    def _every(self, q: Array) -> tuple[Contacts, _Listed]:
+    def _nearest_of_all(self, q: Array) -> tuple[Contacts, _ListedPairs]:
+        """Return the nearest contact of every pair that is not left out, and the family of these pairs."""
         i, j = np.triu_indices(len(self._shapes), 1)
         kept = (self._body[i] != self._body[j]) & ~self._left_out(i, j)
-        listed = self._listing(i[kept], j[kept])
+        listed = self._pairs_of(i[kept], j[kept])
         return listed.nearest(q, np.arange(len(listed.names))), listed
 
 
-class _Listed(SignedDistances):
-    """The listed pairs, all of which are measured at every query: no clearance would outlast their list."""
+class _ListedPairs(SignedDistances):
+    """The pairs of one Verlet list, all of which are measured at every query.
+
+    They have no clearances: the list itself leaves out the pairs that are far apart, and it is short-lived.
+    """
 
     def __init__(
         self,
@@ -214,14 +219,14 @@ class _Listed(SignedDistances):
         super().__init__(system, first, second, names, restitution, line, at_rest, unit)
 
     def _set_reach(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
-        """Set nothing: no cache reads a reach here."""
+        """Set no bounds: without clearances they are not read."""
 
     def _coal(self, placed: PlacedShape, unit: float) -> Any:
-        # hulls are expensive to make
+        # Coal's hulls are expensive to build: one for each shape serves all lists
         key = id(placed.shape), unit
         if key not in self._known:
             self._known[key] = placed.shape.coal(unit)
         return self._known[key]
 
-    def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
+    def _constants_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
         return self._numbers[pair], self._first_body[pair], self._second_body[pair], self.restitution[pair]

@@ -1,4 +1,4 @@
-"""The cache of an admissible set: which families must be queried at a configuration, by how far things have moved."""
+"""The cache of an admissible set: skips families whose bodies have not moved far enough to touch."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: A
     moved : ndarray, shape (nv,)
         Tangent vector between two configurations.
     envelope : ndarray, shape (n, nv)
-        How fast each velocity can close each family.
+        The envelope of each family: a gap falls by no more than envelope . |moved|.
     travel : ndarray, shape (n, nv)
         Sum of |moved| since each family was last updated; added to.
     clearance : ndarray, shape (n,)
@@ -47,12 +47,12 @@ def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: A
 
 
 class _Entry:
-    """One family in the cache, with the numbers that make rows of the problem of its rows.
+    """One family in the cache, and how its rows become rows of the problem.
 
     Attributes
     ----------
     slot : int
-        Its place in the arrays of the cache; -1 for a family that is queried at every step.
+        Its row in the arrays of the cache; -1 for a family that is queried at every step.
     candidates : PairCandidates or None
         Of a family of pairs.
     """
@@ -62,9 +62,9 @@ class _Entry:
         self.candidates: PairCandidates | None = None if slot < 0 else family.pair_candidates()
         self.query: Any = family.contacts if self.candidates is None else family.contacts_among
         self._start, self._e, self._own_e = start, e, not np.isnan(family.restitution).any()
-        # rows that need no change are passed on
+        # the family's numbers are those of the problem, and every row has its own e
         self.as_is = start == 0 and self._own_e
-        # the numbers of the last rows, in the family and in the problem
+        # constraint numbers of the last rows, counted in the family and in the problem
         self._number = self._shifted = np.zeros(0, np.int64)
 
     def numbered(self, rows: Rows) -> Rows:
@@ -79,20 +79,20 @@ class _Entry:
 
 
 class ClearanceCache:
-    """Skips the families that cannot have a row within the tolerance yet; its only owner is one `AdmissibleSet`.
+    """Skips the families that cannot have a row within the tolerance yet; each `AdmissibleSet` has one of its own.
 
     After a query the cache knows the clearance of a family: by how much its gaps must fall before it has a row that the
     query did not return. From one configuration to the next a gap falls by no more than envelope . |difference|, which
     is taken from the clearance. Once the clearance is negative the family is queried again.
 
-    A family of pairs (`PairCandidates`) has a second level. While the clearance of all other pairs lasts, only the
-    candidates are measured, at every step. Once it is used up, the travel since the last update is taken from the
-    clearance of every pair, and the candidates are listed again.
+    A family of pairs (`PairCandidates`) has a second level. While the other pairs have clearance left, only the
+    candidates are measured, at every step. Once the least of it is used up, the travel since the last update
+    is taken from the clearance of every pair, and the candidates are listed again.
 
     Parameters
     ----------
     system : System
-        What q belongs to.
+        The system whose configurations q are.
     numbered : sequence of (ConstraintFamily, int, float)
         Each family, the number of its first constraint, and e where it has none of its own.
 
@@ -116,7 +116,7 @@ class ClearanceCache:
         self._travels = list(self._travel)
         # mask of the families whose candidates are measured at every step
         self._always_query = 0
-        # the entries to be queried for each mask: few masks come again and again
+        # the entries to be queried for each mask; a run has few different masks
         self._plans: dict[int, list[_Entry]] = {}
         self._last: Array | None = None
 
@@ -149,7 +149,7 @@ class ClearanceCache:
                     self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
                 rows = entry.query(q, tolerance, candidates)
                 if candidates.any_empty:
-                    # a pair that need not be measured at the next step
+                    # a candidate without a row may be skipped at the next step: list the candidates again
                     self._clearance[slot] = -np.inf
             if rows is not None:
                 found.append(rows if entry.as_is else entry.numbered(rows))
@@ -158,7 +158,7 @@ class ClearanceCache:
     def _consume(self, q: Array, origin: Array | None, moved: Array | None) -> int:
         """Take the displacement to q from the clearances; return the mask of those that are used up."""
         last = self._last
-        # q itself where it cannot change, otherwise a copy
+        # an array that may be written to can change later: keep a copy of it
         self._last = q if not q.flags.writeable else q.copy()
         if last is None:
             return (1 << len(self._clearance)) - 1

@@ -14,14 +14,14 @@ from .rows import Array
 def list_candidates(
     clearance: Array, reach: Array, travel: Array, tolerance: float, candidates: Array
 ) -> tuple[int, float]:
-    """Take the travel from the clearances of pairs and list those that are used up.
+    """Take the travel from the clearances of pairs, and list the pairs whose clearance is used up.
 
     Parameters
     ----------
     clearance : ndarray, shape (n,)
-        What the bodies of each pair may travel before they can touch [m]; subtracted from.
+        By how much the gap of each pair may still fall [m]; reduced by the travel.
     reach : ndarray, shape (nv, n)
-        How far each velocity carries each pair towards each other.
+        Reach of each pair: its gap falls by no more than |displacement| . reach.
     travel : ndarray, shape (nv,)
         Sum of |displacement| since the last call; zero afterwards.
     tolerance : float
@@ -55,22 +55,22 @@ def list_candidates(
 class PairCandidates:
     """Which pairs of one family must be measured at a configuration: those whose clearance is used up.
 
-    The clearance of a pair is its last gap less the most that its two shapes can have come nearer since, which is
-    reach . |difference of configurations|.
+    The clearance of a pair is its last gap, less the most by which the gap can have fallen since. That is the sum of
+    reach . |displacement| over the steps since then.
 
     Parameters
     ----------
     count : int
         How many pairs there are.
     reach : ndarray or csr_array, shape (nv, count), optional
-        How fast each velocity brings each pair nearer; without it all pairs stay candidates.
+        Reach of each pair: its gap falls by no more than |displacement| . reach. Without it all pairs stay candidates.
 
     Attributes
     ----------
     index : ndarray of int, shape (k,)
         The candidates, ascending; the same array until it changes.
     clearance : ndarray, shape (count,)
-        What the bodies of each pair may travel before they can touch [m].
+        By how much the gap of each pair may still fall before the pair can touch [m].
     any_empty : bool
         Whether the last measurement found a candidate without a row.
     """

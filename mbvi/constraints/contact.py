@@ -16,8 +16,9 @@ class Contact:
     name : str
         Name of the constraint: "hopper/foot | floor", "hopper/knee lower limit".
     point, normal : ndarray, shape (3,)
-        Contact point [m] and unit normal in the world; NaN where the constraint is no contact. The normal leads from
-        the first body named to the second, and out of half-spaces and meshes of the world, which are named second.
+        Contact point [m] and unit normal in the world; NaN where the constraint is no contact. The normal points from
+        the first body of the name to the second. Exception: half-spaces and meshes of the world are named second, and
+        the normal points out of them.
     percussion : float
         p >= 0 along the gradient during the step [N s, N m s].
     force : float

@@ -13,7 +13,7 @@ from .rows import NO_POINT, Array, Rows
 
 
 class RowTable(NamedTuple):
-    """The rows that `EventDriven` follows, whether they are near or far.
+    """All rows of a family, near or far, as `EventDriven` needs them to find the times at which gaps close.
 
     Attributes
     ----------
@@ -24,9 +24,9 @@ class RowTable(NamedTuple):
     smooth : ndarray of bool, shape (k,)
         Whether the gradient of each row is continuous.
     reach : ndarray, shape (k, nv), or None
-        How fast each velocity can change each gap; None where that is not known.
+        Bounds of the entries of each gradient; None where they are not known.
     thickness : ndarray, shape (k,), or None
-        How far bodies travel at least to pass through each other [m]; None where nothing is passed through.
+        The least travel within which bodies can pass through each other [m]; None where they never can.
     """
 
     number: Array
@@ -56,11 +56,12 @@ class ConstraintFamily(ABC):
     smooth : ndarray of bool, shape (size,), or bool
         Whether the gradient of each constraint is continuous.
     lever : ndarray, shape (size,), or float
-        The factor that makes a length of a gap: the scene's length [m/rad] for an angle, otherwise 1.
+        The factor by which a gap becomes a length: the scene's length [m/rad] for an angle, otherwise 1.
     moving : bool
         Whether gaps change with time at a fixed q; `rate` says how fast.
     thickness : ndarray, shape (size,), or float
-        How far bodies travel at least to pass through each other [m]; infinite where nothing is passed through.
+        The least travel within which bodies can pass through each other [m]; infinite where they never can, or where
+        the tunnelling guard shall not check.
     tracked : bool
         Whether the rows can be listed one by one, as `EventDriven` needs them.
     skips_resting : bool
@@ -84,7 +85,7 @@ class ConstraintFamily(ABC):
 
     @property
     def count(self) -> int:
-        """How many constraints there are; less than `size` where numbers are left unused."""
+        """How many constraints there are: less than `size` if some numbers have none, as pairs i n + j with i >= j."""
         return self.size
 
     def name(self, number: int) -> str:
@@ -136,7 +137,7 @@ class ConstraintFamily(ABC):
         if not near.size:
             self._clearance = float(lengths.min(initial=np.inf)) - tolerance
             return None
-        # a row that is active is evaluated at every step
+        # an active row must be returned at every step, so that no step can be skipped
         self._clearance = -np.inf
         rate, nowhere = self.rate(t, q), np.tile(NO_POINT, (near.size, 1))
         e = np.full(gap.shape, self.restitution)[near]
@@ -150,9 +151,9 @@ class ConstraintFamily(ABC):
     # for the cache
 
     def reach(self) -> Array | None:
-        """Return how fast each velocity can change each gap, shape (size, nv); None where no bound is known.
+        """Return bounds of the entries of each gradient, shape (size, nv); None where no bound is known.
 
-        A gap falls by no more than reach . |difference| between two configurations.
+        Between two configurations a gap falls by no more than reach . |difference|.
         """
         return None
 
@@ -164,16 +165,16 @@ class ConstraintFamily(ABC):
     def clearance(self) -> float:
         """Return how far any gap may fall before `contacts` must be called again [m].
 
-        It is read directly after each call of `contacts`. A negative value means: at the next step in any case.
+        It is read directly after each call of `contacts`. If it is negative, `contacts` is called at the next step.
         """
         return self._clearance
 
     def pair_candidates(self) -> PairCandidates | None:
-        """Return the table of a family that measures some of its pairs only; None for all others."""
+        """Return a new table of candidates, if the family has clearances for single pairs; None otherwise."""
         return None
 
     def contacts_among(self, q: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
-        """Return the rows of the candidates within the tolerance, or None; their clearances are written."""
+        """Return the rows of the candidates within the tolerance, or None; write the clearances of the candidates."""
         raise NotImplementedError
 
     # for EventDriven: rows with a number of their own, each a function of q
@@ -190,7 +191,7 @@ class ConstraintFamily(ABC):
         return np.asarray(self.gap(t, q)[rows])
 
     def row_lower_bound(self, t: float, q: Array, rows: Array) -> Array:
-        """Return lower bounds of some gaps, shape (k,): positive ones, or the gaps themselves."""
+        """Return lower bounds of some gaps, shape (k,); a bound that is not positive must be the gap itself."""
         return self.row_gap(t, q, rows)
 
     def row_gradient(self, t: float, q: Array, rows: Array) -> Array:
@@ -198,7 +199,7 @@ class ConstraintFamily(ABC):
         return np.asarray(self.gradient(t, q)[rows])
 
     def row_bias(self, t: float, q: Array, v: Array, rows: Array) -> Array:
-        """Return (dJ/dt) v of some rows, shape (k,); NaN where it is to be found by differences of gradients."""
+        """Return (dJ/dt) v of some rows, shape (k,); NaN where the caller shall take differences of gradients."""
         return np.full(len(rows), np.nan)
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
@@ -212,13 +213,13 @@ class ConstraintFamily(ABC):
     # for the tunnelling guard
 
     def least_displacement(self) -> float:
-        """Return the largest entry of a tangent vector up to which nothing is passed through; infinite: never."""
+        """Return a bound: no body passes through another if no entry of a displacement is larger."""
         envelope = self.envelope()
         total = 0.0 if envelope is None else float(envelope.sum())
         return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf
 
     def passed_share(self) -> Array | None:
-        """Return the part of each thickness that each velocity travels in a second, shape (nv, size) [1/s].
+        """Return the reach divided by the thickness, shape (nv, size): travel in thicknesses per unit displacement.
 
         None where the pairs are too many to be listed.
         """
@@ -231,14 +232,14 @@ class ConstraintFamily(ABC):
         Parameters
         ----------
         q, displacement : ndarray, shapes (nq,) and (nv,)
-            Configuration, and the tangent vector that leads on from it.
+            Configuration, and the tangent vector along which it moves.
 
         Returns
         -------
         pairs : ndarray of int, shape (k,)
             Their numbers.
         travel, thickness : ndarray, shape (k,)
-            How far they travel towards each other at most, and their thickness [m].
+            The most that the bodies of each travel towards each other, and their thickness [m].
         """
         reach = self.reach()
         if reach is None:
@@ -254,7 +255,7 @@ class ConstraintFamily(ABC):
     # for sleeping bodies
 
     def skip_resting(self, resting: Array | None) -> None:  # noqa: B027
-        """Leave out the pairs of bodies that are both at rest, shape (bodies,) of bool; None leaves out none."""
+        """Leave out pairs whose bodies are both at rest; `resting` has shape (bodies,), None leaves out no pair."""
 
     # for the report
 

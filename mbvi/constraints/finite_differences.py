@@ -1,4 +1,4 @@
-"""Directional derivatives by central differences, with bounds on what they may be."""
+"""Directional derivatives by central differences, with error bounds."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 
 Array = np.ndarray
 
-# lengths of differences, relative to the scale of q: in all, and where few must do
+# lengths of differences, relative to the scale of q: of a full check, and of a quick one
 _ALL, _FEW = 10.0 ** -np.arange(2.0, 10.0), 10.0 ** -np.arange(4.0, 8.0)
+# relative rounding error of one value of f
 _EPS = 2.3e-16
-# a shorter difference is taken where its error is no more than so many times the least there is, or this part of it
+# the shortest difference is taken whose error is at most so many times the least error, or this part of the slope
 _NEARLY, _PRECISE = 10.0, 1e-5
-# relative to the steepest slope: two lengths with slopes this close give the same slope
+# two lengths have the same slope if their slopes differ by less than this part of the steepest
 _ALIKE = 1e-4
 
 
@@ -36,7 +37,7 @@ class Slopes(NamedTuple):
 
 
 def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, full: bool) -> Slopes:
-    """Return the derivatives of functions of a displacement, at none.
+    """Return the derivatives at w = 0 of functions of a displacement w.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
     along : ndarray, shape (k, nv)
         Unit directions.
     scale : float
-        To which lengths of differences are relative.
+        The size of q, by which the lengths of differences are multiplied.
     full : bool
         Whether to try differences of eight lengths, or of four.
     """
@@ -62,13 +63,13 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
         error[~np.isfinite(error)] = np.inf
         least = error.min(axis=1, keepdims=True)
         enough = error <= np.maximum(_NEARLY * least, _PRECISE * np.abs(central[:, 1:]))
-        # the shortest of them
+        # the shortest of these lengths, as the last of them
         best = (error.shape[1] - 1 - enough[:, ::-1].argmax(axis=1))[:, None]
         middle = np.take_along_axis(central[:, 1:], best, 1)[:, 0]
         off = 2.0 * np.take_along_axis(error, best, 1)[:, 0]
         forward = np.take_along_axis(((plus - here) / h)[:, 1:], best, 1)[:, 0]
         backward = np.take_along_axis(((here - minus) / h)[:, 1:], best, 1)[:, 0]
-        # a staircase, or noise, has one slope at short lengths and another at long ones
+        # a function with small jumps or noise has one slope at short lengths and another at long ones: allow both
         flat = error <= _ALIKE * np.abs(central).max(axis=1, keepdims=True, initial=0.0) + rounding[:, 1:]
         least_flat = np.where(flat, central[:, 1:], np.inf).min(axis=1)
         most_flat = np.where(flat, central[:, 1:], -np.inf).max(axis=1)
@@ -80,7 +81,7 @@ def slopes(f: Callable[[Array], Any], here: Array, along: Array, scale: float, f
 
 
 def _value(f: Callable[[Array], Any], w: Array, count: int) -> Array:
-    """Return f(w); NaN where it fails: a user's function need not be defined beyond the motion."""
+    """Return f(w); NaN where it fails: a user's function need not be defined where the motion never comes."""
     try:
         value = np.asarray(f(w), dtype=float).reshape(-1)
     except Exception:

@@ -18,12 +18,11 @@ from .finite_differences import Slopes, slopes
 from .gap_function import GapFunction
 from .rows import NO_POINT, Array, Constraint, Rows
 
-# relative difference between a gradient and differences of f that gives a warning; entries of a gradient below this
-# part of it are not compared
+# a gradient may differ from differences of f by this part of its entry, and by this part of its largest entry
 _DIFFERENT, _SMALL = 1e-3, 1e-5
-# the part of a gradient whose sign counts
+# entries of a gradient below this part of the largest may have either sign
 _SIGNIFICANT = 1e-3
-# velocities up to which a gradient is checked entry by entry; beyond along so many directions
+# largest nv at which a gradient is checked entry by entry; beyond it is checked along so many random directions
 _ENTRIES, _DIRECTIONS = 64, 8
 
 
@@ -57,7 +56,7 @@ def as_family(
     Parameters
     ----------
     system : System
-        What q belongs to.
+        The system whose configurations q are.
     constraint : Constraint or ConstraintFamily
         What the problem was given.
     restitution : float
@@ -95,14 +94,15 @@ class GivenConstraint(ConstraintFamily):
         self._rate = getattr(constraint, "rate", None)
         self.moving = self._rate is not None
         self.functions = (constraint.f,) if isinstance(constraint, GapFunction) else ()
-        # how many times rows became active, and at how many steps they were, up to the last check that was passed
-        self._starts, self._count, self._touching = 0, 0, False
-        # the least gap at the last check: a scheme may count rows as active long before they touch
+        # how many times rows became active, at how many steps rows were active, and whether they were at the last one
+        self._activations, self._active_steps, self._were_active = 0, 0, False
+        # the least gap at the last full check: a scheme may activate rows long before they touch, so that a gradient is
+        # checked again when the gap is ten times smaller
         self._nearest = np.inf
-        # whether a gradient of an active row was zero at the last check
+        # whether the gradient of an active row was zero at the last step
         self._vanishes = False
         self._warned: set[int] = set()
-        # the number of rows, once it is known
+        # the number of gaps; -1 before the first call of `gap`
         self._rows = -1
 
     def name(self, number: int) -> str:
@@ -163,7 +163,7 @@ class GivenConstraint(ConstraintFamily):
         gap = self.gap(t, q)
         index = (gap <= tolerance).nonzero()[0]
         if not index.size:
-            self._touching = False
+            self._were_active = False
             return None
         gradient = self.gradient(t, q)
         self._check_active(t, q, index, gap, gradient)
@@ -177,31 +177,37 @@ class GivenConstraint(ConstraintFamily):
         return Rows(index, gap[index], plain_array(gradient[index]), e, nowhere, nowhere, rate)
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:
-        """Check the gradients of some closed rows, at a few of the times that they are closed."""
+        """Check the gradients of some closed rows, at a few of the calls."""
         self._check_active(t, q, rows, self.gap(t, q), self.gradient(t, q))
 
     def _check_active(self, t: float, q: Array, index: Array, gap: Array, gradient: Array) -> None:
-        """Check the gradients of active rows, at a few of the steps at which they are active.
+        """Check the gradients of active rows, at ever fewer of the steps at which they are active.
+
+        All entries are checked at the first activation, when the rows come ten times nearer, and when a gradient
+        becomes zero.
 
         Raises
         ------
         InputError
             If a gradient is of the wrong sign, or zero where f is not stationary.
         """
-        count, flat = self._count + 1, gradient.ravel()
+        count, flat = self._active_steps + 1, gradient.ravel()
         vanishes = not (len(gradient) == 1 and flat.dot(flat) > 0.0) and not gradient[index].any(axis=1).all()
-        if self._touching and self._nearest == 0.0 and count & (count - 1) and not vanishes:
-            self._count, self._vanishes = count, False
+        # the usual step: the rows stay active, and this step is not one of those that are checked
+        if self._were_active and self._nearest == 0.0 and count & (count - 1) and not vanishes:
+            self._active_steps, self._vanishes = count, False
             return
-        starts, nearer, at_once = self._starts + (not self._touching), False, vanishes and not self._vanishes
+        activations, much_nearer = self._activations + (not self._were_active), False
+        newly_zero = vanishes and not self._vanishes
         if self._nearest > 0.0:
             nearest = max(float(gap[index].min()), 0.0)
-            nearer = nearest < 0.1 * self._nearest
-        # at powers of two
-        if at_once or nearer or (starts & (starts - 1) == 0 and starts > self._starts) or count & (count - 1) == 0:
-            self.compare(t, q, index, full=at_once or nearer)
-            self._nearest = nearest if nearer else self._nearest
-        self._starts, self._count, self._touching, self._vanishes = starts, count, True, vanishes
+            much_nearer = nearest < 0.1 * self._nearest
+        # otherwise at the first, second, fourth, eighth ... activation and step
+        due = count & (count - 1) == 0 or (activations > self._activations and activations & (activations - 1) == 0)
+        if newly_zero or much_nearer or due:
+            self.compare(t, q, index, full=newly_zero or much_nearer)
+            self._nearest = nearest if much_nearer else self._nearest
+        self._activations, self._active_steps, self._were_active, self._vanishes = activations, count, True, vanishes
 
     def check(self, t: float, q: Array) -> None:
         """Raise `InputError` unless gaps, gradients and rates at the start are numbers that fit each other."""
@@ -222,7 +228,7 @@ class GivenConstraint(ConstraintFamily):
         self.compare(t, q, np.arange(len(gap)), full=True)
 
     def compare(self, t: float, q: Array, index: Array, full: bool) -> None:
-        """Compare the gradients of some rows with differences; all entries if `full`, else along each gradient.
+        """Compare gradients with differences: all entries if `full`, otherwise the slopes along the gradients.
 
         Raises
         ------
@@ -271,7 +277,10 @@ class GivenConstraint(ConstraintFamily):
 
 
 class GivenRows(GivenConstraint):
-    """A user's object that selects its active rows itself, by `active(t, q, tolerance, travel)`; nothing is checked."""
+    """A user's object that selects its active rows itself, by `active(t, q, tolerance, travel)`; nothing is checked.
+
+    `travel` is always None. `active` returns the fields of `Rows`, or None if no row is active.
+    """
 
     def gap(self, t: float, q: Array) -> Array:
         """Return f(q) as the user's object gives it."""
@@ -299,7 +308,7 @@ class GivenRows(GivenConstraint):
         )
 
     def check(self, t: float, q: Array) -> None:
-        """Check nothing: the object may be evaluated near its rows only."""
+        """Check nothing: the object may be defined near its active rows only."""
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:
         """Check nothing, as `check`."""
@@ -310,7 +319,7 @@ def _scale(q: Array) -> float:
 
 
 def _directions(system: System, q: Array, gradient: Array, full: bool) -> Array:
-    """Return unit directions of gradients and, if `full`, of the velocities M^-1 gradient, shape (k, nv)."""
+    """Return unit vectors along the gradients and, if `full`, along M^-1 times them, shape (k, nv)."""
     along = gradient
     if full:
         try:

@@ -23,11 +23,12 @@ from .family import RowTable
 from .pairs import Array, Contacts, PairCandidates, Pairs
 from .rows import Rows
 
+# sets of pairs whose gathered points are kept; beyond, all are gathered again
 _MOST_SELECTIONS = 1000
 
 
-class _Near(NamedTuple):
-    """The constant part of the rows of some active points: numbers, e, and normals."""
+class _ConstantPart(NamedTuple):
+    """What stays the same in the rows of some active points: their pairs, e, and normals."""
 
     number: Array
     restitution: Array
@@ -36,24 +37,22 @@ class _Near(NamedTuple):
 
 @dataclass
 class _Selection:
-    """The points of some pairs, gathered.
+    """The support points of some pairs, gathered in arrays for kernels.
 
     Attributes
     ----------
     pair : ndarray of int, shape (k,)
         The pair of each point.
     bodies : ndarray of int, shape (b,), or None
-        The bodies of these points; None where one kernel places all bodies.
+        The bodies of these points; None for a single mechanism, whose kinematics holds the poses of all bodies.
     numbers : ndarray, shape (k, 17)
-        Of each point: its place in the body, or the centre of the rim or ellipsoid it moves on [m]; the half axes of
-        that in the body, one column after the other, zero for a point that is fixed; the half-space's normal; the
-        radius of the ball around the point, and that plus the half-space's offset [m].
+        The points as `geometry.support_points` describes them: columns 12-14 hold the normal of the half-space.
     owners : ndarray of int, shape (k, 2)
-        Which of the bodies each point belongs to, and its pair.
+        Of each point: the place of its body in `bodies` (the body itself if that is None), and its pair.
     index : ndarray of int, shape (k + 1,)
-        How many points were within the tolerance at the last call, and which.
-    near : _Near
-        The constant part of their rows.
+        First how many points were within the tolerance at the last call, then which.
+    constant : _ConstantPart
+        The constant part of the rows of these points.
     """
 
     pair: Array
@@ -61,7 +60,7 @@ class _Selection:
     numbers: Array
     owners: Array
     index: Array
-    near: _Near
+    constant: _ConstantPart
 
 
 @kernel(
@@ -132,12 +131,13 @@ class HalfSpaceContacts(Pairs):
     names, restitution
         As `Pairs`.
     lines : ndarray, shape (n, 3), optional
-        In a planar scene the plane's normal in the frame of each shape's body; of points in line with it one is kept.
+        In a planar scene the plane's normal in the frame of each shape's body; of points on one line along it only the
+        first is kept.
 
     Attributes
     ----------
-    in_line : int
-        How many points are left out.
+    collinear_points : int
+        How many support points are left out for that reason.
     """
 
     def __init__(
@@ -149,28 +149,28 @@ class HalfSpaceContacts(Pairs):
         restitution: Array,
         lines: Array | None = None,
     ) -> None:
-        self.in_line = 0
+        self.collinear_points = 0
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
-        # one kernel does it all for a single mechanism
+        # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = hasattr(system, "kinematics")
         numbers, owner = [np.zeros((0, 17))], []
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
             centres, half_axes, radius = placed.shape.support_points()
             points = centres @ placed.rotation.T + placed.position
             # columns of rotation diag(half axes), one after the other
-            swell = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
+            axes = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
             if lines is not None:
-                # a rim's centre in line with points of it: others of these are the lowest then
+                # a rim with its centre on such a line may be left out too: its lowest point is another fixed point
                 kept = unique_along(points, lines[pair])
-                self.in_line += len(points) - len(kept)
-                points, swell = points[kept], swell[kept]
+                self.collinear_points += len(points) - len(kept)
+                points, axes = points[kept], axes[kept]
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
-            numbers.append(np.concatenate([points, swell, rest], axis=1))
+            numbers.append(np.concatenate([points, axes, rest], axis=1))
             owner.extend([pair] * len(points))
         self._numbers, self.owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
         self._points: dict[bytes, _Selection] = {}
         self._selections: dict[bytes, _Selection] = {}
-        # the last selection, and its pairs, which may be the same array at the next query
+        # the last selection and its pairs: often the next query has the same array
         self._selection: _Selection
         self._pairs: Array | None = None
 
@@ -179,7 +179,7 @@ class HalfSpaceContacts(Pairs):
         return f"{self.size} pairs of a shape and a half-space"
 
     def _select(self, pairs: Array) -> _Selection:
-        """Return the points of some pairs, gathered; the same few sets of pairs come again and again."""
+        """Return the points of some pairs, gathered; they are kept, since a run has few different sets of pairs."""
         if pairs is self._pairs:
             return self._selection
         key = pairs.tobytes()
@@ -206,7 +206,7 @@ class HalfSpaceContacts(Pairs):
             self._numbers[points],
             np.array([frame, pair], dtype=np.int64).T.copy(),
             np.zeros(len(pair) + 1, np.int64),
-            _Near(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
+            _ConstantPart(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
         )
 
     def row_table(self, t: float, q: Array) -> RowTable:
@@ -216,25 +216,26 @@ class HalfSpaceContacts(Pairs):
         return RowTable(pair, self.restitution[pair], smooth, self.reach()[pair], self.thickness[pair])
 
     def _row_contacts(self, q: Array, points: Array) -> Contacts:
-        """Return the contacts of some of all the points, in ascending order."""
+        """Return the contacts of some rows of `row_table`, which are points in ascending order."""
         key = points.tobytes()
         selection = self._points.get(key)
         if selection is None:
             if len(self._points) >= _MOST_SELECTIONS:
                 self._points.clear()
             selection = self._points[key] = self._gather_points(points)
-        return self._standing(q, selection)
+        return self._point_contacts(q, selection)
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        return self._standing(q, self._select(pairs))
+        return self._point_contacts(q, self._select(pairs))
 
     def row_bias(self, t: float, q: Array, v: Array, points: Array) -> Array:
-        """Return (dJ/dt) v of some of all the points; NaN for those that move along their bodies."""
+        """Return (dJ/dt) v of some points; NaN for those that move along their bodies, on rims and ellipsoids."""
         numbers = self._numbers[points]
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
 
-    def _standing(self, q: Array, selection: _Selection) -> Contacts:
+    def _point_contacts(self, q: Array, selection: _Selection) -> Contacts:
+        """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         if selection.bodies is None:
             places = self.system.kinematics(q).poses  # type: ignore[attr-defined]
@@ -249,8 +250,9 @@ class HalfSpaceContacts(Pairs):
         selection = self._selection if pairs is self._pairs else self._select(pairs)
         poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
         owners, numbers, index = selection.owners, selection.numbers, selection.index
+        # if other points than at the last call are within the tolerance, the kernel is called again with room for them
         while True:
-            number, restitution, up = selection.near
+            number, restitution, up = selection.constant
             size = len(number)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, any_empty, same = half_space_rows(
@@ -261,4 +263,4 @@ class HalfSpaceContacts(Pairs):
                 return Rows(number, gap, rows, restitution, point, up) if count else None
             near = index[1 : 1 + count]
             pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])
-            selection.near = _Near(pair, self.restitution[pair], up)
+            selection.constant = _ConstantPart(pair, self.restitution[pair], up)

@@ -13,28 +13,28 @@ from .rows import NO_POINT, Array, Rows
 
 
 @kernel("Tuple((f8, b1))(f8[::1], f8[::1], f8[::1], f8[::1], f8, i8[::1], f8[::1])")
-def _reached(
+def _limits_within(
     where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
-    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths.
+    """Find the gaps, sign where + offset of shape (m,), that are within the tolerance when multiplied by the lever.
 
     Parameters
     ----------
     lever : ndarray, shape (m,)
-        What the gaps are multiplied by to be lengths.
+        Factors by which the gaps become lengths.
     tolerance : float
         The largest length [m].
     index : ndarray of int, shape (m + 1,)
-        How many were reached at the last call, and which; overwritten.
+        First how many limits were within the tolerance at the last call, then which; overwritten.
     gap : ndarray, shape (c,)
-        Receives the gaps of these, for as many as `index` counts, if they are the same again.
+        Receives their gaps, if they are the limits of the last call; c is their number then.
 
     Returns
     -------
     nearest : float
         The least gap as a length [m].
     same : bool
-        Whether they are those of the last call.
+        Whether they are the limits of the last call.
     """
     count, nearest, same = 0, np.inf, True
     for a in range(len(sign)):
@@ -52,7 +52,7 @@ def _reached(
 
 
 class JointLimits(Rebuilt, ConstraintFamily):
-    """All position limits of a system, one constraint a side.
+    """All position limits of a system, one constraint for each lower and each upper limit.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ class JointLimits(Rebuilt, ConstraintFamily):
     restitution : float or ndarray, shape (n,)
         e of each joint.
     lever : float or ndarray, shape (n,)
-        The factor that makes a length of a gap: the scene's length for a joint that turns [m/rad], 1 for one that
+        The factor by which a gap becomes a length: the scene's length for a joint that turns [m/rad], 1 for one that
         slides.
 
     Attributes
     ----------
     lever : ndarray, shape (m,)
-        That of each limit.
+        The lever of each limit.
     """
 
     def __init__(
@@ -99,9 +99,9 @@ class JointLimits(Rebuilt, ConstraintFamily):
         self.lever: Array = np.broadcast_to(np.asarray(lever, dtype=float), (n,))[joint].copy()
         self.restitution: Array = e[joint]
         self.size = len(kept)
-        # how many limits were reached at the last query, and which
+        # first how many limits were within the tolerance at the last query, then which
         self._index = np.zeros(len(kept) + 1, np.int64)
-        self._reached_rows = self._rows_of(self._index[1:1])
+        self._constant_part = self._rows_of(self._index[1:1])
         self.names = tuple(
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
         )
@@ -136,19 +136,20 @@ class JointLimits(Rebuilt, ConstraintFamily):
         return f"{self.size} joint limits"
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
-        """Return the rows of the limits that are reached, or None."""
+        """Return the rows of the limits within the tolerance, or None."""
         if not self.size:
             self._clearance = np.inf
             return None
-        number, rows, restitution, nowhere = self._reached_rows
+        number, rows, restitution, nowhere = self._constant_part
         where, gap = q.take(self._position), np.empty(len(number))
-        nearest, same = _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
-        # while a limit is reached, all are evaluated at every step
+        nearest, same = _limits_within(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
+        # a row must be returned at every step, so that no step can be skipped while there is one
         self._clearance = -np.inf if nearest <= tolerance else nearest - tolerance
         if not same:
-            self._reached_rows = number, rows, restitution, nowhere = self._rows_of(self._index[1 : 1 + self._index[0]])
+            within = self._index[1 : 1 + self._index[0]]
+            self._constant_part = number, rows, restitution, nowhere = self._rows_of(within)
             gap = np.empty(len(number))
-            _reached(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
+            _limits_within(where, self._sign, self._offset, self.lever, tolerance, self._index, gap)
         if not gap.size:
             return None
         return Rows(number, gap, rows.copy(), restitution, nowhere, nowhere)

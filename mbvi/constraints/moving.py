@@ -15,7 +15,9 @@ from .rows import Array, Rows
 
 
 class MovingFrame:
-    """A system in the coordinates of a frame with a prescribed motion, at the time of the last `look`.
+    """A system in the coordinates of a frame with a prescribed motion, at the time and q of the last `set_state`.
+
+    Walls that move with the frame stand still in it: families made for still walls evaluate them without change.
 
     Parameters
     ----------
@@ -31,41 +33,44 @@ class MovingFrame:
         self._system, self._motion, self._where = system, motion, where
         self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
 
-    def look(self, t: float, q: Array) -> Array:
-        """Set time and configuration; return q with the spheres' centres in the frame."""
+    def set_state(self, t: float, q: Array) -> Array:
+        """Set time and configuration; return q with the centres of spheres in coordinates of the frame."""
         turn, place = self._motion.pose(t)
         self._turn, self._place = np.asarray(turn), np.asarray(place)
-        self._u, self._w = self._motion.twist(t)
-        flat = np.concatenate([self._turn.ravel(), self._place, self._u, self._w])
+        self._velocity, self._spin = self._motion.twist(t)
+        flat = np.concatenate([self._turn.ravel(), self._place, self._velocity, self._spin])
         if not all_finite(flat):
             raise DivergedError(
                 f"the motion {self._motion!r} is not finite at t = {t:.9g} s: correct its pose or twist"
             )
-        self._q, seen = q, q.copy()
-        seen[self._where] = ((q[self._where].reshape(-1, 3) - self._place) @ self._turn).reshape(-1)
-        return seen
+        self._q, inside = q, q.copy()
+        inside[self._where] = ((q[self._where].reshape(-1, 3) - self._place) @ self._turn).reshape(-1)
+        return inside
 
     def placements(self, q: Array, bodies: Array) -> Array:
-        """Return the placements of bodies in the frame, at the configuration of the last `look`; see `System`."""
+        """Return the placements of bodies in the frame, at the configuration of the last `set_state`; see `System`."""
         places = self._system.placements(self._q, bodies)
         places[:, 3] -= self._place
         return places @ self._turn
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Any:
-        """Return gradients at points and along normals of the frame; see `System`."""
+        """Return gradients for points and normals in coordinates of the frame; see `System`."""
         return self._system.separation_rows(self._q, first, second, *self.world(point, normal))
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:
-        """Return how fast each velocity moves a point of a body at most; see `System`."""
+        """Return the most that each velocity moves a point of a body; see `System`."""
         return self._system.reach(body, centre, radius)
 
     def world(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """Return points and normals of the frame in the world, shapes (k, 3)."""
+        """Return points and normals in the world from those in the frame, shapes (k, 3)."""
         return point @ self._turn.T + self._place, normal @ self._turn.T
 
     def rate(self, point: Array, normal: Array) -> Array:
-        """Return how fast the frame moves away at points of the world, against normals out of it, shape (k,)."""
-        return -np.vecdot(normal, self._u + np.cross(self._w, point))
+        """Return df/dt of gaps between walls of the frame and bodies that stand still, shape (k,) [m/s].
+
+        Points and normals are in the world; the normals point out of the walls.
+        """
+        return -np.vecdot(normal, self._velocity + np.cross(self._spin, point))
 
 
 class MovingWalls(ConstraintFamily):
@@ -73,20 +78,20 @@ class MovingWalls(ConstraintFamily):
 
     Parameters
     ----------
-    seen : MovingFrame
-        The system that the constraint was made for.
+    frame : MovingFrame
+        The frame of the walls, for which the family was made.
     constraint : ConstraintFamily
-        The same walls, as if they stood still.
+        The family of the walls in that frame, where they stand still.
 
     Notes
     -----
-    It has no envelope: walls travel while q stays the same.
+    It has no envelope, and is queried at every step: a gap can fall while q stays the same.
     """
 
     moving = True
 
-    def __init__(self, seen: MovingFrame, constraint: ConstraintFamily) -> None:
-        self.seen, self.constraint = seen, constraint
+    def __init__(self, frame: MovingFrame, constraint: ConstraintFamily) -> None:
+        self.frame, self.constraint = frame, constraint
         self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
 
     def name(self, number: int) -> str:
@@ -99,21 +104,21 @@ class MovingWalls(ConstraintFamily):
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        rows = self.constraint.contacts(t, self.seen.look(t, q), tolerance)
+        rows = self.constraint.contacts(t, self.frame.set_state(t, q), tolerance)
         if rows is None:
             return None
-        point, normal = self.seen.world(rows.point, rows.normal)
-        return rows._replace(point=point, normal=normal, rate=self.seen.rate(point, normal))
+        point, normal = self.frame.world(rows.point, rows.normal)
+        return rows._replace(point=point, normal=normal, rate=self.frame.rate(point, normal))
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the signed distance of every pair, shape (m,) [m]."""
-        return np.asarray(self.constraint.gap(t, self.seen.look(t, q)))
+        return np.asarray(self.constraint.gap(t, self.frame.set_state(t, q)))
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair's distance, shape (m, nv)."""
-        return np.asarray(self.constraint.gradient(t, self.seen.look(t, q)))
+        return np.asarray(self.constraint.gradient(t, self.frame.set_state(t, q)))
 
     def rate(self, t: float, q: Array) -> Array:
         """Return df/dt of every pair at a fixed q, shape (m,) [m/s]."""
-        point, normal = self.constraint.nearest_points(self.seen.look(t, q))
-        return self.seen.rate(*self.seen.world(point, normal))
+        point, normal = self.constraint.nearest_points(self.frame.set_state(t, q))
+        return self.frame.rate(*self.frame.world(point, normal))

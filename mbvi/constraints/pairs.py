@@ -15,7 +15,8 @@ from .family import ConstraintFamily
 from .rebuilt import Rebuilt
 from .rows import Array, Rows
 
-_DENSE_REACH = 200_000
+# entries of the table of reaches up to which it is a dense array
+_MOST_DENSE = 200_000
 
 
 class Contacts(NamedTuple):
@@ -48,16 +49,16 @@ def filter_active(pair: Array, gap: Array, tolerance: float, clearance: Array, a
     tolerance : float
         Gap at and below which a contact is active [m].
     clearance : ndarray, shape (n,)
-        Of all pairs; written for those measured.
+        Of all pairs; receives the least gap of each measured pair [m].
     active : ndarray of int, shape (k,)
         Receives which contacts are within the tolerance, in its first places.
 
     Returns
     -------
     count : int
-        How many they are.
+        How many contacts these are.
     any_empty : bool
-        Whether a pair has none.
+        Whether a measured pair has no contact within the tolerance.
     """
     count, any_empty = 0, False
     for i in range(len(gap)):
@@ -73,7 +74,7 @@ def filter_active(pair: Array, gap: Array, tolerance: float, clearance: Array, a
 
 
 def _take(contacts: Contacts, index: Array, count: int) -> Contacts | None:
-    """Return the contacts that the first places of `index` name, or None if there are none."""
+    """Return the contacts in the first `count` places of `index`, or None if there are none."""
     pair, gap, point, normal = contacts
     if count == len(gap):
         return contacts if count else None
@@ -82,16 +83,16 @@ def _take(contacts: Contacts, index: Array, count: int) -> Contacts | None:
 
 
 class Pairs(Rebuilt, ConstraintFamily):
-    """Pairs of placed shapes, of which only those that can have come near are measured; see `PairCandidates`.
+    """Pairs of placed shapes. Only pairs whose clearance is used up are measured; see `PairCandidates`.
 
     Parameters
     ----------
     system : System
         What moves the bodies.
     first, second : sequence of PlacedShape or None
-        The shapes of each pair; None is a wall of the world.
+        The shapes of each pair; None stands for a half-space of the world.
     names : sequence of str
-        One a pair.
+        The name of each pair.
     restitution : ndarray, shape (n,)
         e of each pair.
     """
@@ -112,25 +113,25 @@ class Pairs(Rebuilt, ConstraintFamily):
         self.restitution: Array = restitution
         self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
         self._second_body = np.array([s.body for s in second], dtype=np.intp)
-        # the pairs of the last rows, with their bodies and e: often the same pairs come again
-        self._pair, self._key = np.zeros(0, np.int64), b""
-        self._sides_and_e = self._pair, self._first_body[:0], self._second_body[:0], self.restitution[:0]
-        # which pairs are at rest, and the candidates that are not
+        # the pairs of the last rows with their bodies and e, computed again only if the pairs differ
+        self._last_pair, self._last_key = np.zeros(0, np.int64), b""
+        self._constants = self._last_pair, self._first_body[:0], self._second_body[:0], self.restitution[:0]
+        # which pairs are at rest; the last candidates and those of them that are not at rest
         self._resting: Array | None = None
-        self._awake: tuple[Array, Array] | None = None
+        self._last_awake: tuple[Array, Array] | None = None
         self._set_reach(first, second)
-        # of a query without a cache all pairs are candidates
+        # for queries without a cache: every pair is a candidate
         self._every = PairCandidates(self.size)
 
     def _set_reach(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
-        """Bound how fast each velocity can bring each pair nearer, and set the thickness of each pair."""
+        """Compute the reach, the envelope and the thickness of each pair."""
         system = self.system
         reaches: dict[str, Array] = {}
         rows, envelope = [], np.zeros(system.nv)
-        dense = len(second) * system.nv <= _DENSE_REACH
+        dense = len(second) * system.nv <= _MOST_DENSE
         for a, b in zip(first, second, strict=True):
             sides = [np.zeros(system.nv) if s is None else _reach(system, s, reaches) for s in (a, b)]
-            # velocities that carry both sides leave their distance as it is
+            # a velocity that moves both bodies moves them as one rigid body: their distance does not change
             row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
             np.maximum(envelope, row, out=envelope)
             rows.append(row if dense else _sparse().csr_array(row[None]))
@@ -138,18 +139,18 @@ class Pairs(Rebuilt, ConstraintFamily):
         self._reach = (
             np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr").T
         )
-        # nothing passes through a half-space
+        # a half-space has no far side: no body passes through it
         self.thickness: Array = np.array(
             [np.inf if a is None else a.shape.inner + b.shape.inner for a, b in zip(first, second, strict=True)]
         )
         self._envelope = envelope
 
     def envelope(self) -> Array:
-        """Return how fast each velocity can bring any pair nearer, shape (nv,)."""
+        """Return the largest reach of any pair, shape (nv,)."""
         return self._envelope
 
     def reach(self) -> Array:
-        """Return how fast each velocity can bring each pair nearer, shape (n, nv)."""
+        """Return the reach of each pair, shape (n, nv)."""
         return self._reach.T if isinstance(self._reach, np.ndarray) else self._reach.T.toarray()
 
     def pair_candidates(self) -> PairCandidates:
@@ -157,7 +158,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         return PairCandidates(self.size, self._reach)
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        """Return at least one contact of each of the given pairs, all their points within the tolerance included."""
+        """Return the contacts of the given pairs within the tolerance, and at least one of each pair."""
         raise NotImplementedError
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
@@ -165,7 +166,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         return self.contacts_among(q, tolerance, self._every)
 
     def contacts_among(self, q: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
-        """Return the rows of the candidates within the tolerance, or None; their clearances are written."""
+        """Return the rows of the candidates within the tolerance, or None; write the clearances of the candidates."""
         candidates.any_empty = False
         index = candidates.index if self._resting is None else self._not_resting(candidates.index, self._resting)
         return self._rows(q, index, tolerance, candidates) if index.size else None
@@ -173,13 +174,13 @@ class Pairs(Rebuilt, ConstraintFamily):
     def skip_resting(self, resting: Array | None) -> None:
         """Leave out the pairs of bodies that are both at rest; see the base class."""
         self._resting = None if resting is None else resting[self._first_body] & resting[self._second_body]
-        self._awake = None
+        self._last_awake = None
 
     def _not_resting(self, index: Array, resting: Array) -> Array:
-        # the same array is returned while nothing changes: other caches recognize it
-        if self._awake is None or self._awake[0] is not index:
-            self._awake = index, index[~resting[index]]
-        return self._awake[1]
+        # return the same array while nothing changes: `HalfSpaceContacts` compares it by identity
+        if self._last_awake is None or self._last_awake[0] is not index:
+            self._last_awake = index, index[~resting[index]]
+        return self._last_awake[1]
 
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         """Return the rows of some pairs within the tolerance; see `contacts_among`."""
@@ -187,7 +188,7 @@ class Pairs(Rebuilt, ConstraintFamily):
         if near is None:
             return None
         pair, gap, point, normal = near
-        number, first, second, restitution = self._sides_of(pair)
+        number, first, second, restitution = self._constants_of(pair)
         rows = self.system.separation_rows(q, first, second, point, normal)
         return Rows(number, gap, rows, restitution, point, normal)
 
@@ -200,22 +201,22 @@ class Pairs(Rebuilt, ConstraintFamily):
         count, any_empty = filter_active(contacts.pair, contacts.gap, tolerance, clearance, index)
         return _take(contacts, index, count), any_empty
 
-    def _sides_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
-        """Return number, bodies and restitution of some pairs; the same arrays while the pairs are the same."""
-        if pair is not self._pair:
+    def _constants_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
+        """Return constraint numbers, both bodies and e of some pairs; the same arrays for the same pairs."""
+        if pair is not self._last_pair:
             key = pair.tobytes()
-            if key != self._key:
-                self._key = key
-                self._sides_and_e = pair, self._first_body[pair], self._second_body[pair], self.restitution[pair]
-            self._pair = pair
-        return self._sides_and_e
+            if key != self._last_key:
+                self._last_key = key
+                self._constants = pair, self._first_body[pair], self._second_body[pair], self.restitution[pair]
+            self._last_pair = pair
+        return self._constants
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs in ascending order, shape (k,) [m]."""
         return self.nearest(q, pairs).gap
 
     def passed_share(self) -> Array:
-        """Return the part of each thickness that each velocity travels in a second, shape (nv, n) [1/s]."""
+        """Return the reach divided by the thickness, shape (nv, n); see the base class."""
         return np.asarray(self.reach().T / self.thickness)
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
@@ -268,6 +269,7 @@ class Pairs(Rebuilt, ConstraintFamily):
 
 
 def _reach(system: System, placed: PlacedShape, known: dict[str, Array]) -> Array:
+    """Return the most that each velocity moves a point of a shape, shape (nv,); kept in `known` by name."""
     if placed.body == 0:
         return np.zeros(system.nv)
     if placed.name not in known:
@@ -276,7 +278,7 @@ def _reach(system: System, placed: PlacedShape, known: dict[str, Array]) -> Arra
 
 
 def _sparse() -> Any:
-    # imported here for its weight: only scenes of many pairs need it
+    # only scenes of many pairs need it, and its import is slow
     from scipy import sparse
 
     return sparse

@@ -9,15 +9,15 @@ Kind = TypeVar("Kind", bound="Rebuilt")
 
 
 class Rebuilt:
-    """An object that is copied and pickled as the arguments of its constructor: a copy is built from these.
+    """An object whose copies are constructed again, from the arguments that it was constructed with.
 
-    Its caches are not copied; much of them cannot be pickled.
+    Its caches are not copied, because most of them cannot be pickled.
     """
 
     _arguments: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __new__(cls: type[Kind], *arguments: Any, **options: Any) -> Kind:
-        """Keep the arguments of the constructor."""
+        """Store the arguments of the constructor for copies."""
         new = super().__new__(cls)
         new._arguments = arguments, options
         return new

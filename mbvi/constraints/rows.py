@@ -12,6 +12,7 @@ from ..system.sparse_rows import stack_rows
 
 Array = np.ndarray
 
+# point and normal of a row that is no contact, such as a joint limit
 NO_POINT = np.full(3, np.nan)
 
 
@@ -29,11 +30,10 @@ class Rows(NamedTuple):
     restitution : ndarray, shape (k,)
         e of each row; NaN where the problem's own applies.
     point, normal : ndarray, shape (k, 3)
-        Contact point and unit normal in the world, from the first body named to the second [m]; NaN where the
-        constraint is no contact.
+        Contact point [m] and unit normal in the world, as of `Contact`; NaN where the constraint is no contact.
     rate : ndarray, shape (k,), or None
-        df/dt at a fixed q, by which walls move on their own [m/s, rad/s]: a gap changes by J v + rate. None where no
-        constraint of the problem does.
+        df/dt at a fixed q, due to walls with a prescribed motion [m/s, rad/s]: a gap changes at J v + rate. None if no
+        row has any.
     """
 
     constraint: Array
@@ -45,13 +45,13 @@ class Rows(NamedTuple):
     rate: Array | None = None
 
     def speeds(self, v: Array) -> Array:
-        """Return how fast the gaps change with a velocity, shape (k,) [m/s, rad/s]."""
+        """Return the rates of the gaps at a velocity, J v + rate, shape (k,) [m/s, rad/s]."""
         speeds: Array = self.jacobian @ v
         return speeds if self.rate is None else speeds + self.rate
 
 
 def take(rows: Rows, index: Array) -> Rows:
-    """Return some of the rows, by a mask or by their places."""
+    """Return some of the rows, by a mask or by their indices."""
     number, gap, jacobian, e, point, normal, rate = rows
     return Rows(
         number[index],
@@ -84,7 +84,7 @@ def concatenate(parts: Sequence[Rows]) -> Rows:
 
 
 def match_contacts(rows: Rows, others: Rows) -> Array:
-    """Return the place among the others of the same contact as each row, shape (k,); -1 where there is none.
+    """Return for each row the index of the same contact among the others, shape (k,); -1 where there is none.
 
     Two rows are the same contact if they are of one constraint and each is the nearest to the other.
     """
@@ -96,20 +96,22 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
     row = np.repeat(np.arange(len(count)), count)
     other = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
     shift = rows.point[row] - others.point[other]
-    # limits have no points
+    # joint limits have no points: their distance is zero
     apart = np.nan_to_num(np.vecdot(shift, shift))
-    # the nearest row is written last
-    falling = np.argsort(-apart, kind="stable")
-    row, other = row[falling], other[falling]
+    # in order of falling distance, so that the nearest one is written last and stays
+    nearest_last = np.argsort(-apart, kind="stable")
+    row, other = row[nearest_last], other[nearest_last]
     owner, back = np.full(len(count), -1), np.full(len(others.gap), -1)
     owner[row], back[other] = other, row
     return np.where((owner >= 0) & (back[owner] == np.arange(len(count))), owner, -1)
 
 
 class Constraint(Protocol):
-    """The least that a user's constraint provides; `names`, `restitution` and `rate(t, q)` are optional beside it.
+    """The least that a user's constraint provides.
 
-    A constraint that provides more derives from `ConstraintFamily`.
+    Optional are also `names` or `name(k)`, `size`, `restitution`, and `rate(t, q)`; see `GivenConstraint`.
+
+    A constraint that provides more must derive from `ConstraintFamily`.
     """
 
     def gap(self, t: float, q: Array) -> Array | float:

@@ -1,4 +1,4 @@
-"""The family of convex shapes against each other: Coal's signed distances, and all points that two faces share."""
+"""The family of convex shapes against each other: refined signed distances of Coal, and patches of parallel faces."""
 
 from __future__ import annotations
 
@@ -17,37 +17,38 @@ from ..geometry.polyhedron_overlap import overlap
 from ..geometry.refined_distance import FAILED, FLAT, refined, separated
 from ..geometry.separating_axis import SeparatingAxes
 from ..geometry.shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
-from ..geometry.sphere_capsule import Balls, out_of_cylinder
+from ..geometry.sphere_capsule import SphereCapsulePairs, out_of_cylinder
 from ..system import System
 from .family import RowTable
 from .pairs import Array, Contacts, Pairs
 
-# Coal's tolerances, which are absolute: it is given geometry in units of the pair's size. At its own, normals of curved
-# shapes are wrong in the third digit; at a fine one its penetration depth fails once in some hundred times, by an order
-# of magnitude or outright
+# Tolerances for Coal, in units of the pair's size. At Coal's default, normals of curved shapes are wrong in the third
+# digit. At the fine one, about one penetration depth in some hundred is wrong by an order of magnitude, or not finite
 _FINE, _ROBUST = 1e-9, 1e-6
-# how much deeper the fine answer may be than the robust one, in radii of the smaller shape
+# lengths below are relative to the bounding radius of the smaller shape
+# how much deeper the fine answer may be than the robust one
 _AGREEMENT = 1e-4
-# how far Coal's normal may be off where the distance vanishes, and where it does not [rad]
-_MOST_TURN, _LEAST_TURN = 0.3, 1e-5
-# how deep below the touching plane a vertex may lie and still be looked at, in radii of the smaller shape
+# bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad]
+_ERROR_TOUCHING, _ERROR_APART = 0.3, 1e-5
+# how deep below the contact plane a vertex may lie and still belong to the patch
 _PATCH_DEPTH = 0.02
-# by how much less a patch's deepest corner may be in than the shapes are, in the same radii
+# a patch whose corners are all less deep than the penetration by more than this lacks the deepest point
 _CORNER = 1e-6
+# stands for the contact point where the distance is only a lower bound
 _NO_POINT = np.zeros(3)
-# by how much a refined distance may be below Coal's, in the same radii
+# by how much a refined distance may be below Coal's
 _REFINED = 1e-5
-# cosine of the angle within which a face is looked at for the normal, and distances that are equal, in the same radii
+# a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second
 _SAME_FACE, _EQUAL = cos(1e-3), 1e-8
-# what places are rounded to where contacts are kept at rest, so that rounding is no motion: some 1e-14, of lengths in
-# units of the shapes' size
+# placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
+# rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
 
 
-class _Kept(NamedTuple):
-    """The last measurement of a pair: placements of its bodies, whether its patch was computed, and its contacts.
+class _Measurement(NamedTuple):
+    """The last measurement of a pair: the placements of its bodies as bytes, and its contacts.
 
-    If it is `rough`, `distance` is only a lower bound.
+    `patched` is whether the patch was computed. If `rough` is True, `distance` is only a lower bound.
     """
 
     where: bytes
@@ -59,13 +60,13 @@ class _Kept(NamedTuple):
     point: list[Array]
     normal: Array
 
-    def holds(self, where: bytes, tolerance: float, rough: bool) -> bool:
-        """Return whether the bodies are where they were, and the measurement is as complete as the one required."""
+    def is_valid(self, where: bytes, tolerance: float, rough: bool) -> bool:
+        """Return whether the bodies have not moved, and a new measurement would give the same."""
         return self.where == where and self.patched == (self.distance <= tolerance) and (rough or not self.rough)
 
 
 class SignedDistances(Pairs):
-    """Coal's signed distance of each pair, with kept functors.
+    """Signed distances of pairs of convex shapes: Coal's, refined to rounding; closed forms for spheres and capsules.
 
     Parameters
     ----------
@@ -76,11 +77,11 @@ class SignedDistances(Pairs):
     names, restitution
         As `Pairs`.
     line : ndarray, shape (3,), optional
-        The normal of the plane of a planar scene: of contact points in line with it one is kept.
+        The normal of the plane of a planar scene: of contact points on one line along it the first is kept.
     at_rest : bool
-        Whether the contacts of a pair are kept while both bodies stand still.
+        Whether to keep the contacts of a pair, instead of computing them again, while both bodies stand still.
     unit : float, optional
-        A power of two about as large as the shapes [m]; by default from the shapes given.
+        A power of two about as large as the shapes [m]; by default found from these shapes.
     """
 
     def __init__(
@@ -96,13 +97,13 @@ class SignedDistances(Pairs):
     ) -> None:
         super().__init__(system, first, second, names, restitution)
         self._line, self._at_rest = line, at_rest
-        self._kept: dict[int, _Kept] = {}
+        self._kept: dict[int, _Measurement] = {}
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
         self._sides = [(number[a.name], number[b.name]) for a, b in zip(first, second, strict=True)]
         self._bound = [min(a.shape.bound, b.shape.bound) for a, b in zip(first, second, strict=True)]
-        # shapes in units of each pair's size, which differ by powers of two: numbers and poses of these
+        # Coal gets each shape in the unit of its pair, a power of two: one geometry for each shape and unit
         self._unit = [2.0 ** frexp(bound)[1] for bound in self._bound]
         scaled: dict[tuple[int, float], int] = {}
         self._scaled_sides = [
@@ -125,16 +126,16 @@ class SignedDistances(Pairs):
         self._curved = [a.smooth or b.smooth for a, b in shapes]
         # normals of the faces of each shape; None where it has no faces
         self._normals = [s.shape.faces[0].copy() if hasattr(s.shape, "faces") else None for s in self._placed]
-        self._round_ends = [{type(a), type(b)} == {Sphere, Cylinder} for a, b in shapes]
-        self._faced = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
+        self._sphere_cylinder = [{type(a), type(b)} == {Sphere, Cylinder} for a, b in shapes]
+        self._has_faces = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
         self._both = both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
         self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
         self._bounds = np.empty(len(self._sides))
-        self._balls = Balls(self._placed, self._axes.frame, both)
+        self._closed_form = SphereCapsulePairs(self._placed, self._axes.frame, both)
         # pairs of spheres and capsules have a continuous gradient
-        self.smooth: Array = self._balls.are
-        self._is_smooth = self._balls.are.tolist().__getitem__
+        self.smooth: Array = self._closed_form.closed_form
+        self._is_smooth = self.smooth.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._scaled]
         for (side, unit), pose in zip(self._scaled, self._pose, strict=True):
             placed_shape = self._placed[side]
@@ -157,11 +158,11 @@ class SignedDistances(Pairs):
         left = self._axes.clear(places, pairs, tolerance, clearance)
         if not left.size:
             return None, True
-        contacts, any_empty = self._within(self._measured(places, left, tolerance, rough=True), tolerance, clearance)
+        contacts, any_empty = self._within(self._measure_all(places, left, tolerance, rough=True), tolerance, clearance)
         return contacts, any_empty or len(left) < len(pairs)
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        return self._measured(self.system.placements(q, self._axes.bodies), pairs, tolerance)
+        return self._measure_all(self.system.placements(q, self._axes.bodies), pairs, tolerance)
 
     def row_lower_bound(self, t: float, q: Array, rows: Array) -> Array:
         return self._lower_bound(q, rows)
@@ -171,14 +172,14 @@ class SignedDistances(Pairs):
         places = self.system.placements(q, self._axes.bodies)
         left = self._axes.clear(places, pairs, 0.0, self._bounds)
         if left.size:
-            contacts = self._measured(places, left, 0.0, rough=True)
+            contacts = self._measure_all(places, left, 0.0, rough=True)
             self._bounds[left] = np.inf
             np.minimum.at(self._bounds, contacts.pair, contacts.gap)
         return self._bounds[pairs]
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         pairs, travel, thickness = super().passable(q, displacement)
-        # most pairs that could travel so far are farther apart than that
+        # drop the pairs that are farther apart than they travel: these are most
         near = self._lower_bound(q, pairs) <= travel if pairs.size else np.zeros(0, bool)
         return pairs[near], travel[near], thickness[near]
 
@@ -191,14 +192,14 @@ class SignedDistances(Pairs):
                 turn = places[frame, :3].T
                 self._pose[k].setTransform(turn @ placed.rotation, (turn @ placed.position + places[frame, 3]) / unit)
 
-    def _measured(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
+    def _measure_all(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
         """Return the contacts of some pairs; if `rough`, gaps beyond the tolerance are lower bounds."""
         if all(map(self._is_smooth, pairs.tolist())):
-            balls = self._balls.contacts(places, pairs)
-            # two spheres about one centre have no normal here; Coal returns one
-            if balls is not None:
-                self._axes.keep(places, pairs, balls[2])
-                return Contacts(pairs, *balls)
+            found = self._closed_form.contacts(places, pairs)
+            # concentric spheres have no normal in closed form; Coal returns one
+            if found is not None:
+                self._axes.keep(places, pairs, found[2])
+                return Contacts(pairs, *found)
         if self._at_rest:
             places = np.round(places * self._grid)
             places *= self._cell
@@ -209,12 +210,12 @@ class SignedDistances(Pairs):
         wanted = pairs.tolist()
         where = {k: places[self._frames[k]].tobytes() for k in wanted}
         kept_of = self._kept
-        known = {k: kept_of[k] for k in wanted if k in kept_of and kept_of[k].holds(where[k], tolerance, rough)}
+        known = {k: kept_of[k] for k in wanted if k in kept_of and kept_of[k].is_valid(where[k], tolerance, rough)}
         self._place(places, [k for k in wanted if k not in known])
         for k in wanted:
             kept = known.get(k)
             if kept is None:
-                kept = self._found(k, places, where[k], tolerance, rough)
+                kept = self._measure_one(k, places, where[k], tolerance, rough)
                 if self._at_rest:
                     self._kept[k] = kept
                 self._axes.keep(places, np.array([k]), kept.axis[None])
@@ -224,31 +225,31 @@ class SignedDistances(Pairs):
             normal.extend([kept.normal] * len(kept.gap))
         return Contacts(np.array(pair), np.array(gap), np.array(point), np.array(normal))
 
-    def _found(self, k: int, places: Array, where: bytes, tolerance: float, rough: bool) -> _Kept:
-        """Return the contacts of one pair whose shapes are placed."""
-        distance, axis, middle, exact = self._measure(k, places, tolerance if rough else np.inf)
+    def _measure_one(self, k: int, places: Array, where: bytes, tolerance: float, rough: bool) -> _Measurement:
+        """Return the contacts of one pair, after `_place`, with all that is kept while its bodies stand still."""
+        distance, axis, middle, exact = self._refined_distance(k, places, tolerance if rough else np.inf)
         if distance > tolerance:
-            return _Kept(where, False, rough, distance, axis, [distance], [middle], axis)
+            return _Measurement(where, False, rough, distance, axis, [distance], [middle], axis)
         n, patch = axis, None
-        if self._faced[k]:
-            n = self._face_of(k, places, axis, distance) if exact else self._sharpened(k, axis, distance)
+        if self._has_faces[k]:
+            n = self._face_of(k, places, axis, distance) if exact else self._likely_face(k, axis, distance)
         if not self._curved[k]:
             patch = self._patch(k, middle, n, distance)
             if patch is not None and self._line is not None:
                 one = unique_along(patch[0], self._line)
                 patch = patch[0][one], patch[1][one]
-        # along the normal no point is deeper than the penetration depth
+        # no point is deeper than the penetration depth: what exceeds it is rounding
         gap = [] if patch is None else np.maximum(patch[1], distance).tolist()
         point = [] if patch is None else list(patch[0])
-        # where edges cross, the deepest point may be none of the patch's corners
+        # where edges cross, the deepest point may be none of the corners of the patch: it is a row of its own
         if not gap or min(gap) > distance + _CORNER * self._bound[k]:
             gap, point = [distance, *gap], [middle, *point]
-        return _Kept(where, True, False, distance, axis, gap, point, n)
+        return _Measurement(where, True, False, distance, axis, gap, point, n)
 
     def _face_of(self, k: int, places: Array, n: Array, distance: float) -> Array:
-        """Return the normal of a face along which the distance is the same, that of the first shape if both have one.
+        """Return the normal of a face, if the separation along it is the distance; else n. The first shape goes first.
 
-        Of two faces that touch either normal is that of the least depth, by rounding.
+        Where two faces touch, rounding decides which of their normals n is; a fixed choice makes rows steady.
         """
         for side, scaled, sign in zip(self._sides[k], self._scaled_sides[k], (1.0, -1.0), strict=True):
             normals = self._normals[side]
@@ -262,10 +263,13 @@ class SignedDistances(Pairs):
                     return face
         return n
 
-    def _sharpened(self, k: int, n: Array, distance: float) -> Array:
-        """Return the normal of a face that Coal's own, uncertain where the shapes just touch, may stand for."""
-        turn = _FINE * self._unit[k] / max(abs(distance), 1e-300) + _LEAST_TURN
-        closest, sharp = cos(min(_MOST_TURN, turn)), n
+    def _likely_face(self, k: int, n: Array, distance: float) -> Array:
+        """Return the normal of the face nearest to Coal's normal, if it lies within the error of that; else Coal's.
+
+        The error grows as the distance vanishes.
+        """
+        turn = _FINE * self._unit[k] / max(abs(distance), 1e-300) + _ERROR_APART
+        closest, sharp = cos(min(_ERROR_TOUCHING, turn)), n
         for side, scaled, sign in zip(self._sides[k], self._scaled_sides[k], (1.0, -1.0), strict=True):
             normals = self._normals[side]
             if normals is None:
@@ -276,18 +280,18 @@ class SignedDistances(Pairs):
                 closest, sharp = along, sign * R.dot(normal)
         return sharp
 
-    def _measure(self, k: int, places: Array, enough: float = np.inf) -> tuple[float, Array, Array, bool]:
-        """Return signed distance, unit normal and a point midway of one pair, and whether they are exact to rounding.
+    def _refined_distance(self, k: int, places: Array, enough: float = np.inf) -> tuple[float, Array, Array, bool]:
+        """Return signed distance, unit normal and midpoint of one pair, and whether they are exact to rounding.
 
-        Coal's answer is only where to start from: at the robust tolerance, and where that does not lead to a maximum,
-        at the fine one. Of a distance beyond `enough` a lower bound is returned, without a point.
+        The refinement starts from Coal's normal: at the robust tolerance first, then at the fine one. If both fail,
+        Coal's own answer is returned. Of a distance beyond `enough` a lower bound is returned, without a midpoint.
         """
         a, b = self._scaled_sides[k]
         unit, (fine, robust), (result, second) = self._unit[k], self._requests, self._results
         for request in (robust, fine):
             second.clear()
             distance = self._distance[k](self._pose[a], self._pose[b], request, second) * unit
-            if distance < 0.0 and self._round_ends[k]:
+            if distance < 0.0 and self._sphere_cylinder[k]:
                 return *self._ball_at_cylinder(k), True
             normal = np.array(second.normal)
             if distance > enough + 2.0 * _REFINED * self._bound[k]:
@@ -302,7 +306,7 @@ class SignedDistances(Pairs):
         if distance < 0.0:
             second.clear()
             check = self._distance[k](self._pose[a], self._pose[b], robust, second)
-            # every direction bounds the depth from above: of two answers the deeper one is wrong
+            # the depth is the least over all directions, so that the deeper of two answers is wrong
             if distance < check - _AGREEMENT * self._bound[k] / unit:
                 distance, result = check, second
             if not abs(distance) < 1e100:
@@ -315,7 +319,7 @@ class SignedDistances(Pairs):
         return pose.getRotation(), pose.getTranslation() * self._unit[k]
 
     def _overlap(self, k: int) -> tuple[float, Array, Array]:
-        """Return signed distance, normal and point of a pair for which Coal finds nothing."""
+        """Return signed distance, normal and point of two polyhedra whose depth Coal does not find."""
         a, b = (self._placed[side].shape for side in self._sides[k])
         if not (isinstance(a, Box | Hull) and isinstance(b, Box | Hull)):
             raise MbviError(f"{self.names[k]}: Coal finds no penetration depth; take a smaller step or simpler shapes")
@@ -324,6 +328,7 @@ class SignedDistances(Pairs):
         return overlap(a, first, b, second)
 
     def _ball_at_cylinder(self, k: int) -> tuple[float, Array, Array]:
+        """Return signed distance, normal and point of a sphere and a cylinder that overlap, in closed form."""
         sides = [self._placed[side].shape for side in self._sides[k]]
         swapped = isinstance(sides[0], Sphere)
         ball, cylinder = (0, 1) if swapped else (1, 0)
@@ -343,11 +348,11 @@ class SignedDistances(Pairs):
         if points is None:
             return None
         points *= unit
-        way_a, way_b = self._way_out(k, 0, points, normal), self._way_out(k, 1, points, -normal)
-        return points + 0.5 * (way_a - way_b)[:, None] * normal, -(way_a + way_b)
+        exit_a, exit_b = self._exit(k, 0, points, normal), self._exit(k, 1, points, -normal)
+        return points + 0.5 * (exit_a - exit_b)[:, None] * normal, -(exit_a + exit_b)
 
-    def _way_out(self, k: int, side: int, points: Array, direction: Array) -> Array:
-        """Return how far from points a line along a direction leaves one shape of a pair [m]."""
+    def _exit(self, k: int, side: int, points: Array, direction: Array) -> Array:
+        """Return the distances from points to where lines along a direction leave one shape of a pair [m]."""
         R, origin = self._place_of(k, side)
         shape = self._placed[self._sides[k][side]].shape
         assert not isinstance(shape, Sphere | Ellipsoid)
@@ -355,4 +360,5 @@ class SignedDistances(Pairs):
 
 
 def _midway(result: coal.DistanceResult) -> Array:
+    """Return the midpoint of the two nearest points."""
     return np.asarray(0.5 * (result.getNearestPoint1() + result.getNearestPoint2()))

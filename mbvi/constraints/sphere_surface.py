@@ -1,4 +1,4 @@
-"""The family of spheres against a triangle mesh, which may be hollow, in closed form."""
+"""The family of spheres against a triangle mesh, which may be concave or open, in closed form."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from .family import ConstraintFamily
 from .pairs import Contacts
 from .rows import Array, Rows
 
-# cells are made for a tolerance of at least this part of the largest radius, and of this many times the given one
+# cells hold triangles within a reach: at least this part of the largest radius, and this many times the tolerance
 _MARGIN, _ROOM = 0.1, 1.5
+# rounding of distances, relative to the size of mesh and spheres
 _ROUNDING = 1e-12
 
 
 class SphereSurface(ConstraintFamily):
-    """A mesh of the world (first) against many spheres (second).
+    """A mesh of the world, the first body of every pair, against many spheres, the second bodies.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class SphereSurface(ConstraintFamily):
     surface : Surface
         The mesh, in the world's frame.
     name : str
-        The mesh's.
+        Name of the mesh.
     restitution : ndarray, shape (n,)
         e of each sphere with it.
 
@@ -40,8 +41,9 @@ class SphereSurface(ConstraintFamily):
     -----
     Constraint i is sphere i. Its rows are the points of the mesh whose distance from its centre is a local minimum. A
     point on an edge or at a corner counts only if it is the nearest point of every triangle that shares it: otherwise a
-    sphere that penetrates slightly would collide with the edges between coplanar triangles. A centre that has passed
-    the mesh is pushed out on the other side: steps must be shorter than a radius.
+    sphere that penetrates slightly would collide with the edges between coplanar triangles. A sphere whose centre has
+    passed the mesh is pushed out on the other side. The tunnelling guard does not check meshes: a sphere must travel
+    less than its radius within a step.
     """
 
     # the nearest feature of the mesh changes along the motion
@@ -122,7 +124,7 @@ class SphereSurface(ConstraintFamily):
         away = centres[sphere] - foot
         distance = np.sqrt(np.vecdot(away, away))
         number = self._surface.features[triangle, feature]
-        # one row a feature; the nearest point of all is kept whatever the rounding
+        # one row for each feature; the nearest point of a sphere is kept even if rounding hides one that shares it
         order = np.lexsort((distance, number, sphere))
         key = sphere[order] * len(self._surface.sharers) + number[order]
         _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -141,9 +143,10 @@ class SphereSurface(ConstraintFamily):
         return Contacts(sphere, gap, point, normal)
 
     def _near(self, centres: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        """Return spheres and triangles within the tolerance of each other, features and nearest points.
+        """Return pairs of a sphere and a triangle within the tolerance, as arrays.
 
-        Triangles that share such a feature are included.
+        The arrays hold the spheres, the triangles, the features that the nearest points lie on, and these points.
+        All triangles that share such a feature are included.
         """
         count = len(self._corners)
         if not np.isfinite(tolerance):
@@ -154,7 +157,7 @@ class SphereSurface(ConstraintFamily):
         # triangles that share a feature have its nearest point at the same distance, up to rounding
         tolerance += _ROUNDING * (self._largest + self._surface.bound)
         if self._cells is None or tolerance > self._reach:
-            # with room to spare: the tolerance grows with speeds
+            # a larger reach than needed now, because later tolerances may be larger
             self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
             self._cells = sorted_into_cells(self._corners, self._largest + self._reach)
         centres = plain_array(centres)

@@ -13,6 +13,7 @@ from ..system.sparse_rows import dense
 from .family import ConstraintFamily
 from .rows import Array, Rows
 
+# values of `kind` of `wall_contacts`
 _PLANE, _BOX, _CAPSULE = range(3)
 
 
@@ -25,9 +26,9 @@ def distance_from_box(walls: Array, a: int, centres: Array, i: int, most: float,
     Parameters
     ----------
     walls, a, centres, i
-        As of `wall_contacts`, with the row of each. Slices of arrays would cost more than the distance.
+        Arrays of `wall_contacts`, each followed by the row to use. Slices would cost more than the distance.
     most : float
-        The distance beyond which no normal is needed [m].
+        Distance beyond which the normal need not be written [m].
     """
     square, deepest, face, side = 0.0, np.inf, 0, 1.0
     u = v = t = 0.0
@@ -74,7 +75,7 @@ def distance_from_capsule(walls: Array, a: int, centres: Array, i: int, most: fl
     if far > 0.0:
         normal[0], normal[1], normal[2] = u / far, v / far, t / far
     else:
-        # on the axis any direction will do
+        # on the axis the normal is not unique
         normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
     return far - walls[a, 6]
 
@@ -100,12 +101,12 @@ def wall_contacts(
     tolerance : float
         Gap at and below which a contact is written [m].
     number, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
-        Receive, in their first places, sphere times w plus wall, the signed distance, the point midway between the
-        surfaces, and the unit normal from the wall to the sphere; there is room for all.
+        Receive, in their first places, the constraint (sphere times w plus wall), the signed distance, the point
+        midway between the surfaces, and the unit normal from the wall to the sphere. They have room for all pairs.
     """
     w, count, out = len(kind), 0, np.empty(3)
     for i in range(len(radii)):
-        # beyond this by more than rounding there is no contact
+        # no contact beyond this distance of the centre, with a margin for rounding
         most = (tolerance + radii[i]) + 1e-9 * (abs(tolerance) + radii[i])
         for a in range(w):
             if kind[a] == _PLANE:
@@ -135,7 +136,7 @@ def wall_contacts(
 
 
 class SphereWalls(ConstraintFamily):
-    """Half-spaces of the world, boxes and capsules on any body (first) against many free spheres (second).
+    """Half-spaces of the world and boxes or capsules on any body, the walls, against many free spheres.
 
     Parameters
     ----------
@@ -150,17 +151,17 @@ class SphereWalls(ConstraintFamily):
     walls : sequence of HalfSpace or PlacedShape
         Half-spaces, and boxes or capsules on their bodies.
     names : sequence of str
-        One a sphere.
+        Name of each sphere.
     wall_names : sequence of str
-        One a wall.
+        Name of each wall.
     group : ndarray of int, shape (n,)
-        Which entity each sphere belongs to.
+        Number of the scene's item, such as a call of `add_spheres`, that each sphere belongs to.
     group_restitution : ndarray, shape (g, w)
-        e between the entities and the walls.
+        e between the items and the walls.
 
     Notes
     -----
-    Constraint i w + a is the pair of sphere i and wall a.
+    Constraint i w + a is the pair of sphere i and wall a of w walls. The wall is its first body.
     """
 
     def __init__(
@@ -179,12 +180,12 @@ class SphereWalls(ConstraintFamily):
         self._radii, self._sphere_names, self._wall_names = plain_array(radii), names, wall_names
         self._group, self._e = group, group_restitution
         self._bodies = np.array([0 if isinstance(w, HalfSpace) else w.body for w in walls], dtype=np.int64)
-        self._kind = np.array([_kind(w) for w in walls], dtype=np.int64)
-        self._local = np.array([_numbers(w, np.eye(3), np.zeros(3)) for w in walls])
+        self._kind = np.array([_kind_of(w) for w in walls], dtype=np.int64)
+        self._local = np.array([_wall_numbers(w, np.eye(3), np.zeros(3)) for w in walls])
         self._moving = [(a, w) for a, w in enumerate(walls) if isinstance(w, PlacedShape) and w.body]
-        # nothing passes through a half-space
+        # a half-space has no far side: no sphere passes through it
         self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
-        # how fast each velocity moves the walls that are not fixed
+        # the most that each velocity moves a point of the walls that are not fixed
         self._reach = [(a, system.reach(w.body, w.position, w.shape.bound)) for a, w in self._moving]
         self.size = len(self._radii) * len(self._kind)
         self.restitution = np.asarray(group_restitution[group].ravel())
@@ -200,18 +201,19 @@ class SphereWalls(ConstraintFamily):
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pairs of a sphere and a wall, in bulk"
 
-    def _placed(self, q: Array) -> Array:
-        """Return the walls' numbers where their bodies are."""
+    def _walls_at(self, q: Array) -> Array:
+        """Return the argument `walls` of `wall_contacts`, in the world."""
         if not self._moving:
             return self._local
         walls = self._local.copy()
         places = self.system.placements(q, np.array([w.body for _, w in self._moving]))
         for (a, w), place in zip(self._moving, places, strict=True):
-            walls[a] = _numbers(w, place[:3].T, place[3])
+            walls[a] = _wall_numbers(w, place[:3].T, place[3])
         return walls
 
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        k, walls = self.size, self._placed(q)
+        """Return numbers, gaps, points and normals of the pairs within the tolerance."""
+        k, walls = self.size, self._walls_at(q)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
         centres = plain_array(q[self._where]).reshape(-1, 3)
         count = wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
@@ -232,7 +234,7 @@ class SphereWalls(ConstraintFamily):
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
-        centres, walls, gap = plain_array(q[self._where]).reshape(-1, 3), self._placed(q), np.empty(len(pairs))
+        centres, walls, gap = plain_array(q[self._where]).reshape(-1, 3), self._walls_at(q), np.empty(len(pairs))
         number, point, normal = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         for k, (i, a) in enumerate(zip(*np.divmod(pairs, len(self._kind)), strict=True)):
             one, its = slice(i, i + 1), slice(a, a + 1)
@@ -259,11 +261,12 @@ class SphereWalls(ConstraintFamily):
         return point[rows], normal[rows]
 
     def least_displacement(self) -> float:
-        """Return the largest entry of a tangent vector up to which no sphere passes through a wall."""
-        carried = np.full(len(self._kind), np.sqrt(3.0))
+        """Return a bound: no sphere passes through a wall if no entry of a displacement is larger."""
+        # sphere and wall together travel no more than this times the largest entry
+        travel = np.full(len(self._kind), np.sqrt(3.0))
         for a, reach in self._reach:
-            carried[a] += reach.sum()
-        return float(((self._radii.min() + self._inner) / carried).min(initial=np.inf))
+            travel[a] += reach.sum()
+        return float(((self._radii.min() + self._inner) / travel).min(initial=np.inf))
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
@@ -284,14 +287,14 @@ class SphereWalls(ConstraintFamily):
         return np.zeros((0, self.system.nv)) if rows is None else dense(rows.jacobian)
 
 
-def _kind(wall: HalfSpace | PlacedShape) -> int:
+def _kind_of(wall: HalfSpace | PlacedShape) -> int:
     if isinstance(wall, HalfSpace):
         return _PLANE
     return _BOX if isinstance(wall.shape, Box) else _CAPSULE
 
 
-def _numbers(wall: HalfSpace | PlacedShape, turn: Array, origin: Array) -> Array:
-    """Return a row of `walls` of `wall_contacts`, of a wall whose body has this rotation and origin, shape (15,)."""
+def _wall_numbers(wall: HalfSpace | PlacedShape, turn: Array, origin: Array) -> Array:
+    """Return the row of `walls` of `wall_contacts` for a wall whose body has this rotation and origin, shape (15,)."""
     numbers = np.zeros(15)
     if isinstance(wall, HalfSpace):
         numbers[:3], numbers[3] = wall.normal, wall.offset

@@ -14,10 +14,10 @@ from .rows import Array, Rows
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
-def _touching(
+def _pairs_within(
     centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
 ) -> int:
-    """Write the pairs of spheres within the tolerance; return how many there are.
+    """Write those of the given pairs of spheres that are within the tolerance; return how many there are.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _touching(
 
 
 class SphereContacts(ConstraintFamily):
-    """Every pair of the free spheres; only neighbours are listed.
+    """Every pair of free spheres; only pairs of the Verlet list are measured.
 
     Parameters
     ----------
@@ -70,15 +70,15 @@ class SphereContacts(ConstraintFamily):
     radii : ndarray, shape (n,)
         Radii [m].
     names : sequence of str
-        One a sphere.
+        Name of each sphere.
     group : ndarray of int, shape (n,)
-        Which entity each sphere belongs to.
+        Number of the scene's item, such as a call of `add_spheres`, that each sphere belongs to.
     group_restitution : ndarray, shape (g, g)
-        e between the entities.
+        e between the items.
 
     Notes
     -----
-    Constraint i n + j is the pair (i, j), i < j.
+    Constraint i n + j is the pair (i, j), i < j, of n spheres.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class SphereContacts(ConstraintFamily):
         self._group, self._e = group, group_restitution
         self._neighbours = VerletList(radii)
         self.size = len(radii) ** 2
-        # a sphere that is an entity of its own has no pair within that entity
+        # an item of a single sphere has no pair within itself
         several = np.bincount(group, minlength=len(group_restitution)) > 1
         self.restitution = np.asarray(group_restitution[~np.diag(~several)])
 
@@ -118,7 +118,7 @@ class SphereContacts(ConstraintFamily):
         """Return the table of all pairs i < j."""
         i, j = np.triu_indices(len(self._radii), 1)
         e, thickness = self._e[self._group[i], self._group[j]], self._radii[i] + self._radii[j]
-        return RowTable(self._all(), e, np.ones(len(i), bool), self._reach_of(i, j), thickness)
+        return RowTable(self._all_pairs(), e, np.ones(len(i), bool), self._reach_of(i, j), thickness)
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
         """Return point and normal of some pairs i < j, shapes (k, 3)."""
@@ -126,7 +126,7 @@ class SphereContacts(ConstraintFamily):
         return point[rows], normal[rows]
 
     def _reach_of(self, i: Array, j: Array) -> Array:
-        """Return how fast each velocity can bring pairs of spheres nearer, shape (k, nv)."""
+        """Return the reach of some pairs, shape (k, nv)."""
         rows, here = np.zeros((len(i), self.system.nv)), np.arange(len(i))
         for body in np.unique(np.concatenate([i, j])).tolist():
             reach = self.system.reach(self._first_body + body, np.zeros(3), 0.0)
@@ -134,7 +134,7 @@ class SphereContacts(ConstraintFamily):
         return rows
 
     def least_displacement(self) -> float:
-        """Return the largest entry of a tangent vector up to which no sphere travels its radius."""
+        """Return a bound: no sphere travels its radius if no entry of a displacement is larger."""
         return float(self._radii.min() / np.sqrt(3.0))
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
@@ -150,10 +150,10 @@ class SphereContacts(ConstraintFamily):
         return self._near(q, pairs, np.inf)[1]
 
     def _near(self, q: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        """Return numbers, gaps, points and normals of those pairs that are within the tolerance."""
+        """Return numbers, gaps, points and normals of those of the given pairs that are within the tolerance."""
         k = len(pairs)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        count = _touching(
+        count = _pairs_within(
             plain_array(q[self._where].reshape(-1, 3)), self._radii, pairs, tolerance, number, gap, point, normal
         )
         return number[:count], gap[:count], point[:count], normal[:count]
@@ -170,18 +170,19 @@ class SphereContacts(ConstraintFamily):
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair i < j, shapes (n (n - 1) / 2, 3)."""
-        return self._near(q, self._all(), np.inf)[2:]
+        return self._near(q, self._all_pairs(), np.inf)[2:]
 
-    def _all(self) -> Array:
+    def _all_pairs(self) -> Array:
+        """Return the numbers of all pairs i < j."""
         i, j = np.triu_indices(len(self._radii), 1)
         return i * len(self._radii) + j
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the gap of every pair i < j, shape (n (n - 1) / 2,) [m]."""
-        return self._near(q, self._all(), np.inf)[1]
+        return self._near(q, self._all_pairs(), np.inf)[1]
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair i < j, shape (n (n - 1) / 2, nv)."""
-        number, _, point, normal = self._near(q, self._all(), np.inf)
+        number, _, point, normal = self._near(q, self._all_pairs(), np.inf)
         i, j = np.divmod(number, len(self._radii))
         return dense(self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal))

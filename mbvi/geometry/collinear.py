@@ -1,4 +1,7 @@
-"""Contact points on a common normal of the plane of a planar scene: their rows are equal, and one is kept."""
+"""Finds points on common lines along a direction.
+
+In a planar scene, contact points on one line normal to its plane have equal rows, so that one of them is kept.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,12 @@ from ..compiled import kernel, plain_array
 
 Array = np.ndarray
 
-# distance from a line below which a point lies on it, relative to the extent of the points
+# a point lies on a line if its distance from it is below this part of the extent of the points
 _BESIDE = 1e-9
 
 
 def unique_along(points: Array, line: Array) -> Array:
-    """Return the first of the points on each line along a direction, ascending.
+    """Return the index of the first point on each line along a direction, ascending.
 
     Parameters
     ----------
@@ -28,7 +31,7 @@ def unique_along(points: Array, line: Array) -> Array:
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1])")
 def _first_of_lines(points: Array, line: Array, kept: Array) -> int:
-    """Write which points `unique_along` keeps into the first places of `kept`; return how many."""
+    """Write the indices that `unique_along` returns into the first places of `kept`; return how many."""
     size, count = 0.0, 0
     for c in range(3):
         least, most = np.inf, -np.inf

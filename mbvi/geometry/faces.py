@@ -7,13 +7,13 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# a line bounds a patch only at faces whose slope along it exceeds this
+# least cosine of a line with the normal of a face through which it leaves: others are nearly parallel to it
 FACING = 0.1
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def _leave(points: Array, direction: Array, normals: Array, offsets: Array, length: Array) -> None:
-    """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m].
+    """Write the distance from each point, shape (k, 3), to where a line along a direction leaves the polyhedron [m].
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def _leave(points: Array, direction: Array, normals: Array, offsets: Array, leng
 
 @kernel("i8(f8[:,::1], f8[::1])")
 def _most_facing(normals: Array, direction: Array) -> int:
-    """Return the face whose normal, of those of shape (f, 3), is nearest to a direction."""
+    """Return the index of the normal, of those of shape (f, 3), that is nearest to a direction."""
     best, largest = 0, -np.inf
     for f in range(len(normals)):
         along = normals[f, 0] * direction[0] + normals[f, 1] * direction[1] + normals[f, 2] * direction[2]
@@ -45,13 +45,13 @@ def _most_facing(normals: Array, direction: Array) -> int:
 
 
 def leave(points: Array, direction: Array, faces: tuple[Array, Array]) -> Array:
-    """Return how far from each point, shape (k, 3), a line along `direction` leaves the polyhedron, shape (k,) [m]."""
+    """Return the distance from each point, shape (k, 3), to where a line leaves the polyhedron, shape (k,) [m]."""
     length = np.empty(len(points))
     _leave(np.ascontiguousarray(points), direction, *faces, length)
     return length
 
 
 def most_facing(normals: Array, direction: Array) -> tuple[float, Array]:
-    """Return the normal, of those of shape (f, 3), nearest to a unit vector, with its cosine before it."""
+    """Return the cosine and the normal, of those of shape (f, 3), that is nearest to a unit vector."""
     normal = normals[_most_facing(normals, direction)]
     return float(normal.dot(direction)), normal

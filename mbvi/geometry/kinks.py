@@ -1,15 +1,18 @@
-"""Kinks of the separation of two convex shapes along a unit vector, and the kinks on which its maximum lies.
+"""The active set of kinks in the search for the separating normal n of two convex shapes (`refined_distance`).
 
-A kink is where n is normal to a segment or to an edge of a hull, or along the axis of a disk. Arguments that kernels
-here and in `refined_distance` share, beside those of `normal_search`:
+The separation d(n) of `normal_search` has no derivative at a kink: where n is normal to a segment or to an edge of a
+hull, or along the axis of a disk. Its maximum mostly lies on kinks. The search keeps n on the active kinks, as other
+active-set methods keep a point on active constraints. The multiplier of an active kink says where on the segment, edge
+or disk the nearest point lies; if it is out of bounds, the kink is released. Arguments that kernels here and in
+`refined_distance` share, beside those of `normal_search`:
 
 kinks, count : ndarray of int, shape (3, 3), and int
-    The kinks that n is kept on, in the first `count` rows: kind, number of the segment or shape, and of an edge the
-    vertex at its other end.
+    The active kinks, in the first `count` rows: the kind, the number of the segment or shape, and for an edge the
+    vertex at its far end.
 sign : ndarray of int, shape (6,)
-    The sides of the segments, +1 or -1, that are nearest.
+    The end of each segment, +1 or -1, that is nearest to the other shape.
 base : ndarray of int, shape (2,)
-    The vertex of each hull that is nearest, where its edges begin.
+    The vertex of each hull that is nearest to the other shape; edges begin there.
 """
 
 from __future__ import annotations
@@ -20,17 +23,17 @@ from ..arguments import Array
 from ..compiled import kernel
 from .normal_search import PARALLEL, dot, make_normal, normalise, separation_along, span, swell_along
 
-# kinks that the first active set consists of, and how far n is turned off one that it leaves [rad]
+# angle within which kinks enter the first active set, and by which n is turned away from a disk that is released [rad]
 NEAR_KINK = 1e-3
 # rounding of angles, and of multipliers relative to their bounds
 ROUNDING = 1e-12
-# kinds of kinks
+# kinds of kinks: normal to a segment, along the axis of a disk, normal to an edge of a hull
 SEGMENT, DISK, EDGE = 0, 1, 2
 
 
 @kernel("b1(i8[:,::1], i8, i8, i8, i8)")
 def has(kinks: Array, count: int, kind: int, who: int, vertex: int) -> bool:
-    """Return whether n is kept on a kink."""
+    """Return whether a kink is active."""
     for i in range(count):
         if kinks[i, 0] == kind and kinks[i, 1] == who and kinks[i, 2] == vertex:
             return True
@@ -57,7 +60,7 @@ def _rise(points: Array, start: int, end: int, n: Array) -> float:
 def directions(
     kinks: Array, count: int, edge: Array, swell: Array, first: Array, second: Array, base: Array, found: Array
 ) -> int:
-    """Write the vectors that n is normal to on kinks, shape (6, 3); return how many."""
+    """Write the vectors that active kinks keep n normal to, shape (6, 3); return how many."""
     n = 0
     for k in range(count):
         kind, who, vertex = kinks[k]
@@ -79,9 +82,10 @@ def next_kink(
     n: Array, within: float, disks: bool, kink: Array, kinks: Array, count: int, edge: Array, sign: Array,
     swell: Array, first: Array, second: Array, base: Array,
 ) -> bool:  # fmt: skip
-    """Write the kink that n is farthest beyond or, if `within` is positive, nearest to; return whether there is one.
+    """Write an inactive kink; return whether there is one.
 
-    Disks are looked at where `disks` says so; of those that n is kept on none is found.
+    It is the one that n has crossed farthest, by more than -`within` [rad]. If n has crossed none and `within` is
+    positive, it is the nearest one. Disks are searched only if `disks` is True.
     """
     best, found = within, False
     for k in range(6):
@@ -109,7 +113,7 @@ def next_kink(
 
 @kernel("i8(f8[::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], i8, f8[:,::1])")
 def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Array, base: int, basis: Array) -> int:
-    """Write an orthonormal basis of what of one shape n is normal to, within rounding; return its size."""
+    """Write an orthonormal basis of the straight directions of one shape that n is normal to; return its size."""
     found, m = np.empty((8, 3)), 0
     for k in range(3 * who, 3 * who + 3):
         length = np.sqrt(dot(edge[k], edge[k]))
@@ -134,9 +138,9 @@ def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Arra
 def common_directions(
     n: Array, edge: Array, swell: Array, first: Array, second: Array, base: Array, common: Array
 ) -> int:
-    """Return along how many directions both shapes are straight at n, so that nearest points are not unique.
+    """Return the number of independent directions along which both shapes are straight at n.
 
-    A single one is written to `common`, shape (3,).
+    If it is not zero, the nearest points are not unique. A single direction is written to `common`, shape (3,).
     """
     one, other, both, basis = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 3)), np.empty((3, 3))
     a = _flat_directions(n, 0, edge, swell, first, base[0], one)
@@ -153,7 +157,7 @@ def common_directions(
 
 @kernel("void(f8[::1], f8[:,::1], i8, f8[::1])")
 def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
-    """Write the shares of at most two vectors that a slope in their span consists of."""
+    """Write the coefficients t of a slope that is a linear combination of one or two vectors."""
     if m == 1:
         t[0] = dot(slope, found[0]) / dot(found[0], found[0])
     elif m == 2:
@@ -165,9 +169,9 @@ def multipliers(slope: Array, found: Array, m: int, t: Array) -> None:
 
 @kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, f8[::1])")
 def clear_common(slope: Array, common: Array, found: Array, kinks: Array, count: int, t: Array) -> int:
-    """Write the multipliers of two kinks, one of them along a common direction; return 1 if there is one, otherwise 0.
+    """Write the multipliers of two active kinks if one of them is along the common direction; return 1 then, else 0.
 
-    The multiplier along the common direction is not unique, and zero is written for it: that kink stays.
+    Its multiplier is not unique. Zero, which is within bounds, is written for it, so that this kink stays active.
     """
     if count != 2 or kinks[0, 0] == DISK or kinks[1, 0] == DISK:
         return 0
@@ -188,9 +192,9 @@ def add(
     n: Array, scratch: Array, kink: Array, kinks: Array, count: int, between: Array, ball: float, edge: Array,
     sign: Array, swell: Array, first: Array, second: Array, base: Array,
 ) -> int:  # fmt: skip
-    """Keep n on one more kink, in the place of another where these are too many; return how many there are then.
+    """Add a kink to the active ones; return their number, or -1 if that is impossible.
 
-    Of the kinks that can be released, the one without which d is largest; -1 where there is none.
+    If n cannot lie on all of them, another is released: the one without which d is largest.
     """
     found, basis, trial = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3), np.int64)
     kinks[count] = kink
@@ -227,9 +231,9 @@ def add(
 def release(
     n: Array, t: Array, found: Array, kinks: Array, count: int, sign: Array, base: Array, left: Array
 ) -> int:  # fmt: skip
-    """Leave the kink whose multiplier is farthest out of its bounds; return how many remain, `count` if none is.
+    """Release the active kink whose multiplier is farthest out of its bounds, if any; return how many stay active.
 
-    `left`, shape (2,) of bool, takes note of the disks left: n is turned towards their rim.
+    When a disk is released, n is turned off its axis, and the disk is marked in `left`, shape (2,) of bool.
     """
     worst, out, sums = ROUNDING, -1, np.zeros(2)
     for i in range(count):

@@ -1,6 +1,6 @@
 """Prescribed motions of walls, such as those of a shaker or a drum.
 
-A motion of one's own is an object with `pose(t)` and `twist(t)`; `scene.add_...(..., motion=...)` takes it.
+Pass a motion as `scene.add_...(..., motion=...)`. Any object with `pose(t)` and `twist(t)` is a motion, too.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ Vector = Sequence[float] | Array
 
 
 class Motion(Protocol):
-    """How what stands in the world is displaced over time."""
+    """The displacement of a wall of the world as a function of time."""
 
     def pose(self, t: float) -> tuple[Array, Array]:
-        """Return rotation, shape (3, 3), and position, shape (3,): what stands at x is at rotation x + position [m]."""
+        """Return R, shape (3, 3), and p, shape (3,): the point of the wall placed at x is at R x + p at time t [m]."""
         ...
 
     def twist(self, t: float) -> tuple[Array, Array]:
-        """Return u and w, shapes (3,): what is at x moves with u + w x x, in the world [m/s, rad/s]."""
+        """Return u and w, shapes (3,): the point of the wall that is now at y has velocity u + w x y [m/s, rad/s]."""
         ...
 
 
@@ -69,9 +69,9 @@ class Oscillation:
     amplitude : array_like, shape (3,)
         Direction and amplitude [m].
     frequency : float
-        Oscillations a second [Hz].
+        Frequency [Hz].
     phase : float
-        Phase at t = 0 [rad]: unless it is zero, walls are displaced there already.
+        Phase at t = 0 [rad]. Unless sin(phase) is zero, walls are displaced from the start.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class Rotation:
         object.__setattr__(self, "rate", finite(self.rate, "rate"))
 
     def pose(self, t: float) -> tuple[Array, Array]:
-        """Return the rotation so far, and where it takes the origin."""
+        """Return the rotation by rate t, and the position to which it moves the origin."""
         along, across, square = self._about
         angle = self.rate * _time(t)
         turn = np.cos(angle) * square + np.sin(angle) * across + along
@@ -155,7 +155,7 @@ class Rotation:
 
 
 def checked_motion(motion: Motion | None) -> Motion | None:
-    """Return a prescribed motion, or raise `InputError` where it is none or does not fit itself."""
+    """Return a prescribed motion; raise `InputError` if it is none, or if `twist` is not the derivative of `pose`."""
     if motion is None:
         return None
     if isinstance(motion, type) or not (hasattr(motion, "pose") and hasattr(motion, "twist")):
@@ -176,7 +176,7 @@ def checked_motion(motion: Motion | None) -> Motion | None:
 
 
 def _pair(given: tuple[Array, Array], shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return what `pose` or `twist` returned, the first of a shape and the second of shape (3,)."""
+    """Check and return the two arrays of `pose` or `twist`: the first of a given shape, the second of shape (3,)."""
     if isinstance(given, tuple | list) and len(given) == 2:
         first, second = (returned(part, "motion: pose(t) and twist(t)") for part in given)
         if first.shape == shape and second.shape == (3,):
@@ -185,7 +185,7 @@ def _pair(given: tuple[Array, Array], shape: tuple[int, ...]) -> tuple[Array, Ar
 
 
 def _time(t: float) -> float:
-    # a run gives floats, at every step
+    # the usual call, once a step, skips the full check
     return t if type(t) is float and -LARGEST <= t <= LARGEST else finite(t, "t")
 
 

@@ -1,7 +1,8 @@
-"""The separation d(n) = -h_1(n) - h_2(-n) of two convex shapes along a unit vector n, and where it is largest.
+"""The separation d(n) = -h_1(n) - h_2(-n) of two convex shapes along a unit vector n, and its maximum on smooth parts.
 
-h is how far a shape reaches along n. A shape is a sum of segments, a disk or an ellipsoid, a ball, and a hull of points
-(`separating_axis._Support`). Arguments that the kernels here and in `refined_distance` share:
+h is the support function: the largest x . n of all points x of a shape. A shape is a Minkowski sum of segments, a disk
+or an ellipsoid (here called a swell), a ball, and a hull of points (`separating_axis._Support`). Arguments that the
+kernels here and in `refined_distance` share:
 
 n : ndarray, shape (3,)
     A unit vector, from the first shape to the second.
@@ -20,17 +21,17 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# directions nearer to each other than this are one [rad]
+# directions with a smaller angle between them count as parallel [rad]
 PARALLEL = 1e-9
 # Newton steps, and the longest of them [rad]
 _MOST_STEPS, _LONGEST = 40, 0.3
-# steps below which the next would be rounding, and below which a value that falls is rounding [rad]
+# a step below the first is the last one; after a step below the second, a falling value is due to rounding [rad]
 _LAST_STEP, _SMALL_STEP = 1e-9, 1e-7
 
 
 @kernel("f8(f8[::1], f8[::1])")
 def dot(a: Array, b: Array) -> float:
-    """Return the product of two vectors, shape (3,)."""
+    """Return the scalar product of two vectors, shape (3,)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -43,7 +44,7 @@ def cross(a: Array, b: Array, c: Array) -> None:
 
 @kernel("f8(f8[::1])")
 def normalise(a: Array) -> float:
-    """Divide a vector by its length; return that."""
+    """Divide a vector by its length; return the length."""
     length = np.sqrt(dot(a, a))
     for i in range(3):
         a[i] /= length
@@ -52,13 +53,13 @@ def normalise(a: Array) -> float:
 
 @kernel("f8(f8[:,::1], f8[::1])")
 def swell_along(axes: Array, n: Array) -> float:
-    """Return how far an ellipsoid or disk of three half axes, shape (3, 3), reaches along n [m]."""
+    """Return the support function of an ellipsoid or disk of three half axes, shape (3, 3), along n [m]."""
     return np.sqrt(dot(axes[0], n) ** 2 + dot(axes[1], n) ** 2 + dot(axes[2], n) ** 2)
 
 
 @kernel("f8(f8[:,::1], f8[::1])")
 def farthest(points: Array, n: Array) -> float:
-    """Return how far points, shape (k, 3), reach along n [m]."""
+    """Return the support function of points, shape (k, 3), along n [m]."""
     far = dot(points[0], n)
     for k in range(1, len(points)):
         far = max(far, dot(points[k], n))
@@ -100,7 +101,7 @@ def span(vectors: Array, count: int, basis: Array) -> int:
 
 @kernel("b1(f8[::1], f8[:,::1], i8)")
 def make_normal(n: Array, basis: Array, rank: int) -> bool:
-    """Make n normal to a basis of at most two vectors; return whether it was not along them."""
+    """Make n normal to a basis of at most two vectors; return False if n lies in their span."""
     for k in range(rank):
         along = dot(n, basis[k])
         for c in range(3):
@@ -119,7 +120,7 @@ def make_normal(n: Array, basis: Array, rank: int) -> bool:
 
 @kernel("void(f8[::1], f8[:,:,::1], f8[::1], f8[:,::1], f8[::1])")
 def gradient(n: Array, swell: Array, pull: Array, nearest: Array, slope: Array) -> None:
-    """Write the points of two swells farthest along n, shape (2, 3), and the gradient of pull . n less their reach."""
+    """Write the point of each swell farthest along n, shape (2, 3), and the gradient of pull . n - their supports."""
     for c in range(3):
         slope[c] = pull[c]
     for i in range(2):
@@ -137,7 +138,7 @@ def gradient(n: Array, swell: Array, pull: Array, nearest: Array, slope: Array) 
 
 @kernel("void(f8[::1], f8[:,::1], i8, f8[:,::1])")
 def _tangents(n: Array, basis: Array, rank: int, t: Array) -> None:
-    """Write two unit vectors normal to n and to each other; the first is normal to the first of a basis of one."""
+    """Write two unit vectors normal to n and to each other; if `rank` is 1, the first is also normal to the basis."""
     if rank == 1:
         cross(basis[0], n, t[0])
     else:
@@ -154,12 +155,12 @@ def _tangents(n: Array, basis: Array, rank: int, t: Array) -> None:
 
 @kernel("b1(f8[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8)")
 def climb(n: Array, pull: Array, swell: Array, basis: Array, rank: int) -> bool:
-    """Maximise pull . n less what swells reach over unit vectors normal to a basis; return whether n is a maximum.
+    """Maximise pull . n - (supports of the swells) over unit vectors normal to a basis; return whether n is a maximum.
 
     Parameters
     ----------
     n : ndarray, shape (3,)
-        Where to start; changed.
+        Start of the search; receives the maximum.
     pull, basis : ndarray, shapes (3,) and (3, 3)
         The linear part [m], and orthonormal vectors in the first `rank` rows, at most one.
     """

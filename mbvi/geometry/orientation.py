@@ -66,7 +66,7 @@ def _as_matrices(value: RotationLike, name: str) -> Array:
     if hasattr(value, "as_matrix"):
         try:
             value = value.as_matrix()
-        # a class given in place of an object, or an object of a user's own
+        # the user may have passed a class, or an object whose method fails in any other way
         except Exception as error:
             raise InputError(f"{name} gives no matrix: {error}; got {shown(value)}") from error
     return array(value, name)

@@ -9,10 +9,16 @@ from ..arguments import Array
 
 
 class PatchFinder:
-    """The polygon two flat faces share.
+    """Finds the polygon that two flat faces share.
 
-    Coal gives one depth for the whole patch; the gap of a corner is measured between the two surfaces along the normal.
-    Its own search for the contact, whose normal is noise where faces just touch, is left out: both are given.
+    Coal starts from a contact. Its point, normal and distance are given by the caller, because the normal of Coal's own
+    search is dominated by rounding where faces just touch. Coal returns one depth for the whole patch; callers compute
+    the gap of each corner themselves.
+
+    Parameters
+    ----------
+    geometry : list
+        Coal geometries; `find` names two by their places.
     """
 
     def __init__(self, geometry: list) -> None:
@@ -23,7 +29,7 @@ class PatchFinder:
     def find(
         self, sides: tuple[int, ...], poses: tuple, tolerance: float, point: Array, normal: Array, distance: float
     ) -> Array | None:
-        """Return two or more points, shape (k, 3), in the units of the geometry, or None."""
+        """Return the corners of the patch, shape (k, 3), k >= 2, in the units of the geometry, or None."""
         a, b = sides
         geometry = self._geometry[a], self._geometry[b]
         if sides not in self._functors:

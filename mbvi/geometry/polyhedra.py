@@ -1,4 +1,4 @@
-"""Boxes and convex hulls: vertices to stand on, faces, volume and inertia."""
+"""Boxes and convex hulls: vertices, faces, volume and inertia."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from .faces import leave
 Array = np.ndarray
 
 _CORNERS = 0.5 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+# triangles at one vertex, of a hull that Coal can hold
 _MOST_NEIGHBOURS = 200
 
 
 class Polyhedron:
-    """What boxes and hulls share: vertices to stand on, and faces `normal . x <= offset`."""
+    """Base class of boxes and hulls: vertices, and faces `normal . x <= offset`."""
 
     smooth = False
     vertices: Array
@@ -37,11 +38,11 @@ class Polyhedron:
         return float((offsets - normals @ self.vertices.mean(axis=0)).min())
 
     def support_points(self) -> tuple[Array, Array, float]:
-        """Return the vertices."""
+        """Return the vertices, fixed points without a ball; see `Sphere.support_points`."""
         return self.vertices, np.zeros(self.vertices.shape), 0.0
 
     def exit(self, points: Array, direction: Array) -> Array:
-        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
         return leave(points, direction, self.faces)
 
 
@@ -91,7 +92,7 @@ class Hull(Polyhedron):
         hull = _qhull(points)
         directions = 1000
         while np.bincount(hull.simplices.ravel()).max() > _MOST_NEIGHBOURS:
-            # Coal stores neighbours in bytes: keep the outermost points of many directions instead of all
+            # Coal counts the neighbours of a vertex in one byte: keep only the outermost points in many directions
             directions //= 2
             points = points[np.unique(np.argmax(points @ _sphere_directions(directions).T, axis=0))]
             hull = _qhull(points)
@@ -135,7 +136,7 @@ class Hull(Polyhedron):
 
 
 def _qhull(points: Array) -> Any:
-    # half of this package's import time, for meshes only
+    # only meshes need it, and its import is slow
     from scipy.spatial import ConvexHull, QhullError
 
     try:

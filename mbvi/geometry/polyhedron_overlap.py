@@ -7,21 +7,21 @@ import numpy as np
 from ..arguments import Array
 from .polyhedra import Hull, Polyhedron
 
-# of the larger shape: what lies that near the outermost point lies as far out
-_AS_FAR = 1e-7
-# sines of angles between edges below this make no axis
+# points within this part of the shape's extent of the outermost one count as outermost, too
+_EQUALLY_FAR = 1e-7
+# edges with a smaller sine of their angle are parallel: their cross product is no axis
 _PARALLEL = 1e-9
 
 
 def overlap(a: Polyhedron, place_a: Array, b: Polyhedron, place_b: Array) -> tuple[float, Array, Array]:
-    """Return signed distance, unit normal from the first to the second, and the point midway of two that overlap.
+    """Return signed distance, unit normal from first to second, and the point midway, of two polyhedra that overlap.
 
     Parameters
     ----------
     a, b : Polyhedron
         The shapes.
     place_a, place_b : ndarray, shape (4, 3)
-        Where they are: columns of the rotation, then the origin, as rows.
+        Their placements: the columns of the rotation, then the origin, as rows.
     """
     points = [shape.vertices @ place[:3] + place[3] for shape, place in ((a, place_a), (b, place_b))]
     edges = [_edges(shape) @ place[:3] for shape, place in ((a, place_a), (b, place_b))]
@@ -43,18 +43,19 @@ def _edges(shape: Polyhedron) -> Array:
     corner = shape.vertices[shape.triangles]
     directions = (corner - np.roll(corner, 1, axis=1)).reshape(-1, 3)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # of two opposite directions the one whose first entry other than zero is positive
+    # opposite directions are parallel: make the first entry that is not zero positive
     first = directions[np.arange(len(directions)), (np.abs(directions) > _PARALLEL).argmax(axis=1)]
     return np.unique(np.round(directions * np.sign(first)[:, None], 12), axis=0)
 
 
 def _outermost(points: Array, direction: Array) -> Array:
+    """Return the points farthest along a direction: a corner, the ends of an edge, or the corners of a face."""
     far = points @ direction
-    return points[far >= far.max() - _AS_FAR * np.ptp(points, axis=0).max()]
+    return points[far >= far.max() - _EQUALLY_FAR * np.ptp(points, axis=0).max()]
 
 
 def _between(first: Array, second: Array, normal: Array, distance: float) -> Array:
-    """Return the point midway between what is outermost of either: a corner, an edge, or a face."""
+    """Return the point midway between two outermost features, each a corner, an edge, or a face."""
     if len(second) == 1 or len(first) > 2:
         return second.mean(axis=0) - 0.5 * distance * normal
     if len(first) == 1 or len(second) > 2:

@@ -1,9 +1,9 @@
 """The signed distance of two convex shapes to rounding, from an approximate normal.
 
-The signed distance is the largest separation d(n) over unit vectors n (`normal_search`), which is smooth but for kinks
-(`kinks`). An active-set method keeps n on kinks of at most two directions and maximises d along these by Newton's
-method. The multiplier of a kink says where on the segment, edge or disk the nearest point lies: where all multipliers
-lie within, n is a local maximum. Lengths are compared with each other only: the unit of length is arbitrary.
+The signed distance is the largest separation d(n) over unit vectors n (`normal_search`). d is smooth except at kinks
+(`kinks`). An active-set method keeps n normal to the at most two directions of the active kinks, and maximises d over
+the remaining directions by Newton's method. If the multipliers of all active kinks are within bounds, n is a local
+maximum. Lengths are compared with each other only, so that the unit of length is arbitrary.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from .kinks import (
 from .normal_search import climb, dot, farthest, gradient, make_normal, separation_along, span
 from .separating_axis import SeparatingAxes
 
-# active sets that are tried, and kinks for the first of them
+# active sets that are tried before the search fails, and kinks that are tried for the first set
 _MOST_SETS, _MOST_TRIED = 40, 8
 # cosine of the angle by which the first set may turn the normal
 _ABOUT = 1.0 - 1e-4
-# results: no maximum was found, the nearest points are unique, they are not (parallel faces or edges)
+# results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8, f8[:,::1], f8[:,:,::1], f8[:,::1])")
 def _describe(place: Array, sizes: Array, points: Array, side: float, edge: Array, swell: Array, turned: Array) -> None:
-    """Write the segments, half axes and points, times `side`, of one shape; other arguments as of `_refine`."""
+    """Write segments, half axes and points of one shape in the world's axes; the points are multiplied by `side`."""
     for c in range(3):
         for k in range(3):
             edge[k, c] = sizes[k] * place[k, c]
@@ -52,7 +52,7 @@ def _describe(place: Array, sizes: Array, points: Array, side: float, edge: Arra
 
 @kernel("i8(f8[:,::1], f8[::1])")
 def _outermost(points: Array, n: Array) -> int:
-    """Return which of points, shape (k, 3), is farthest along n."""
+    """Return the index of the point, of shape (k, 3), that is farthest along n."""
     best = 0
     for k in range(1, len(points)):
         if dot(points[k], n) > dot(points[best], n):
@@ -68,7 +68,7 @@ def _midpoint(
     place: Array, sizes: Array, n: Array, apart: float, kinks: Array, count: int, t: Array, found: Array, edge: Array,
     sign: Array, at: Array, vertex: Array, nearest: Array,
 ) -> None:  # fmt: skip
-    """Write the point midway between the surfaces: from the first shape's nearest point by half the distance."""
+    """Write the point midway between the surfaces: the first shape's nearest point, moved half the distance along n."""
     for c in range(3):
         nearest[c] = place[3, c] + vertex[c] + at[0, c] + (sizes[3] + 0.5 * apart) * n[c]
         for k in range(3):
@@ -88,7 +88,7 @@ def _midpoint(
 def _first_set(
     n: Array, kinks: Array, edge: Array, sign: Array, swell: Array, first: Array, second: Array, base: Array
 ) -> int:
-    """Write the kinks near n that fit together and leave it about where it is; return how many."""
+    """Write a first active set: kinks near n that n can lie on together when it is turned a little; return how many."""
     tried, kink, near, count = np.zeros((_MOST_TRIED, 3), np.int64), np.zeros(3, np.int64), np.empty(3), 0
     found, basis = np.empty((6, 3)), np.empty((3, 3))
     for turn in range(_MOST_TRIED):
@@ -112,7 +112,7 @@ def _refine(
     place: Array, sizes: Array, points: Array, other_place: Array, other_sizes: Array, other_points: Array,
     n: Array, nearest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Find a local maximum of d(n).
+    """Find a local maximum of the separation d(n) of two shapes.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _refine(
     Returns
     -------
     result : int
-        `UNIQUE`, `FLAT` or `FAILED`; failed is also a maximum below d of the normal given.
+        `UNIQUE`, `FLAT` or `FAILED`. The search has also failed if its maximum is below d of the given normal.
     distance : float
         d(n) [m].
     """
@@ -214,7 +214,7 @@ def _refine(
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
 def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
-    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear`."""
+    """Write the placements of two shapes in the world, shape (2, 4, 3); `places`, `frame`, `fixed` as of `_clear`."""
     for side in range(2):
         s = sides[side]
         for k in range(4):
@@ -231,7 +231,7 @@ def _refine_pair(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
     normal: Array, nearest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Call `_refine` for two shapes, `sides`, shape (2,); the first arguments are those of `_clear`."""
+    """Call `_refine` for the two shapes `sides`, shape (2,); the arguments before are those of `_clear`."""
     world = np.empty((2, 4, 3))
     _place_pair(places, frame, fixed, sides, world)
     a, b = sides[0], sides[1]
@@ -244,7 +244,7 @@ def _separate_pair(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
     normal: Array,
 ) -> float:  # fmt: skip
-    """Return d of two shapes along a normal; arguments as of `_refine_pair`."""
+    """Return the separation of two shapes along a normal; arguments as of `_refine_pair`."""
     world, local, u, apart = np.empty((2, 4, 3)), np.empty(3), normal.copy(), 0.0
     _place_pair(places, frame, fixed, sides, world)
     for side in range(2):
@@ -262,14 +262,14 @@ def _separate_pair(
 
 
 def refined(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) -> tuple[int, float, Array]:
-    """Return a result, the signed distance of two shapes [m] and the point midway between the surfaces, shape (3,).
+    """Refine the signed distance of two shapes, starting from an approximate normal.
 
     Parameters
     ----------
     axes : SeparatingAxes
         The shapes.
     places : ndarray, shape (b, 4, 3)
-        Where the bodies are.
+        Placements of the bodies `axes.bodies`.
     sides : ndarray of int, shape (2,)
         The two shapes.
     normal : ndarray, shape (3,)
@@ -278,9 +278,11 @@ def refined(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) ->
     Returns
     -------
     result : int
-        `UNIQUE`; `FLAT`, where the point is meaningless; `FAILED`, where the numbers and the normal are.
-    distance, point
-        Those.
+        `UNIQUE`; `FLAT`, then the point is meaningless; `FAILED`, then distance, point and normal are.
+    distance : float
+        Signed distance [m].
+    point : ndarray, shape (3,)
+        The point midway between the surfaces [m].
     """
     nearest = np.empty(3)
     result, distance = _refine_pair(places, *axes.supports, sides, normal, nearest)

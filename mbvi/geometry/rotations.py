@@ -1,4 +1,4 @@
-"""Unit quaternions (x, y, z, w) in rows, and the few maps on them that free bodies need in bulk."""
+"""Unit quaternions (x, y, z, w), one in each row, and the maps on them that free bodies need, for all rows at once."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def log(a: Array) -> Array:
 
 
 def chart_rate(w: Array, spin: Array) -> Array:
-    """Return the rates of rotation vectors w, shape (n, 3), of what turns by exp(w) with that spin in the body."""
+    """Return dw/dt, shape (n, 3), of bodies with rotation exp(w) and angular velocity `spin` in the body."""
     angle = np.sqrt(np.einsum("ij,ij->i", w, w))
     half = 0.5 * angle
-    # (1 - x cot x) / x^2 at half the angle, by its series where that cancels
+    # (1 - x cot x) / x^2 at x = half the angle; for small x by its series, because the difference loses digits
     small = half < 0.05
     x = np.where(small, 1.0, half)
     c = np.where(small, (1 + half**2 / 15 * (1 + half**2 * 2 / 21)) / 3, (1 - x / np.tan(x)) / x**2)

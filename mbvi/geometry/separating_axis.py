@@ -1,7 +1,8 @@
 """Lower bounds on the distance of convex shapes by the last separating axis of each pair.
 
-The distance of two shapes is at least that of their projections onto any unit vector n. The normal of the last measured
-distance, which moves along with the first body, separates them for many steps: most pairs need no other measurement.
+The distance of two shapes is at least the distance of their projections onto any unit vector n. The normal of the last
+measured distance is kept in the frame of the first body. It separates the shapes for many steps, so that most pairs are
+seldom measured again.
 """
 
 from __future__ import annotations
@@ -17,10 +18,18 @@ from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphe
 
 
 class _Support(NamedTuple):
-    """A shape as a Minkowski sum of sets about its frame's origin: its support function is the sum of theirs.
+    """A shape as a Minkowski sum of simple sets, whose support functions add up.
 
-    Half edges of a box, radii of a ball and of a disk across z, half axes of an ellipsoid, and points, shape (k, 3), of
-    which the farthest counts.
+    Attributes
+    ----------
+    box : tuple of float
+        Half edges of a box.
+    ball, disk : float
+        Radii of a ball, and of a disk normal to z.
+    ellipsoid : tuple of float
+        Half axes of an ellipsoid.
+    points : ndarray, shape (k, 3)
+        Vertices of a convex hull.
     """
 
     box: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -31,6 +40,7 @@ class _Support(NamedTuple):
 
 
 def _support(shape: Convex) -> _Support:
+    """Return a shape as a Minkowski sum about the origin of its frame."""
     match shape:
         case Sphere():
             return _Support(ball=shape.radius)
@@ -48,18 +58,18 @@ def _support(shape: Convex) -> _Support:
 
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
 def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
-    """Return how far a shape reaches from the world's origin along a unit vector [m].
+    """Return the support function of a placed shape along a unit vector u: the largest x . u of its points x [m].
 
     Parameters
     ----------
     place : ndarray, shape (4, 3)
-        Where the shape is: columns of its rotation, then its origin.
+        Placement of the shape: columns of its rotation, then its origin.
     u : ndarray, shape (3,)
         The unit vector.
     sizes : ndarray, shape (8,)
         Box, ball, disk, ellipsoid of its `_Support`.
     points : ndarray, shape (k, 3)
-        The points of that.
+        Points of its `_Support`.
     """
     x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
     y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
@@ -84,16 +94,16 @@ def _clear(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
     sides: Array, axis: Array, candidates: Array, tolerance: float, bound: Array, unresolved: Array,
 ) -> int:  # fmt: skip
-    """Write lower bounds of the distances of the pairs that their axes separate; list the other pairs.
+    """Write lower bounds of the distances of pairs whose axes separate them; list the other pairs.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
+        Placements of the bodies: columns of the rotation, then the origin.
     frame : ndarray of int, shape (s,)
-        The body of each shape among them; -1 for the world.
+        The place of each shape's body in `places`; -1 for the world.
     fixed : ndarray, shape (s, 4, 3)
-        Where the shapes are in their bodies.
+        Placements of the shapes in their bodies.
     sizes, points, first_point : ndarray, shapes (s, 8), (k, 3), (s + 1,)
         The shapes' supports; the points of all shapes, and the first point of each shape.
     sides : ndarray of int, shape (n, 2)
@@ -112,7 +122,7 @@ def _clear(
     Returns
     -------
     int
-        How many these are.
+        How many other pairs there are.
     """
     count = 0
     n, back, world = np.empty(3), np.empty(3), np.empty((2, 4, 3))
@@ -174,9 +184,9 @@ class SeparatingAxes:
     Attributes
     ----------
     bodies : ndarray of int
-        Whose placements the methods take, in that order.
+        The bodies other than the world, ascending: methods expect their placements in this order.
     frame : ndarray of int
-        For each shape where its body stands among these; -1 for the world.
+        The place of each shape's body in `bodies`; -1 for the world.
     supports : tuple of ndarray
         `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear`.
     """
@@ -191,12 +201,12 @@ class SeparatingAxes:
         self._sizes = np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8)
         self._points = np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)])
         self._first_point = np.cumsum([0, *(len(s.points) for s in supports)])
-        # as kernels take them
+        # the arguments that kernels share
         self.supports = self.frame, self._fixed, self._sizes, self._points, self._first_point
         self._axis = np.full((len(sides), 3), np.nan)
 
     def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
-        """Return the candidates that may be active; the bounds of the others are written.
+        """Return the candidates that their axes do not separate; write lower bounds of the distances of the others.
 
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """

@@ -1,6 +1,6 @@
-"""Convex shapes: Coal geometry, support points on half-spaces, and inertia as homogeneous solids.
+"""Convex shapes: Coal geometry, support points above half-spaces, and inertia as homogeneous solids.
 
-Every shape is centred on its own frame; lengths in metres; capsules and cylinders lie along z.
+Every shape but a hull is centred on its own frame. Capsules and cylinders lie along z. Lengths are in metres.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .polyhedra import Box, Hull
 
 Array = np.ndarray
 
+# fixed support points on a rim of unit radius: a cylinder on its end stands on them
 _RIM = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(12) * (np.pi / 6)])
 
 
@@ -45,10 +46,10 @@ class Sphere:
         return coal.Sphere(self.radius / unit)
 
     def support_points(self) -> tuple[Array, Array, float]:
-        """Return centres and half axes, shapes (k, 3), and a radius: the shape's reach below a plane is theirs.
+        """Return centres and half axes of support points, shapes (k, 3), and the radius of a ball about each.
 
-        Of an ellipsoid of these half axes about the centre, the lowest point counts; where they vanish, the centre.
-        To it comes a ball of the radius.
+        A support point is the lowest point, above a half-space, of the ellipsoid with this centre and these half axes.
+        If the half axes are zero, it is the centre. The gap is its height above the half-space, less the radius.
         """
         return np.zeros((1, 3)), np.zeros((1, 3)), self.radius
 
@@ -79,7 +80,7 @@ class Ellipsoid:
         return coal.Ellipsoid(*(r / unit for r in self.radii))
 
     def support_points(self) -> tuple[Array, Array, float]:
-        """Return itself: its lowest point moves over the surface."""
+        """Return the ellipsoid itself, whose lowest point moves over the surface; see `Sphere.support_points`."""
         return np.zeros((1, 3)), np.array([self.radii]), 0.0
 
     def inertia(self, mass: float) -> Array:
@@ -111,11 +112,11 @@ class Capsule:
         return coal.Capsule(self.radius / unit, self.length / unit)
 
     def support_points(self) -> tuple[Array, Array, float]:
-        """Return the centres of the two ends and the radius."""
+        """Return the ends of the axis and the radius; see `Sphere.support_points`."""
         return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, np.zeros((2, 3)), self.radius
 
     def exit(self, points: Array, direction: Array) -> Array:
-        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
         z = np.clip(points[:, 2], -0.5 * self.length, 0.5 * self.length)
         from_axis = points - z[:, None] * np.array([0.0, 0.0, 1.0])
         return _leave_ball(from_axis, direction, self.radius)
@@ -153,7 +154,7 @@ class Cylinder:
         return coal.Cylinder(self.radius / unit, self.length / unit)
 
     def support_points(self) -> tuple[Array, Array, float]:
-        """Return twelve points of each rim, and the rims themselves, whose lowest points move."""
+        """Return twelve fixed points of each rim, and the rims themselves; see `Sphere.support_points`."""
         end = np.array([0.0, 0.0, 0.5 * self.length])
         fixed = np.concatenate([self.radius * _RIM - end, self.radius * _RIM + end])
         rim = np.array([[self.radius, self.radius, 0.0]])
@@ -166,7 +167,7 @@ class Cylinder:
         return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
 
     def exit(self, points: Array, direction: Array) -> Array:
-        """Return how far from each point, shape (k, 3), a line along `direction` leaves the shape, shape (k,) [m]."""
+        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
         length = np.full(len(points), np.inf)
         if abs(direction[2]) > FACING:
             length = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
@@ -184,21 +185,21 @@ class Cylinder:
 
 
 def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
-    """Return how far from points, shape (k, 3), a line along a unit direction leaves a ball about the origin."""
+    """Return the distances from points, shape (k, 3), to where lines along a unit vector leave a ball about 0."""
     along = points @ direction
     inside = along**2 - (points**2).sum(axis=1) + radius**2
     return np.sqrt(np.maximum(inside, 0.0)) - along
 
 
 def length_unit(sizes: Iterable[float]) -> float:
-    """Return the power of two above the median of sizes [m]; 1 of none."""
+    """Return the power of two above the median of sizes [m]; 1 if there are none."""
     known = list(sizes)
     return 2.0 ** frexp(float(np.median(known)))[1] if known else 1.0
 
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """What a wall or floor leaves free: normal . x >= offset in the world [m], displaced by its motion if any."""
+    """The free side of a wall or floor: normal . x >= offset in the world [m], displaced by its motion, if any."""
 
     normal: tuple[float, float, float]
     offset: float
@@ -222,11 +223,11 @@ class PlacedShape:
         The body it is fixed to; 0 is the world.
     rotation : ndarray, shape (3, 3)
     position : ndarray, shape (3,)
-        Where the shape's frame stands in the body's [m].
+        Rotation and position of the shape's frame in the body's [m].
     color : tuple of float
         Red, green, blue, opacity in [0, 1].
     motion : Motion, optional
-        How a shape of the world moves, if it does.
+        Prescribed motion of a shape of the world.
     """
 
     name: str

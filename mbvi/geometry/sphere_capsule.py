@@ -16,22 +16,24 @@ def _ball_contacts(
     places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
     normal: Array,
 ) -> bool:  # fmt: skip
-    """Write the contacts of pairs of which one side at least is a sphere; False if some have no normal, but NaN.
+    """Write the contacts of pairs with at least one sphere; return whether all have a normal.
+
+    Concentric spheres have none: NaN is written.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
+        Placements of the bodies: columns of the rotation, then the origin.
     frame : ndarray of int, shape (s,)
-        Which of them each shape belongs to; -1 for the world.
+        The place of each shape's body in `places`; -1 for the world.
     ends : ndarray, shape (s, 2, 3)
-        The two ends of a capsule's axis in its body; of a sphere, twice its centre.
+        The two ends of a capsule's axis in its body; for a sphere both are its centre.
     radius : ndarray, shape (s,)
         Radii [m].
     sides : ndarray of int, shape (n, 2)
         The shapes of each pair.
     pairs : ndarray of int, shape (k,)
-        Which pairs.
+        The pairs to evaluate.
     gap, point, normal : ndarray, shapes (k,), (k, 3), (k, 3)
         Receive signed distances, points midway between the surfaces, and unit normals from the first to the second.
     """
@@ -75,7 +77,7 @@ def _ball_contacts(
 
 
 def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float, Array]:
-    """Return the signed distance of a point from a solid cylinder's surface, and the unit vector straight out of it.
+    """Return the signed distance of a point from the surface of a solid cylinder, and the unit normal there.
 
     Parameters
     ----------
@@ -86,7 +88,7 @@ def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float,
 
     Notes
     -----
-    What Coal says of a ball whose centre is in a cylinder is wrong by up to the cylinder's radius.
+    It replaces Coal's distance of a ball whose centre is in a cylinder, which is wrong by up to the cylinder's radius.
     """
     across = float(np.hypot(centre[0], centre[1]))
     outward = np.array([centre[0], centre[1], 0.0]) / across if across > 0.0 else np.array([1.0, 0.0, 0.0])
@@ -99,22 +101,22 @@ def out_of_cylinder(centre: Array, radius: float, length: float) -> tuple[float,
     return (side, outward) if side > end else (end, upward)
 
 
-class Balls:
-    """The pairs of a list that have a closed form.
+class SphereCapsulePairs:
+    """Closed-form contacts for those pairs of a list that have them.
 
     Parameters
     ----------
     shapes : sequence of PlacedShape
         The shapes.
     frame : ndarray of int, shape (s,)
-        Where each one's body stands among the places that are given; -1 for the world.
+        The place of each shape's body in the placements given to `contacts`; -1 for the world.
     sides : ndarray of int, shape (n, 2)
-        The two of each pair.
+        The two shapes of each pair.
 
     Attributes
     ----------
-    are : ndarray of bool, shape (n,)
-        Which pairs have it: sphere and sphere, sphere and capsule.
+    closed_form : ndarray of bool, shape (n,)
+        Which pairs have a closed form: sphere and sphere, sphere and capsule.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> None:
@@ -129,10 +131,10 @@ class Balls:
                 self._radius[k] = shape.radius
                 ball[k], round_[k] = isinstance(shape, Sphere), True
         first, second = sides.T
-        self.are = round_[first] & round_[second] & (ball[first] | ball[second])
+        self.closed_form = round_[first] & round_[second] & (ball[first] | ball[second])
 
     def contacts(self, places: Array, pairs: Array) -> tuple[Array, Array, Array] | None:
-        """Return gaps, shape (k,), points and normals, shapes (k, 3), of such pairs; None where centres coincide."""
+        """Return gaps, shape (k,), points and normals, shapes (k, 3), of such pairs; None if some centres coincide."""
         k = len(pairs)
         gap, point, normal = np.empty(k), np.empty((k, 3)), np.empty((k, 3))
         fine = _ball_contacts(places, self._frame, self._ends, self._radius, self._sides, pairs, gap, point, normal)

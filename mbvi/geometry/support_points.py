@@ -1,6 +1,9 @@
 """The lowest points of shapes above half-spaces, and their gaps.
 
-A support point is fixed in its body, or it is the lowest point of a rim or an ellipsoid.
+A support point is fixed in its body, or it is the lowest point of a rim or an ellipsoid. Each is a row of the array
+`numbers`, shape (k, 17): 0-2 its position in the body, or the centre of the rim or ellipsoid [m]; 3-11 the three half
+axes of that in the body, zero for a fixed point; 12-14 the normal of the half-space; 15 the radius of the ball around
+the point; 16 that radius plus the offset of the half-space [m].
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# a rim tilted by less than this is level: any of its points is the lowest
+# a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
 
 
@@ -21,11 +24,11 @@ def lowest(places: Array, body: int, numbers: Array, i: int, out: Array) -> None
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
+        Placements of the bodies: columns of the rotation, then the origin.
     body : int
-        Which of them it is.
+        The body of the point, as a place in `places`.
     numbers, i
-        As of `_Selection`, and which of its rows.
+        The array of all points, and the row of this one.
     """
     P, n = places, numbers
     x, y, z = n[i, 0], n[i, 1], n[i, 2]
@@ -60,9 +63,11 @@ def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    owners, numbers
-        As of `_Selection`.
+        Placements of the bodies: columns of the rotation, then the origin.
+    owners : ndarray of int, shape (k, 2)
+        The place of each point's body in `places`, and the point's pair.
+    numbers
+        As above.
     """
     out = np.empty(4)
     for i in range(len(owners)):

@@ -13,7 +13,7 @@ import numpy as np
 from ..arguments import Array, array, between, integer, not_negative, positive
 from ..errors import InputError
 
-# strips around an axis, and vanes: more are a mistake, and would fill the memory
+# most strips around an axis, and most vanes: more are surely a mistake, and would fill the memory
 _MOST_STRIPS = 100_000
 
 
@@ -23,10 +23,10 @@ def revolved(profile: Sequence[Sequence[float]] | Array, segments: int = 48) -> 
     Parameters
     ----------
     profile : array_like, shape (n, 2)
-        Radius and height of each corner of the line that is turned; a radius of 0 closes the surface.
+        Radius and height of each corner of the line that revolves about z; a radius of 0 closes the surface.
     segments : int
-        Plane strips around the axis: the surface's corners are on the circle, its faces up to 1 - cos(pi / segments)
-        of a radius inside it.
+        Plane strips around the axis. Corners lie on the circle; faces lie inside it by up to 1 - cos(pi / segments) of
+        the radius.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def hourglass(radius: float, neck: float, height: float, segments: int = 48) -> 
 def drum(radius: float, length: float, vanes: int = 0, depth: float = 0.0, segments: int = 48) -> tuple[Array, Array]:
     """Return a closed cylinder along y about the origin, with flat vanes inside that reach towards its axis.
 
-    Without friction it is the vanes alone that carry grains along.
+    Without friction only the vanes move grains along with the drum.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def drum(radius: float, length: float, vanes: int = 0, depth: float = 0.0, segme
         raise InputError(f"depth must lie between 0 and the radius {radius:g}; got {depth}")
     half = 0.5 * length
     vertices, triangles = revolved([(0, -half), (radius, -half), (radius, half), (0, half)], segments)
-    # a turn about x takes z to y
+    # rotate the axis of revolution from z to y
     points, quads = [vertices[:, [0, 2, 1]] * np.array([1.0, 1.0, -1.0])], []
     for k in range(vanes):
         angle = 2.0 * np.pi * k / vanes
@@ -166,7 +166,7 @@ def terrain(x: Sequence[float] | Array, y: Sequence[float] | Array, heights: Arr
 
 
 def _halves(quads: Array) -> Array:
-    """Return the two triangles of each four corners in a row."""
+    """Return two triangles for each quadrilateral, whose four corners are in one row."""
     return np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
 
 

@@ -8,22 +8,22 @@ from ..arguments import Array
 
 
 def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: Array) -> tuple[Array, Array]:
-    """Return pairs i < j that may come to touch and travel further than both are thick, shapes (k,).
+    """Return the pairs i < j that may touch, and that travel further than their inner radii together, shapes (k,).
 
     Parameters
     ----------
     centres, moved : ndarray, shape (n, 3)
         Centres of the bodies, and the displacements of the centres [m].
     travel : ndarray, shape (n,)
-        The most that a point of each travels [m]; more than |moved| where a body turns or its path is curved.
+        Upper bound of the travel of any point of each body [m]; more than |moved| if it turns or its path is curved.
     bound, inner : ndarray, shape (n,)
         Radii of spheres around and inside each body [m].
     """
-    # a body that travels less than its thickness passes through no other such body
+    # two bodies that both travel less than their inner radii cannot pass through each other
     swift = np.flatnonzero(travel > inner).tolist()
     if not swift:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    # how far a curved path may be from the straight one
+    # the most by which a curved path deviates from the straight one
     bent = np.sqrt(np.maximum(travel**2 - np.vecdot(moved, moved), 0.0))
     first, second = [], []
     for i in swift:
@@ -36,6 +36,6 @@ def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: A
         j = j[j != i]
         first.append(np.minimum(i, j))
         second.append(np.maximum(i, j))
-    # where both are fast a pair is found twice
+    # a pair of two fast bodies is found twice
     pairs = np.unique(np.concatenate(first) * len(centres) + np.concatenate(second))
     return pairs // len(centres), pairs % len(centres)

@@ -10,30 +10,30 @@ from ..arguments import Array
 from ..compiled import kernel
 from ..errors import InputError
 
-# vertices nearer than this are one, in extents of the mesh; triangles of less than its square have no face
+# vertices nearer than this part of the mesh's extent are merged; triangles of less than its square have no area
 _SAME_VERTEX = 1e-9
-# cells that triangles are sorted into, at most about
+# about the most cells of a grid, by its volume
 _MOST_CELLS = 200_000
-# times as many are made larger
+# cells are enlarged while there are more than this many times that number
 _TOO_MANY = 8
 
 
 class Surface:
-    """A triangle mesh: a sheet without thickness, solid from both sides.
+    """A triangle mesh: a sheet without thickness that spheres touch from both sides.
 
     Parameters
     ----------
     vertices : array_like, shape (v, 3)
-        Points [m]; those that coincide become one.
+        Points [m]; coincident ones are merged.
     triangles : array_like of int, shape (t, 3)
-        Which three points each face has; those without an area are left out.
+        The three vertices of each triangle; triangles without an area are left out.
 
     Attributes
     ----------
     features : ndarray of int, shape (t, 7)
         Numbers of each triangle's corners, of its edges ab, bc and ca, and of its face.
     sharers : ndarray of int, shape (f,)
-        How many triangles have each feature.
+        Number of triangles that share each feature.
 
     Raises
     ------
@@ -71,6 +71,7 @@ class Surface:
 
 
 def _features(triangles: Array, vertices: int) -> tuple[Array, Array]:
+    """Return `Surface.features` and `Surface.sharers` of triangles over a number of vertices."""
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
     edges, which = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
     faces = vertices + len(edges) + np.arange(len(triangles))
@@ -109,7 +110,21 @@ def nearest_on_triangles(a: Array, b: Array, c: Array, x: Array) -> tuple[Array,
 
 
 class Cells(NamedTuple):
-    """Which triangles are within a reach of the points of each cell of a grid."""
+    """For each cell of a grid, the triangles that may be within a reach of its points.
+
+    Attributes
+    ----------
+    low : ndarray, shape (3,)
+        Corner of the grid [m].
+    edge : float
+        Edge of a cell [m].
+    shape : ndarray of int, shape (3,)
+        Numbers of cells along x, y and z; cell (x, y, z) has the number (x shape[1] + y) shape[2] + z.
+    start : ndarray of int, shape (c + 1,)
+        The triangles of cell k are triangle[start[k]:start[k + 1]].
+    triangle : ndarray of int, shape (n,)
+        Triangles, cell after cell.
+    """
 
     low: Array
     edge: float
@@ -119,11 +134,11 @@ class Cells(NamedTuple):
 
 
 def sorted_into_cells(corners: Array, reach: float) -> Cells:
-    """Sort triangles, shape (t, 3, 3), into cells."""
+    """Sort triangles, shape (t, 3, 3), into cells; a triangle is in every cell within `reach` of its bounding box."""
     lower, upper = corners.min(axis=1) - reach, corners.max(axis=1) + reach
     low, size = lower.min(axis=0), upper.max(axis=0) - lower.min(axis=0)
     edge = max(reach, float(np.cbrt(size.prod() / _MOST_CELLS)))
-    # a wide, flat mesh has one layer of cells, of which its volume says too little
+    # a wide, flat mesh has little volume but one layer of many cells
     while (np.floor(size / edge) + 1.0).prod() > _TOO_MANY * _MOST_CELLS:
         edge *= 1.5
     shape = np.floor(size / edge).astype(np.int64) + 1
@@ -146,7 +161,9 @@ def near_triangles(
     centres: Array, radii: Array, corners: Array, low: Array, edge: float, shape: Array, start: Array, listed: Array,
     tolerance: float, sphere: Array, triangle: Array, feature: Array, foot: Array,
 ) -> int:  # fmt: skip
-    """Write which spheres and triangles are within a tolerance; return how many there are, more than fit or not.
+    """Write the pairs of a sphere and a triangle within a tolerance; return how many there are.
+
+    If they are more than the arrays have room for, only the first are written.
 
     Parameters
     ----------
@@ -155,12 +172,12 @@ def near_triangles(
     corners : ndarray, shape (t, 3, 3)
         The triangles [m].
     low, edge, shape, start, listed
-        As of `Cells`, `listed` its triangles.
+        The fields of `Cells`, in this order.
     tolerance : float
         Largest gap [m].
     sphere, triangle, feature, foot : ndarray, shapes (k,), (k,), (k,), (k, 3)
-        Receive who they are, on which feature of the triangle its nearest point lies, and that point; in order of
-        spheres, and as triangles are listed.
+        Receive the sphere, the triangle, the column of `Surface.features` on which the triangle's nearest point lies,
+        and that point; in the order of spheres.
     """
     count = 0
     ab, ac, rest = np.empty(3), np.empty(3), np.empty(3)

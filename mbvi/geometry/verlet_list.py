@@ -7,15 +7,17 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 
-# factors of two in radius that have cells of their own
+# most sizes of cells; radii within a factor of two share one
 _LEVELS = 24
-# the skin is adapted so that a list is valid for between so many steps
+# the skin is adapted so that a list is valid for at least and at most so many queries
 _FEWEST, _MOST = 6, 20
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, i8[::1])")
 def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: float, pairs: Array) -> int:
-    """Write the pairs of balls whose gap is at most `reach`; return how many there are, more than fit or not.
+    """Write the pairs of balls whose gap is at most `reach`; return how many there are.
+
+    If they are more than `pairs` has room for, only the first are written.
 
     Parameters
     ----------
@@ -24,13 +26,13 @@ def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: 
     radii : ndarray, shape (n,)
         Radii [m].
     level : ndarray of int, shape (n,)
-        The cells that each ball belongs to, larger balls to coarser ones.
+        The grid that each ball belongs to; larger balls belong to coarser grids.
     cell : ndarray, shape (l,)
-        Edge of the cells of each level: twice the largest radius there, plus `reach`.
+        Edge of the cells of each grid: twice the largest radius there, plus `reach`.
     reach : float
         Greatest gap [m].
     pairs : ndarray of int, shape (k,)
-        Receives i n + j with i < j, in no order.
+        Receives i n + j with i < j, unsorted.
     """
     n, levels = len(radii), len(cell)
     size = 16
@@ -103,7 +105,7 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
     reach : float
         Greatest gap [m].
     """
-    # radii within a factor of two share cells; a coarser cell holds few balls of its own level only
+    # radii within a factor of two share a grid, so that a coarse cell does not hold many small balls
     level = np.minimum(np.log2(radii / radii.min()).astype(np.int64), _LEVELS - 1)
     largest = np.zeros(int(level.max()) + 1)
     np.maximum.at(largest, level, radii)
@@ -116,7 +118,7 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
 
 
 class VerletList:
-    """A list of the pairs of spheres that are near each other, made again once they have moved by the skin.
+    """A list of near pairs of spheres, made again when two may have come nearer to each other by the skin.
 
     Parameters
     ----------
@@ -133,14 +135,15 @@ class VerletList:
     Notes
     -----
     L. Verlet, Physical Review 159 (1967), 98-103. A displacement that all spheres share brings no two nearer to each
-    other and is not counted. The skin is widened if lists become invalid after few steps; it affects speed only.
+    other and is not counted. The skin is widened if lists become invalid after few queries, and narrowed if they stay
+    valid for many; it affects speed only.
     """
 
     def __init__(self, radii: Array) -> None:
         self._radii = radii
         self._largest_skin = 2.0 * float(np.median(radii))
         self._skin = 0.3 * self._largest_skin
-        self.reach, self._lasted, self.lists = -np.inf, _FEWEST, 0
+        self.reach, self._queries, self.lists = -np.inf, _FEWEST, 0
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
 
     def within(self, centres: Array, reach: float) -> Array:
@@ -153,15 +156,15 @@ class VerletList:
         if len(self._where):
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
-            # both spheres of a pair may have moved so far towards each other
+            # both spheres of a pair may have moved by the largest distance, towards each other
             if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
-                self._lasted += 1
+                self._queries += 1
                 return self._pairs
-        if self._lasted < _FEWEST:
+        if self._queries < _FEWEST:
             self._skin = min(1.5 * self._skin, self._largest_skin)
-        elif self._lasted > _MOST:
+        elif self._queries > _MOST:
             self._skin *= 0.8
-        self._lasted, self.reach, self._where = 0, reach + self._skin, centres.copy()
+        self._queries, self.reach, self._where = 0, reach + self._skin, centres.copy()
         self.lists += 1
         self._pairs = near_balls(centres, self._radii, self.reach)
         return self._pairs

@@ -1,4 +1,4 @@
-"""Projections in the kinetic metric: they know no robot and no time step."""
+"""Projections in the kinetic metric: solvers, metrics and the check of the residual."""
 
 from .active_set import ActiveSet
 from .dual_active_set import DualActiveSet

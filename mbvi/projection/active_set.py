@@ -12,16 +12,16 @@ from .equalities import solve_active
 from .metric import Array
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
 
-# u and slack of a right guess are above minus this
-_SIGN = 1e-12
-# what is added to the diagonal of G, and the steps that take its effect away
-_SHIFT, _STEPS = 1e-8, 6
-# exchanges of all wrong rows at once that may pass without fewer wrong rows
+# a guess is right if no u and no slack is below minus this, relative to the largest u
+_SIGN_TOLERANCE = 1e-12
+# added to the diagonal of a singular G, and the most proximal steps, which remove its effect
+_SHIFT, _PROXIMAL_STEPS = 1e-8, 6
+# exchanges of all wrong rows at once that may fail to lower their number
 _PATIENCE = 10
 
 
 def guesses(qp: ScaledQP, start: WarmStart | None) -> Iterator[Candidate]:
-    """Yield the solutions on the violated rows and on those active in the last projection."""
+    """Yield the solutions of the equations of the violated rows, and of the rows active in the last projection."""
     found = solve_active(qp, qp.d > 0.0)
     if found is not None:
         yield found
@@ -33,7 +33,7 @@ def guesses(qp: ScaledQP, start: WarmStart | None) -> Iterator[Candidate]:
 
 def fits(qp: ScaledQP, candidate: Candidate) -> bool:
     """Return whether no percussion is negative and no row violated, beyond rounding."""
-    rounding = _SIGN * (1.0 + np.abs(candidate.u).max())
+    rounding = _SIGN_TOLERANCE * (1.0 + np.abs(candidate.u).max())
     return bool(candidate.u.min() >= -rounding and qp.slack(candidate.z).min() >= -rounding)
 
 
@@ -43,7 +43,7 @@ class GuessedSet:
 
     If S is the set of rows that are active at the solution, the solution is that of the equations A_S' z = d_S,
     z = A_S u_S. From one step to the next S rarely changes, and at impacts it mostly is the set of the violated rows.
-    Both are tried; u_S >= 0 and A' z >= d show whether a guess is right.
+    Both sets are tried. A guess is right if u_S >= 0 and A' z >= d.
     """
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
@@ -59,9 +59,9 @@ class ActiveSet:
     """Primal-dual active set: solve the equations of a guessed active set, exchange the rows of wrong sign, repeat.
 
     A row is wrong if it is active with a negative percussion or inactive and violated. All wrong rows are exchanged at
-    once; where that does not lower their number for some exchanges, only the last wrong row is, which ends for every
-    positive definite G. Dependent rows make G singular, so that G + s, s small, takes its place, and proximal steps
-    (the last u times s is added to d) bring the solution to that of G.
+    once. If that does not lower their number for some exchanges, only the last wrong row is exchanged; this rule ends
+    for every positive definite G. Dependent rows make G singular. Therefore G + s I with a small s is used, and
+    proximal steps, which add s times the last u to d, lead to the solution for G.
 
     Notes
     -----
@@ -70,13 +70,13 @@ class ActiveSet:
     """
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
-        """Return the solution on the set that was found; see `Solver`."""
+        """Return the solution on the set that pivoting ends with; see `Solver`."""
         guessed = GuessedSet().solve(qp, start)
         if guessed is not None:
             return guessed
         shifted = qp.G + _SHIFT * np.eye(len(qp.d))
         active, u = qp.d > 0.0, np.zeros(len(qp.d))
-        for _ in range(_STEPS):
+        for _ in range(_PROXIMAL_STEPS):
             found = _pivoted(shifted, qp.d + _SHIFT * u, active)
             if found is None:
                 return None

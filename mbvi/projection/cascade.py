@@ -12,26 +12,29 @@ from .nonnegative_least_squares import NonnegativeLeastSquares
 from .proxqp import RefinedProxQP
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, Solver, WarmStart
 
-# up to so many rows answers are taken to rounding, beyond to a thousandth of the residual that is good enough
+# up to so many rows an answer must be at rounding to end the search; beyond, a thousandth of the allowed residual does
 FEW = 32
-# up to so many rows the compiled dual active-set method is faster than ProxQP
-_EXCHANGED = 64
+# up to so many rows nonnegative least squares, a compiled dual active-set method, is faster than ProxQP
+_MOST_NONNEGATIVE = 64
 
 
 def dense_solvers(rows: int) -> Iterable[Solver]:
     """Return the solvers for so many dense rows, the cheapest first and the most robust last."""
     yield GuessedSet()
-    if rows <= _EXCHANGED:
+    if rows <= _MOST_NONNEGATIVE:
         yield NonnegativeLeastSquares()
     yield RefinedProxQP()
     yield DualActiveSet()
 
 
 def good_enough(qp: ScaledQP, candidate: Candidate) -> float:
-    """Return the residual at which no further solver is tried; only the best of all must meet `qp.tolerance`."""
+    """Return the residual at which no further solver is tried.
+
+    It is stricter than `qp.tolerance`, which the best answer of all solvers must meet.
+    """
     if len(qp.d) > FEW:
         return 1e-3 * qp.relative_tolerance
-    # a huge z may be a wrong one, so that it does not excuse any residual
+    # rounding grows with z; but a huge z may be wrong, so that the bound grows to a thousandfold only
     return ROUNDING * min(1.0 + float(np.abs(candidate.z).max()), 1e3)
 
 

@@ -1,4 +1,4 @@
-"""First stage of the cascade: the step of one mechanism, or of a few dense rows, in one compiled call."""
+"""The first solver that is tried: a projection on a few dense rows, or a whole step of one mechanism, in one kernel."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ from .warm_start import LastPercussions
 class FusedStep:
     """Mass matrix factor, free motion, Delassus matrix, active set and residual in one compiled function.
 
-    A robot with a few rows spends more time between numpy calls than on its projection, so that one call takes the
-    place of all. The method is that of an active set: the violated rows, then those active in the last projection, then
-    the set that a dual active-set method on G finds. Each is solved for its equations, refined twice, and judged by its
-    own KKT residual. No answer is given unless that is at rounding: then the solvers that follow in the cascade are
-    tried.
+    With a few rows, the overhead of numpy calls exceeds the time of the projection itself; one compiled call avoids it.
+    Three active sets are tried: the violated rows, the rows active in the last projection, and the set that a dual
+    active-set method on G finds. The equations of each set are solved and refined. The first answer whose KKT residual
+    is at rounding is returned. If there is none, the caller tries the solvers of the cascade.
 
     Parameters
     ----------
     last : LastPercussions
-        Where the percussions are read and kept.
+        Percussions of the last projection; updated by each answer.
     """
 
     __slots__ = ("_last",)
@@ -34,7 +33,7 @@ class FusedStep:
         self._last = last
 
     def project(self, x: Array, metric: Metric, J: Array, lower: Array) -> Projection | None:
-        """Return the projection, or None if it is not at rounding; see `mbvi.project`."""
+        """Return the projection, or None if its residual is not at rounding; see `mbvi.project`."""
         x, J, lower = plain_array(x), plain_array(J), plain_array(lower)
         velocity, rates, last = np.empty(len(x)), np.empty((3, len(lower))), self._last
         A = plain_array(metric.solve_rows(J))
@@ -47,7 +46,7 @@ class FusedStep:
     def law(
         self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array
     ) -> tuple[Array, Array, float] | None:
-        """Return what `Projector.law` does, or None if it is not at rounding."""
+        """Return the same as `Projector.law`, or None if the residual is not at rounding."""
         velocity, rates, last = np.empty(len(v)), np.empty((4, len(e))), self._last
         if type(motion) is TreeFreeMotion:
             residual = tree_law(*motion.kernel_arguments, J, e, last.percussion, velocity, rates)

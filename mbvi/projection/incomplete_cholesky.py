@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled import kernel
 from .metric import Array
 
-# pivots are above this
+# least pivot, relative to the unit diagonal: below it the rows that follow would grow without bound
 _LEAST = 1e-3
 
 
@@ -15,7 +15,9 @@ _LEAST = 1e-3
 def incomplete_cholesky(
     starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
 ) -> bool:
-    """Write a lower triangular L with L L' near G + shift, where G has entries; or return False at a lost pivot.
+    """Write a lower triangular L, with the entries of G only, so that L L' is near G + shift I.
+
+    Return False if a pivot is too small: call again with a larger shift.
 
     Parameters
     ----------
@@ -24,12 +26,12 @@ def incomplete_cholesky(
     shift : float
         Added to the diagonal.
     rows : ndarray of int, shape (n + 1,)
-        Receives where the rows of L start; the diagonal comes last in each.
+        Receives the start of each row of L; the diagonal entry is the last of its row.
     places, L : ndarray, shape (c,), c >= (k + n) / 2
-        Receive columns and values.
+        Receive the columns and values of L.
     """
     n, count = len(starts) - 1, 0
-    # the row that is made, in full
+    # the current row of L, as a full vector
     row = np.zeros(n)
     rows[0] = 0
     for i in range(n):
@@ -47,7 +49,7 @@ def incomplete_cholesky(
             count += 1
         for entry in range(first, count):
             row[places[entry]] = 0.0
-        # what comes after a small pivot grows
+        # dividing by a small pivot would make later rows huge
         if not pivot > _LEAST:
             return False
         places[count], L[count] = i, np.sqrt(pivot)
@@ -58,7 +60,7 @@ def incomplete_cholesky(
 
 @kernel("void(u4[::1], u4[::1], f8[::1], f8[::1], f8[::1])")
 def solve_factor(rows: Array, places: Array, L: Array, right: Array, out: Array) -> None:
-    """Write (L L')^-1 right for a factor as `incomplete_cholesky` writes it."""
+    """Write (L L')^-1 right, for the factor L of `incomplete_cholesky`."""
     n = len(right)
     for i in range(n):
         value, last = right[i], rows[i + 1] - 1

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class Metric(Protocol):
-    """A symmetric positive definite matrix M = L L' that is only ever applied.
+    """A symmetric positive definite matrix M = L L', used through products and solutions only.
 
     Every method takes a vector of shape (nv,) or columns of shape (nv, m).
     """
@@ -48,7 +48,7 @@ class Metric(Protocol):
 
 
 class DenseMetric:
-    """One full block, of which only the upper triangle is read.
+    """A dense M, of which only the upper triangle is read.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class DenseMetric:
 
 
 def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
-    """Return L^-1 r of every row r, by way of a full matrix of those that are not zero."""
+    """Return L^-1 r of every sparse row r, computed by a dense matrix of the rows that are not zero."""
     here = np.flatnonzero(np.diff(rows.indptr))
     block = metric.whiten(rows[here].toarray().T).T
     m, n = rows.shape
@@ -103,21 +103,21 @@ def whiten_full(metric: Metric, rows: csr_array) -> csr_array:
 
 
 def like(rows: csr_array, data: Array) -> csr_array:
-    """Return rows with other numbers in the same places."""
+    """Return a sparse matrix with the sparsity pattern of `rows` and other values."""
     out = copy(rows)
     out.data = data
     return out
 
 
 def triangular(upper: Array, right: Array, transposed: int) -> Array:
-    """Solve U y = right, or U' y = right; LAPACK's own routine starts threads for a handful of columns."""
+    """Solve U y = right, or U' y = right if `transposed` is 1, by BLAS: LAPACK starts threads even for few columns."""
     if right.ndim == 1:
         return blas.dtrsv(upper, right, 1, 0, 0, transposed)
     return blas.dtrsm(1.0, upper, right, 0, 0, transposed)
 
 
 class DiagonalMetric:
-    """A diagonal M: point masses and frictionless spheres.
+    """A diagonal M, as of point masses and of spheres without rotation.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class BodiesMetric:
         return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
-        # the rows of bodies hold whole blocks of six
+        # a sparse row has all six entries of each of its bodies, next to each other
         values = self.inverse_lower[rows.indices[::6] // 6] @ rows.data.reshape(-1, 6, 1)
         return like(rows, values.ravel())
 

@@ -38,11 +38,12 @@ def project(x: Array, M: Array | Metric, J: Array | csr_array, lower: Array | fl
     InfeasibleError
         If no velocity meets the constraints.
     ProjectionError
-        If the relative KKT residual stays above 1e-6; what was reached is in the result either way.
+        If the relative KKT residual stays above 1e-6. The error carries the residual that was reached.
 
     Notes
     -----
-    Proj_M(T_K, x) of equation (8); percussions as in Lemma 3.3 with the sign turned.
+    Proj_M(T_K, x) of equation (8) of the paper (docs/mathematics.md); percussions as in its Lemma 3.3, with the sign
+    changed so that p >= 0.
     """
     velocity, J, bound = _checked(x, J, lower, "lower")
     return Projector().project(velocity, as_metric(M, velocity.size), J, bound)
@@ -60,7 +61,7 @@ def impact(v: Array, M: Array | Metric, J: Array, e: Array | float) -> Array:
     J : ndarray, shape (m, nv)
         Gradients of the active constraints.
     e : float or ndarray, shape (m,)
-        Restitution in [0, 1], one for all or one each.
+        Restitution in [0, 1]: one for all constraints, or one for each.
 
     Returns
     -------
@@ -93,7 +94,7 @@ def checked_impact(v: Array, J: Array, e: Array | float) -> tuple[Array, Array, 
 
 def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:
     """Return the arguments as float arrays of fitting shapes, `bound` one per row of J."""
-    # a copy: where nothing is violated it is what is returned
+    # a copy, because it is returned itself if no row is violated
     x = array(x, "the velocity", ("nv",))
     if issparse(J):
         array(J.data, "J")

@@ -22,7 +22,7 @@ from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 
 SOLVERS = (ProxQP, ActiveSet, DualActiveSet, SparsePCG)
-# rows up to which a failed problem is checked for rows that contradict each other by the dual active-set method
+# most rows of a failed problem that the dual active-set method checks for contradictions
 _MOST_CHECKED = 400
 
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
@@ -31,16 +31,16 @@ ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
 class Projector:
     """Projections one after the other, each started from the last percussions.
 
-    Without a chosen solver they are tried in order, and the first whose KKT residual is good enough is taken: for a few
-    dense rows `FusedStep`, then `GuessedSet`, `NonnegativeLeastSquares`, `RefinedProxQP` and `DualActiveSet`; for
-    sparse rows `SparsePCG`.
+    Unless a solver is chosen, solvers are tried in order. The first answer whose KKT residual is good enough is taken
+    (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `NonnegativeLeastSquares`,
+    `RefinedProxQP`, `DualActiveSet`; the first and third serve few rows only. Sparse rows are solved by `SparsePCG`.
 
     Parameters
     ----------
     residual : float
         The relative KKT residual above which a projection raises.
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
-        Solves every projection alone.
+        The only solver of every projection.
     """
 
     def __init__(self, residual: float = 1e-6, solver: ChosenSolver | None = None) -> None:
@@ -52,12 +52,12 @@ class Projector:
     def project(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
     ) -> Projection:
-        """Project x; see `project`, whose checks this leaves out.
+        """Project x, as `mbvi.project` but without checks of the arguments.
 
         Parameters
         ----------
         contacts : ndarray of int, shape (m,), optional
-            The constraint of each sparse row, by which it finds its last percussion.
+            The constraint of each row. Sparse rows are matched by it with the percussions of the last projection.
         """
         if self._fused is not None and 0 < len(lower) <= FEW and isinstance(J, np.ndarray):
             found = self._fused.project(x, metric, J, lower)
@@ -80,7 +80,7 @@ class Projector:
         v : ndarray, shape (nv,)
             Velocity before.
         motion : FreeMotion
-            The velocity x that forces alone lead to, and M.
+            The velocity x under forces alone, and M.
         J : ndarray, shape (m, nv)
             Gradients of the active constraints.
         e : ndarray, shape (m,)
@@ -111,7 +111,7 @@ class Projector:
     def _solve(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None
     ) -> Projection:
-        """Project by the chosen solver, or by the first of all that is good enough."""
+        """Scale the QP, call the solvers, and check the residual."""
         qp = ScaledQP(x, metric, J, lower, self.residual)
         if qp.satisfied:
             return Projection(x, np.zeros(len(lower)), 0.0)
@@ -133,7 +133,7 @@ class Projector:
         return [SparsePCG()] if qp.sparse else dense_solvers(len(qp.lower))
 
     def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None) -> Projection:
-        """Project without the rows whose gradient is zero: they demand 0 >= lower."""
+        """Project without the rows whose gradient is zero: J w >= lower reads 0 >= lower there."""
         kept = qp.lengths > 0.0
         if (qp.lower[~kept] > 0.0).any():
             raise InfeasibleError(
@@ -160,15 +160,15 @@ class Projector:
 
 
 def _problem(qp: ScaledQP) -> dict[str, Array | csr_array | Metric]:
-    # of many bodies M would be too large to write out
+    # the dense M of many bodies could be too large for the memory
     return {"x": qp.x, "M": qp.metric if qp.sparse else qp.metric.dense(), "J": qp.J, "lower": qp.lower}
 
 
 def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
     """Return whether it is certain that no velocity meets the rows.
 
-    It is if percussions add up to nothing but would do work (the lemma of Farkas), or if the dual active-set method
-    finds rows that do.
+    It is certain (Farkas' lemma) if some u >= 0 has J' u = 0 and lower . u > 0. The percussions found are tried as u;
+    then the dual active-set method searches for contradicting rows.
     """
     if found is not None and found.u.any():
         size = np.abs(qp.combine(found.u)).max(initial=0.0)

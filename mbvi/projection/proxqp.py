@@ -11,13 +11,15 @@ from .equalities import solve_active
 from .metric import Array
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 
+# residual at which ProxSuite stops; the largest violation is between 0.5 and 1
 _ACCURACY = 1e-12
-# an iteration costs m^3 operations: most iterations up to 100 rows, fewer beyond, and the fewest
-_ITERATIONS, _FEWEST_ITERATIONS = 200, 50
-# percussions below this share of the largest are those of rows that do not touch
-_NONE = 1e-11
-_FREE = 1e20
-# a row whose slack exceeds the largest violation this many times is left out at first
+# limit of iterations up to 100 rows; beyond it falls with m^3, the cost of an iteration, to the second number
+_ITERATIONS, _FEWEST_ITERATIONS = 200, 20
+# percussions below this share of the largest are set to zero
+_NEGLIGIBLE = 1e-11
+# upper bound of u, which stands for none
+_UNBOUNDED = 1e20
+# rows with a slack of this many times the largest violation are left out until violated; most solutions until then
 _FAR, _MOST_TRIES = 1e8, 10
 # percussions above this share of the largest belong to active rows
 _POSITIVE = 1e-7
@@ -28,7 +30,7 @@ class ProxQP:
     """ProxSuite's primal-dual augmented Lagrangian method on min u' G u / 2 - d' u, u >= 0.
 
     An outer loop of proximal steps adds a multiple of the identity to G, so that singular and nearly singular problems
-    are as good as others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-12 of the
+    are solved like others; an inner semi-smooth Newton method solves each step. It stops at a residual of 1e-12 of the
     largest violation, where ProxSuite's iterations allow it. Every projection makes an object of its own, started from
     the last percussions: what an object keeps from earlier problems would change the last digits of the answer.
 
@@ -44,16 +46,16 @@ class ProxQP:
         near = qp.d > -_FAR
         for _ in range(_MOST_TRIES):
             u[near] = _solve(qp.G[np.ix_(near, near)], qp.d[near], None if start is None else start.u[near])
-            missed = ~near & (qp.G @ u < qp.d)
-            if not missed.any():
+            violated = ~near & (qp.G @ u < qp.d)
+            if not violated.any():
                 break
-            near |= missed
-        u[u <= _NONE * u.max()] = 0.0
+            near |= violated
+        u[u <= _NEGLIGIBLE * u.max()] = 0.0
         return Candidate(qp.combine(u), u, stationary=True)
 
 
 def _solve(G: Array, d: Array, start: Array | None) -> Array:
-    """Return ProxSuite's u, shape (m,), at the limit of iterations what was reached; negative entries are zero."""
+    """Return ProxSuite's u, shape (m,), its last iterate at the limit of iterations; negative entries become zero."""
     m = len(d)
     solver = proxqp.dense.QP(m, 0, 0, True)
     settings = solver.settings
@@ -64,7 +66,7 @@ def _solve(G: Array, d: Array, start: Array | None) -> Array:
     settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, _ACCURACY, 0.0
     settings.default_mu_in = 1e-3
     settings.compute_preconditioner = False
-    solver.init(H=G, g=-d, l_box=np.zeros(m), u_box=np.full(m, _FREE))
+    solver.init(H=G, g=-d, l_box=np.zeros(m), u_box=np.full(m, _UNBOUNDED))
     if start is not None and start.any():
         settings.initial_guess = proxqp.InitialGuess.WARM_START
         solver.solve(start, None, None)
@@ -77,7 +79,7 @@ def _solve(G: Array, d: Array, start: Array | None) -> Array:
 
 @dataclass(frozen=True)
 class RefinedProxQP:
-    """ProxQP for the active set, then the equations of that set to rounding; the better of both answers."""
+    """Finds the active set by ProxQP, then solves the equations of that set; returns the better of both answers."""
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return ProxQP's answer or the solution on its active set; see `Solver`."""

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from .metric import Array, Metric, like
 
-# a violation below this share of the terms that it is computed from is rounding
+# a violation below this share of the sum of its terms, |J| |x| + |lower|, is rounding
 ROUNDING = 1e-13
 
 
@@ -30,8 +30,8 @@ class Projection(NamedTuple):
         p >= 0 with M (w - x) = J' p [N s, N m s] (Lemma 3.3 with the sign turned). A percussion is an impulse at a
         contact.
     residual : float
-        max |min(p, J w - lower)| over the rows scaled to a unit gradient in the metric, relative to the largest of
-        the speeds J x and lower so scaled.
+        KKT residual: max |min(p, J w - lower)| with rows scaled to unit gradients in the metric, relative to the
+        largest |J x| + |lower| of a scaled row. If w was not computed from p, the error of that relation counts, too.
     """
 
     velocity: Array
@@ -45,7 +45,7 @@ class Candidate(NamedTuple):
     Attributes
     ----------
     z : ndarray, shape (nv,)
-        Kept beside u, for A u loses digits where u is large.
+        A u. Some solvers compute it by other means, because the product loses digits if u is large.
     u : ndarray, shape (m,)
         Percussions.
     stationary : bool
@@ -65,7 +65,7 @@ class WarmStart(NamedTuple):
     u : ndarray, shape (m,)
         Zero for rows that the last projection did not have.
     same_velocity : bool
-        Whether the last projection was of the same velocity x: a second one within a step.
+        Whether the last projection had the same velocity x: then this is a second one within a step.
     """
 
     u: Array
@@ -81,9 +81,9 @@ class Solver(Protocol):
         Parameters
         ----------
         qp : ScaledQP
-            At least one row is violated, and no row is zero.
+            The problem; at least one row is violated, and no gradient is zero.
         start : WarmStart, optional
-            Where to start from.
+            Percussions of the last projection, if rows match.
         """
         ...
 
@@ -102,7 +102,7 @@ class ScaledQP:
     lower : ndarray, shape (m,)
         Least rates.
     residual : float
-        The relative KKT residual that is good enough.
+        The largest relative KKT residual that is accepted.
     """
 
     def __init__(self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, residual: float) -> None:
@@ -112,7 +112,7 @@ class ScaledQP:
         self.J: Any = J
         self._speed = J @ x
         self.relative_tolerance = residual
-        # a solver that checks its answer computes the slack that the residual needs again
+        # kept, because solvers that check their answer compute the same slack as `residual`
         self._last_slack: tuple[Array, Array] | None = None
 
     @property
@@ -168,7 +168,7 @@ class ScaledQP:
 
     @property
     def tolerance(self) -> float:
-        """The residual of the scaled problem that is good enough."""
+        """The largest residual of the scaled problem that is accepted."""
         return self.relative_tolerance * self.largest
 
     @cached_property

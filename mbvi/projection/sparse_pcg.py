@@ -14,20 +14,21 @@ from .scaled_qp import Candidate, ScaledQP, WarmStart
 from .sparse_islands import _SMALL, _solve_islands
 from .warm_start import LastPercussions
 
-# unit rows with a product above this are the same
+# two unit rows with a product above this are equal
 _SAME = 1.0 - 1e-13
-# the share of the tolerance that an island is solved to: products with A and with G round differently
+# islands are solved to this share of the tolerance: the check uses products with A, which round unlike those with G
 _MARGIN = 0.9
-# the residual of a small island, relative to the largest speed
+# residual that small islands are solved to, relative to the largest speed
 _ROUNDED = 1e-10
-# rows up to which an island that fails is solved by the dense solvers
+# most rows of an island that the dense solvers solve if it fails
 _MOST_DENSE = 400
-# the part of the last percussions that a large island is started from where they no longer fit: all of them would keep
-# percussions that balance each other among dependent rows and grow from step to step
+# a large island whose last percussions no longer fit starts from this part of them: if it started from all, percussions
+# of dependent rows that cancel each other would grow from step to step
 _CARRIED = 0.8
-# entries of the Delassus matrix a row that there is room for at first
+# room for entries of the Delassus matrix at first, for each row
 _ROOM = 128
-# size of the working set relative to the violated and active rows, and the share of all rows from which on it is all
+# size of the working set relative to the violated and active rows; a set of at least this share of all rows is enlarged
+# to all
 _WORKING, _ALL = 1.5, 0.5
 
 
@@ -35,13 +36,14 @@ _WORKING, _ALL = 1.5, 0.5
 class SparsePCG:
     """Projected preconditioned conjugate gradients on the sparse dual, for thousands of rows.
 
-    G = A' A is sparse: two rows meet only where they share a body. A working set of the violated rows, those active in
-    the last projection and the nearest others is solved; rows that the answer violates join it. Rows that share no
-    body, directly or through others, form islands, which are solved one by one. A small island is solved to rounding by
-    the compiled dual active-set method. A large one keeps the last percussions if they still fit; otherwise sweeps of
-    projected Gauss-Seidel find its active rows, and conjugate gradients with an incomplete Cholesky factor solve the
-    equations of these, cut off where a percussion would turn negative. An island that misses the residual, as where
-    masses differ by many powers of ten, is solved by the dense solvers.
+    G = A' A is sparse: two rows have an entry only if they share a body. A working set is solved: the violated rows,
+    those active in the last projection, and the nearest others. Rows that the answer violates join it. Rows that share
+    a body, directly or through other rows, form an island; islands have no body in common and are solved one by one. A
+    small island is solved to rounding by the compiled dual active-set method. A large one keeps the last percussions
+    if they still fit; otherwise sweeps of projected Gauss-Seidel find its active rows, and conjugate gradients with an
+    incomplete Cholesky factor solve the equations of these, cut off where a percussion would turn negative. An island
+    whose residual stays too large, for instance because masses differ by many powers of ten, is solved by the dense
+    solvers.
 
     Notes
     -----
@@ -53,33 +55,33 @@ class SparsePCG:
         m = len(qp.d)
         u = np.zeros(m) if start is None else start.u.copy()
         carried = 1.0 if start is not None and start.same_velocity else _CARRIED
-        small = min(qp.tolerance, _ROUNDED * qp.largest)
-        working, tried = _working_set(qp.d, u), set[int]()
+        rounding = min(qp.tolerance, _ROUNDED * qp.largest)
+        working, solved_densely = _working_set(qp.d, u), set[int]()
         label = None
         while True:
             if label is None:
                 label = _solve_working_set(qp, working, carried, u)
                 carried = 1.0
-                few = np.bincount(label + 1)[label + 1] <= _SMALL
-                enough = np.where(few, small, qp.tolerance)
+                is_small = np.bincount(label + 1)[label + 1] <= _SMALL
+                allowed = np.where(is_small, rounding, qp.tolerance)
             z = qp.combine(u)
             slack = qp.slack(z)
-            off = np.abs(np.minimum(u, slack))
+            residual = np.abs(np.minimum(u, slack))
             violated = ~working & (slack < 0.0)
-            if violated.any() and off[violated].max() > enough[label >= 0].max(initial=0.0):
+            if violated.any() and residual[violated].max() > allowed[label >= 0].max(initial=0.0):
                 working, label = working | violated, None
                 continue
-            failed = (off > enough) & (label >= 0)
-            bad = set(label[failed].tolist()) - tried if failed.any() else None
-            if not bad:
+            failed = (residual > allowed) & (label >= 0)
+            failed_islands = set(label[failed].tolist()) - solved_densely if failed.any() else None
+            if not failed_islands:
                 return Candidate(z, u, stationary=True)
-            for island in bad:
+            for island in failed_islands:
                 _solve_densely(qp, np.flatnonzero(label == island), u)
-            tried |= bad
+            solved_densely |= failed_islands
 
 
 def _working_set(d: Array, u: Array) -> Array:
-    """Return the rows that may be active: the violated and the last active ones, and half as many that come next."""
+    """Return the rows that may be active: the violated and the last active ones, and half as many with the next d."""
     working = (d > 0.0) | (u > 0.0)
     count = int(_WORKING * np.count_nonzero(working))
     if count >= _ALL * len(d):
@@ -109,7 +111,7 @@ def _solve_working_set(qp: ScaledQP, working: Array, carried: float, u: Array) -
 
 
 def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
-    """Solve one island by the dense solvers, which do not form G alone: it may have lost the digits that count."""
+    """Solve one island by the dense solvers; some use A and not G, because forming G can lose digits."""
     if len(rows) > _MOST_DENSE:
         return
     part = qp.rows[rows]
@@ -126,7 +128,7 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
             return
     island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
     found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
-    # one that fails is judged with all others
+    # otherwise the island keeps its percussions, and the residual of the whole problem decides
     if found is not None and residual <= island.tolerance:
         u[rows] = island.result(found, residual).percussion
 
@@ -136,7 +138,7 @@ def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Ar
     m = len(starts) - 1
     rows, room = np.empty(m + 1, np.uint32), min(m, _ROOM) * m
     while True:
-        # what is not written to takes no memory
+        # pages that are never written to use no memory
         others, G = np.empty(room, np.uint32), np.empty(room)
         count = gram(data, columns, starts, n, rows, others, G)
         if count <= room:
@@ -145,10 +147,10 @@ def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Ar
 
 
 def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:
-    """Return which rows equal another that demands as much or more, shape (m,)."""
+    """Return a mask of the rows that equal another row with a d as large or larger, shape (m,)."""
     repeated, same = np.zeros(len(d), bool), np.flatnonzero(G >= _SAME)
     if len(same) == len(d):
-        # each equals itself only
+        # these are the diagonal entries: no row equals another
         return repeated
     a, b = np.searchsorted(starts, same, "right") - 1, columns[same].astype(np.int64)
     other = a != b

@@ -7,19 +7,19 @@ import numpy as np
 from .metric import Array
 from .scaled_qp import ScaledQP, WarmStart
 
-# points of one constraint that have a key of their own
+# contact points of one constraint with keys of their own; further points share the last key
 _POINTS = 64
 
 
 class LastPercussions:
-    """Percussions of the last projection: by position where rows are dense, by contact where they have names.
+    """Percussions of the last projection, found again by the index of a row, or by its key if rows have keys.
 
     Attributes
     ----------
     percussion : ndarray, shape (m,)
-        Of the last projection; empty at first.
+        Percussions of the last projection; empty at first.
     keys : ndarray of int, shape (m,), or None
-        Ascending keys of their contacts; None where rows have no names.
+        Ascending keys of their contacts (`contact_keys`); None if rows have no keys.
     """
 
     __slots__ = ("_x", "keys", "percussion")
@@ -30,7 +30,7 @@ class LastPercussions:
         self._x: Array | None = None
 
     def start(self, qp: ScaledQP, keys: Array | None) -> WarmStart | None:
-        """Return what a projection is started from, None if there is nothing."""
+        """Return the scaled start of a projection, or None if there are no last percussions for its rows."""
         same, self._x = qp.x is self._x, qp.x
         found = self._matched(len(qp.lower), keys)
         return None if found is None else WarmStart(found * qp.lengths / qp.scale, same)
@@ -53,7 +53,9 @@ class LastPercussions:
 
 
 def contact_keys(constraints: Array) -> Array:
-    """Return a number for each row that it has in the next projection too: its constraint, and which point of it.
+    """Return a key for each row, by which the next projection finds it again.
+
+    The key is made of the number of the constraint and the place of the row among those of that constraint.
 
     Parameters
     ----------

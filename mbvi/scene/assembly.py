@@ -84,7 +84,7 @@ class _ConstraintBuilder:
             e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
             lines = np.array([self.lines[s.body] for _, _, s in pairs]) if self.lines else None
             made = HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines)
-            self.collinear_points += made.in_line
+            self.collinear_points += made.collinear_points
             yield made
 
     def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:

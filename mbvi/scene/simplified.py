@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ..geometry.fit_primitive import Simpler, simpler
+from ..geometry.fit_primitive import Fit, fit_primitive
 from ..geometry.shapes import Hull, PlacedShape
 from .reductions import Omission
 
@@ -13,7 +13,7 @@ from .reductions import Omission
 class Simplified:
     """The simpler shape of each hull, computed once, and the names of the shapes that were replaced."""
 
-    _known: dict[tuple[int, float | None], tuple[Hull, Simpler | None, list[str]]] = field(default_factory=dict)
+    _known: dict[tuple[int, float | None], tuple[Hull, Fit | None, list[str]]] = field(default_factory=dict)
 
     def of(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
         """Return a shape, or a simpler one that equals it within a tolerance [m]."""
@@ -22,7 +22,7 @@ class Simplified:
             return placed
         key = id(hull), tolerance
         if key not in self._known:
-            self._known[key] = hull, simpler(hull, tolerance), []
+            self._known[key] = hull, fit_primitive(hull, tolerance), []
         _, found, names = self._known[key]
         if found is None:
             return placed

@@ -93,7 +93,7 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
 def measured(contacts, q):
     places = contacts.system.placements(q, contacts._axes.bodies)
     contacts._place(places, np.array([0]))
-    return contacts._measure(0, places)
+    return contacts._refined_distance(0, places)
 
 
 def coal_distance(contacts, q):
@@ -230,8 +230,8 @@ def test_far_pairs_are_not_asked_and_near_ones_never_missed(rng):
     problem, fresh = scene.build(), scene.build()
     pairs = next(c for c in problem.constraints.constraints if isinstance(c, SignedDistances))
     asked, total = [], 0
-    ask = pairs._measured
-    pairs._measured = lambda places, due, *rest, **how: asked.append(len(due)) or ask(places, due, *rest, **how)
+    ask = pairs._measure_all
+    pairs._measure_all = lambda places, due, *rest, **how: asked.append(len(due)) or ask(places, due, *rest, **how)
     for k, step in enumerate(mbvi.steps(problem, mbvi.Paoli(), step=2e-3)):
         fresh.constraints.cache.forget()
         every = fresh.constraints.active(step.t, step.q, problem.tolerance)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.geometry.fit_primitive import simpler
+from mbvi.geometry.fit_primitive import fit_primitive
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, Sphere
 
 BOX = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.15, 0.15) for z in (-0.05, 0.05)])
@@ -67,21 +67,21 @@ def test_a_primitive_is_found_wherever_it_lies(kind, seed):
     points, shape, tolerance = MESHES[kind]
     turn = Rotation.random(random_state=rng).as_matrix()
     hull = Hull(points @ turn.T + rng.normal(size=3))
-    found = simpler(hull, tolerance)
+    found = fit_primitive(hull, tolerance)
     assert isinstance(found.shape, shape)
     assert apart(hull, found, rng) <= found.distance + 1e-14
     assert found.distance <= tolerance
     # and not by much more than it is
     assert found.distance < 2.5 * apart(hull, found, rng) + 1e-14
     # by default only what is exact
-    assert (simpler(hull, None) is None) == (kind != "box")
+    assert (fit_primitive(hull, None) is None) == (kind != "box")
 
 
 @given(seed=st.integers(0, 2**32 - 1), tolerance=st.floats(1e-3, 0.3))
 def test_fewer_vertices_keep_within_the_tolerance(seed, tolerance):
     rng = np.random.default_rng(seed)
     hull = Hull(rng.normal(size=(80, 3)) * rng.uniform(0.2, 1.0, size=3) + rng.normal(size=3))
-    found = simpler(hull, tolerance)
+    found = fit_primitive(hull, tolerance)
     if found is not None and isinstance(found.shape, Hull):
         assert len(found.shape.vertices) < len(hull.vertices)
         assert apart(hull, found, rng) <= found.distance + 1e-14 <= tolerance + 1e-14
@@ -89,7 +89,7 @@ def test_fewer_vertices_keep_within_the_tolerance(seed, tolerance):
 
 def test_a_fine_hull_loses_most_of_its_vertices(rng):
     egg = Hull(ball(24, 1.0) * [0.1, 0.15, 0.3])
-    found = simpler(egg, 2e-3)
+    found = fit_primitive(egg, 2e-3)
     assert isinstance(found.shape, Hull)
     assert len(found.shape.vertices) < 0.5 * len(egg.vertices)
     assert apart(egg, found, rng) <= 2e-3

@@ -11,7 +11,7 @@ from mbvi.constraints import HalfSpaceContacts, sphere_walls
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.geometry.sphere_capsule import Balls
+from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.plain.gram import islands_plain
@@ -366,8 +366,8 @@ def ball_contacts(rng):
     if rng.random() < 0.3:
         # two about one centre
         placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
-    balls = Balls(placed, axes.frame, axes._sides)
-    pairs = np.flatnonzero(balls.are)
+    balls = SphereCapsulePairs(placed, axes.frame, axes._sides)
+    pairs = np.flatnonzero(balls.closed_form)
     k = len(pairs)
     written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
     return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
@@ -673,7 +673,7 @@ ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
-    "_touching": touching,
+    "_pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
@@ -721,7 +721,7 @@ ARGUMENTS = {
     "lowest": lowest,
     "stand": stand,
     "half_space_rows": half_space_rows,
-    "_reached": reached,
+    "_limits_within": reached,
     "_reach": reach,
     "_clear": clear,
     "_keep": keep,
@@ -740,7 +740,7 @@ IF_ACCEPTED = {
     "law": 2,
     "tree_law": 2,
     "half_space_rows": 3,
-    "_reached": 1,
+    "_limits_within": 1,
 }
 
 
@@ -771,7 +771,7 @@ def specified(name, result, arguments):
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
     if name == "_near_balls":
         return [result, np.sort(arguments[-1][:result])]
-    if name in ("_touching", "wall_contacts"):
+    if name in ("_pairs_within", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
     if name == "gram":

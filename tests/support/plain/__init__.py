@@ -9,7 +9,7 @@ from support.plain.gram import gram_plain, islands_plain
 from support.plain.half_space import half_space_rows_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
-from support.plain.joint_limit import _reached_plain
+from support.plain.joint_limit import _limits_within_plain
 from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import projected_pcg_plain
@@ -20,7 +20,7 @@ from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plai
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
-from support.plain.spheres import _touching_plain
+from support.plain.spheres import _pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import _back_plain, advance_plain, factor_plain, solve_plain
 from support.plain.triangles import near_triangles_plain
@@ -48,11 +48,11 @@ PLAIN = {
     "_record_depth": _note_plain,
     "_raise_levels": _raise_levels_plain,
     "_reach": _reach_plain,
-    "_reached": _reached_plain,
+    "_limits_within": _limits_within_plain,
     "_solve_islands": solve_islands_plain,
     "_choose_rows": _struck_plain,
     "half_space_rows": half_space_rows_plain,
-    "_touching": _touching_plain,
+    "_pairs_within": _pairs_within_plain,
     "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,

@@ -7,7 +7,7 @@ import numpy as np
 from mbvi.arguments import Array
 
 
-def _reached_plain(
+def _limits_within_plain(
     where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
     """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths.
