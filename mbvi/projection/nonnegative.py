@@ -33,10 +33,12 @@ def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -
     """
     m = len(d)
     # pivoted Cholesky G_SS = C C' with as many columns as G_SS has rank; y with C y = d
-    C, y, rest, order = np.zeros((m, m)), np.zeros(m), np.empty(m), np.empty(m, np.int64)
+    C, y, rest, order = np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m, np.int64)
     size = rank = 0
     for a in range(m):
         u[a] = 0.0
+        for k in range(m):
+            C[a, k] = 0.0
         if chosen[a]:
             order[size], rest[a] = a, G[a, a]
             size += 1
@@ -122,11 +124,11 @@ def dual_active_set(G: Array, d: Array, chosen: Array) -> bool:
     min u' G u / 2 - d' u, u >= 0: D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
     """
     m = len(d)
-    S, u, r, slack, F = np.empty(m, np.int64), np.zeros(m), np.empty(m), np.empty(m), np.empty((m, m))
+    S, u, r, slack, F = np.empty(m, np.int64), np.empty(m), np.empty(m), np.empty(m), np.empty((m, m))
     scale, size = 0.0, 0
     for a in range(m):
         scale = max(scale, abs(d[a]))
-        chosen[a] = False
+        chosen[a], u[a] = False, 0.0
     for _ in range(10 * m):
         entering, largest = -1, scale
         for a in range(m):

@@ -55,7 +55,7 @@ def solve_active_set(J: Array, A: Array, x: Array, lower: Array, last: Array, w:
         w[k] = x[k]
     if not violated:
         return 0.0
-    G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), np.empty(m)
+    G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     largest = most_terms = 0.0
     correction, chosen = np.empty(m), np.empty(m, np.bool_)
     for a in range(m):
@@ -123,27 +123,25 @@ def solve_active_set(J: Array, A: Array, x: Array, lower: Array, last: Array, w:
     return np.inf
 
 
-@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
-def law(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
-    """Write argmin |w - x|_M with J w >= -e J v; as `solve_active_set`, which this calls.
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def newton_law(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None:
+    """Write the least rates after an impact, -e J v, and the rates before.
 
     Parameters
     ----------
-    v : ndarray, shape (nv,)
-        Velocity before.
-    e : ndarray, shape (m,)
-        Restitution of each row.
+    J, v : ndarray, shapes (m, nv), (nv,)
+        Gradients, and the velocity before.
+    e, lower : ndarray, shape (m,)
+        Restitution of each row, and the least rates.
     rates : ndarray, shape (4, m)
-        Receives percussions, J x, J w and J v.
+        Receives J v in its last row.
     """
     m, n = J.shape
-    lower = np.empty(m)
     for a in range(m):
         speed = 0.0
         for k in range(n):
             speed += J[a, k] * v[k]
         rates[3, a], lower[a] = speed, -e[a] * speed
-    return solve_active_set(J, A, x, lower, last, w, rates)
 
 
 @kernel(
@@ -153,8 +151,12 @@ def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
     last: Array, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
-    L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
+    """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `TreeFreeMotion`.
+
+    The first arguments are those of `advance_by`, `e` and `rates` those of `newton_law`, and the others, as the result,
+    those of `solve_active_set`; the result is inf too where M is not positive definite.
+    """
+    L, x, A, lower = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape), np.empty(len(J))
     if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
     damped = False
@@ -164,4 +166,5 @@ def tree_law(
     if damped and factor(mass, 0.0, damping, parent, L):
         return np.inf
     solve(L, parent, J, A)
-    return law(J, A, v, e, x, last, w, rates)
+    newton_law(J, v, e, lower, rates)
+    return solve_active_set(J, A, x, lower, last, w, rates)

@@ -204,11 +204,10 @@ def solve_active_set(rng):
     return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
 
 
-def law(rng):
-    J, A, v, x = cone(rng)
-    m, n = J.shape
-    e, last = restitution(rng, m), percussions_before(rng, m)
-    return J, A, v, e, x, last, np.full(n, np.nan), np.full((4, m), np.nan)
+def newton_law(rng):
+    J, _, v, _ = cone(rng)
+    m = len(J)
+    return J, v, restitution(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
 
 
 def tree_law(rng):
@@ -341,7 +340,7 @@ def shape_pairs(rng, shapes=SHAPES):
 def reach(rng):
     _, axes, _ = shape_pairs(rng)
     s = rng.integers(len(axes._sizes))
-    return place(rng), unit(rng), axes._sizes[s], axes._points[axes._first_point[s] : axes._first_point[s + 1]]
+    return place(rng), unit(rng), axes._sizes[s], axes._points, *map(int, axes._first_point[s : s + 2])
 
 
 def clear(rng):
@@ -710,7 +709,7 @@ ARGUMENTS = {
     "solve_equalities": solve_equalities,
     "dual_active_set": dual_active_set,
     "solve_active_set": solve_active_set,
-    "law": law,
+    "newton_law": newton_law,
     "tree_law": tree_law,
     "row": row,
     "separation": separation,
@@ -737,7 +736,6 @@ IF_ACCEPTED = {
     "solve_equalities": 1,
     "dual_active_set": 1,
     "solve_active_set": 2,
-    "law": 2,
     "tree_law": 2,
     "half_space_rows": 3,
     "_reached": 1,
@@ -752,7 +750,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("solve_active_set", "law", "tree_law"):
+    if name in ("solve_active_set", "tree_law"):
         return result < np.inf
     return result[-1] if isinstance(result, tuple) else result
 
