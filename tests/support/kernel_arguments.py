@@ -170,6 +170,26 @@ def solve_equalities(rng):
     return G, d, chosen, base, np.full(len(d), np.nan)
 
 
+def pivoted_cholesky(rng):
+    G, d, chosen, *_ = solve_equalities(rng)
+    m = len(d)
+    return G, d, chosen, np.full((m, m), np.nan), np.zeros(m), np.zeros(m, np.int64)
+
+
+def nearest_solution(rng):
+    """A factor of two columns, of rows that depend on each other."""
+    size = int(rng.integers(3, 6))
+    base, y = rng.random(size), rng.normal(size=2)
+    return rng.normal(size=(size, 2)), rng.permutation(size), size, 2, base, y, np.full(size, np.nan)
+
+
+def solve_on_active(rng):
+    m = int(rng.integers(2, 7))
+    B = rng.normal(size=(m, m + 2))
+    order = rng.permutation(m)
+    return B @ B.T, order, int(rng.integers(m)), int(order[-1]), np.zeros((m, m)), np.zeros(m)
+
+
 def dual_active_set(rng):
     G, d = scaled_cone(rng)
     if rng.random() < 0.4:
@@ -202,6 +222,19 @@ def solve_active_set(rng):
     m, n = J.shape
     lower = -restitution(rng, m) * (J @ v)
     return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
+
+
+def scaled_dual(rng):
+    J, A, x, lower, *_ = solve_active_set(rng)
+    m = len(J)
+    table = np.array([np.zeros(m), J @ x, J @ x])
+    return J, A, x, lower, table, np.zeros((m, m)), np.ones(m), np.zeros(m)
+
+
+def natural_residual(rng):
+    J, A, x, lower, *_, w, table = solve_active_set(rng)
+    u = rng.random(len(J))
+    return J, A, x, lower, rng.uniform(0.5, 2.0, size=len(J)), u, 2.0, np.zeros(len(J)), w, table
 
 
 def newton_law(rng):
@@ -710,6 +743,11 @@ ARGUMENTS = {
     "dual_active_set": dual_active_set,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
+    "pivoted_cholesky": pivoted_cholesky,
+    "nearest_solution": nearest_solution,
+    "solve_on_active": solve_on_active,
+    "scaled_dual": scaled_dual,
+    "natural_residual": natural_residual,
     "tree_law": tree_law,
     "row": row,
     "separation": separation,
