@@ -534,6 +534,12 @@ def gram_of(rng):
     )
 
 
+def sort_by_column(rng):
+    U, columns, starts = unit_rows(rng)
+    n, k = U.shape[1], len(columns)
+    return U.data, columns, starts, np.zeros(n + 1, np.int64), np.zeros(k, np.uint32), np.zeros(k), np.ones(n + 1, bool)
+
+
 def islands(rng):
     U, columns, starts = unit_rows(rng)
     kept = rng.random(U.shape[0]) < 0.8
@@ -710,6 +716,7 @@ ARGUMENTS = {
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
     "gram": gram_of,
+    "sort_by_column": sort_by_column,
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
     "solve_factor": solve_factor,
