@@ -63,7 +63,7 @@ def directions(
     """Write the vectors that active kinks keep n normal to, shape (6, 3); return how many."""
     n = 0
     for k in range(count):
-        kind, who, vertex = kinks[k]
+        kind, who, vertex = kinks[k, 0], kinks[k, 1], kinks[k, 2]
         for c in range(3):
             if kind == SEGMENT:
                 found[n, c] = edge[who, c]
@@ -75,6 +75,21 @@ def directions(
                 found[n, c] = second[vertex, c] - second[base[1], c]
         n += 2 if kind == DISK else 1
     return n
+
+
+@kernel("i8(f8[::1], i8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])")
+def turn_onto(
+    n: Array, kinks: Array, count: int, edge: Array, swell: Array, first: Array, second: Array, base: Array,
+    found: Array, basis: Array,
+) -> int:  # fmt: skip
+    """Turn n onto kinks; return how many independent directions it is normal to there, -1 if it cannot be turned.
+
+    `found`, shape (6, 3), and `basis`, shape (3, 3), receive these directions and an orthonormal basis of them.
+    """
+    m = directions(kinks, count, edge, swell, first, second, base, found)
+    if span(found, m, basis) < m or m > 2 or not make_normal(n, basis, m):
+        return -1
+    return m
 
 
 @kernel("b1(f8[::1], f8, b1, i8[::1], i8[:,::1], i8, f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
@@ -118,12 +133,14 @@ def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Arra
     for k in range(3 * who, 3 * who + 3):
         length = np.sqrt(dot(edge[k], edge[k]))
         if length > 0.0 and abs(dot(edge[k], n)) <= PARALLEL * length:
-            found[m] = edge[k]
+            for c in range(3):
+                found[m, c] = edge[k, c]
             m += 1
     if is_disk(swell[who]):
         radius = np.sqrt(dot(swell[who, 0], swell[who, 0]))
         if swell_along(swell[who], n) <= PARALLEL * radius:
-            found[m], found[m + 1] = swell[who, 0], swell[who, 1]
+            for c in range(3):
+                found[m, c], found[m + 1, c] = swell[who, 0, c], swell[who, 1, c]
             m += 2
     for v in range(len(points)):
         # a few edges tell the plane of a face
@@ -147,11 +164,16 @@ def common_directions(
     b = _flat_directions(n, 1, edge, swell, second, base[1], other) if a else 0
     if a == 0 or b == 0:
         return 0
-    both[:a], both[a : a + b] = one[:a], other[:b]
+    for c in range(3):
+        for i in range(a):
+            both[i, c] = one[i, c]
+        for i in range(b):
+            both[a + i, c] = other[i, c]
     # the directions normal to n have two dimensions
     count = a + b - min(span(both, a + b, basis), 2)
     if count == 1:
-        common[:] = one[0] if a == 1 else other[0]
+        for c in range(3):
+            common[c] = one[0, c] if a == 1 else other[0, c]
     return count
 
 
@@ -197,22 +219,21 @@ def add(
     If n cannot lie on all of them, another is released: the one without which d is largest.
     """
     found, basis, trial = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3), np.int64)
-    kinks[count] = kink
-    m = directions(kinks, count + 1, edge, swell, first, second, base, found)
-    scratch[:] = n
-    if m <= 2 and span(found, m, basis) == m and make_normal(scratch, basis, m):
+    for c in range(3):
+        kinks[count, c], scratch[c] = kink[c], n[c]
+    if turn_onto(scratch, kinks, count + 1, edge, swell, first, second, base, found, basis) >= 0:
         return count + 1
     best, chosen = -np.inf, -1
     for out in range(count):
         size = 0
         for i in range(count + 1):
             if i != out:
-                trial[size] = kinks[i]
+                for c in range(3):
+                    trial[size, c] = kinks[i, c]
                 size += 1
-        m = directions(trial, size, edge, swell, first, second, base, found)
-        rank = span(found, m, basis)
-        scratch[:] = n
-        if rank < m or rank > 2 or not make_normal(scratch, basis, rank):
+        for c in range(3):
+            scratch[c] = n[c]
+        if turn_onto(scratch, trial, size, edge, swell, first, second, base, found, basis) < 0:
             continue
         apart = separation_along(scratch, between, ball, edge, swell, first, second)
         if apart > best:
@@ -223,7 +244,8 @@ def add(
         k = kinks[chosen, 1]
         sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
     for i in range(chosen, count):
-        kinks[i] = kinks[i + 1]
+        for c in range(3):
+            kinks[i, c] = kinks[i + 1, c]
     return count
 
 
@@ -235,7 +257,8 @@ def release(
 
     When a disk is released, n is turned off its axis, and the disk is marked in `left`, shape (2,) of bool.
     """
-    worst, out, sums = ROUNDING, -1, np.zeros(2)
+    worst, out, sums = ROUNDING, -1, np.empty(2)
+    sums[0] = sums[1] = 0.0
     for i in range(count):
         over = abs(t[i]) - 1.0
         if kinks[i, 0] == DISK:
@@ -261,5 +284,6 @@ def release(
             n[c] += NEAR_KINK * (t[0] * found[0, c] + t[1] * found[1, c]) / towards
         normalise(n)
     for i in range(out, count - 1):
-        kinks[i] = kinks[i + 1]
+        for c in range(3):
+            kinks[i, c] = kinks[i + 1, c]
     return count - 1

@@ -165,7 +165,12 @@ def climb(n: Array, pull: Array, swell: Array, basis: Array, rank: int) -> bool:
         The linear part [m], and orthonormal vectors in the first `rank` rows, at most one.
     """
     t, g, q, old = np.empty((2, 3)), np.empty(3), np.empty((2, 3)), np.empty(3)
-    size = np.sqrt(dot(pull, pull)) + np.abs(swell).max()
+    largest = 0.0
+    for i in range(2):
+        for k in range(3):
+            for c in range(3):
+                largest = max(largest, abs(swell[i, k, c]))
+    size = np.sqrt(dot(pull, pull)) + largest
     step, value = 1.0, -np.inf
     for turn in range(_MOST_STEPS):
         gradient(n, swell, pull, q, g)

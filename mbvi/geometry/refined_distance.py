@@ -20,14 +20,14 @@ from .kinks import (
     add,
     clear_common,
     common_directions,
-    directions,
     has,
     is_disk,
     multipliers,
     next_kink,
     release,
+    turn_onto,
 )
-from .normal_search import climb, dot, farthest, gradient, make_normal, separation_along, span
+from .normal_search import climb, dot, farthest, gradient, separation_along
 from .separating_axis import SeparatingAxes
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
@@ -38,16 +38,45 @@ _ABOUT = 1.0 - 1e-4
 FAILED, UNIQUE, FLAT = 0, 1, 2
 
 
-@kernel("void(f8[:,::1], f8[::1], f8[:,::1], f8, f8[:,::1], f8[:,:,::1], f8[:,::1])")
-def _describe(place: Array, sizes: Array, points: Array, side: float, edge: Array, swell: Array, turned: Array) -> None:
-    """Write segments, half axes and points of one shape in the world's axes; the points are multiplied by `side`."""
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
+def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
+    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear`."""
+    for side in range(2):
+        s = sides[side]
+        for k in range(4):
+            for c in range(3):
+                world[side, k, c] = fixed[s, k, c]
+                if frame[s] >= 0:
+                    P = places[frame[s]]
+                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
+                    world[side, k, c] += P[3, c] if k == 3 else 0.0
+
+
+@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1])")
+def _describe(
+    world: Array, who: int, sizes: Array, points: Array, begin: int, edge: Array, swell: Array, turned: Array
+) -> None:
+    """Write the segments and half axes of one shape of two, and its points, which for the second change sign.
+
+    Parameters
+    ----------
+    world, who : ndarray, shape (2, 4, 3), and int
+        Where the two shapes are, and which of them it is.
+    sizes : ndarray, shape (8,)
+        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid [m].
+    points, begin : ndarray, shape (k, 3), and int
+        The points of all shapes, and the first point of this one.
+    edge, swell, turned : ndarray, shapes (6, 3), (2, 3, 3), (p, 3)
+        Receive the segments and half axes in the places of the shape, and its points.
+    """
+    place, side = world[who], 1.0 if who == 0 else -1.0
     for c in range(3):
         for k in range(3):
-            edge[k, c] = sizes[k] * place[k, c]
-            swell[0, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
-        for k in range(len(points)):
-            along = points[k, 0] * place[0, c] + points[k, 1] * place[1, c] + points[k, 2] * place[2, c]
-            turned[k, c] = side * along
+            edge[3 * who + k, c] = sizes[k] * place[k, c]
+            swell[who, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
+        for k in range(len(turned)):
+            p = points[begin + k]
+            turned[k, c] = side * (p[0] * place[0, c] + p[1] * place[1, c] + p[2] * place[2, c])
 
 
 @kernel("i8(f8[:,::1], f8[::1])")
@@ -76,7 +105,7 @@ def _midpoint(
                 nearest[c] += sign[k] * edge[k, c]
     m = 0
     for i in range(count):
-        kind, who, _ = kinks[i]
+        kind, who = kinks[i, 0], kinks[i, 1]
         for _ in range(2 if kind == DISK else 1):
             if who < 3 if kind == SEGMENT else who == 0:
                 for c in range(3):
@@ -88,40 +117,35 @@ def _midpoint(
 def _first_set(
     n: Array, kinks: Array, edge: Array, sign: Array, swell: Array, first: Array, second: Array, base: Array
 ) -> int:
-    """Write a first active set: kinks near n that n can lie on together when it is turned a little; return how many."""
-    tried, kink, near, count = np.zeros((_MOST_TRIED, 3), np.int64), np.zeros(3, np.int64), np.empty(3), 0
+    """Write the kinks near n that fit together and leave it about where it is; return how many."""
+    tried, kink, near, count = np.empty((_MOST_TRIED, 3), np.int64), np.empty(3, np.int64), np.empty(3), 0
     found, basis = np.empty((6, 3)), np.empty((3, 3))
     for turn in range(_MOST_TRIED):
         if not next_kink(n, NEAR_KINK, count == 0, kink, tried, turn, edge, sign, swell, first, second, base):
             break
-        tried[turn] = kink
-        kinks[count] = kink
-        m = directions(kinks, count + 1, edge, swell, first, second, base, found)
-        near[:] = n
-        if span(found, m, basis) < m or m > 2 or not make_normal(near, basis, m):
-            continue
-        if dot(near, n) > _ABOUT:
+        for c in range(3):
+            tried[turn, c], kinks[count, c], near[c] = kink[c], kink[c], n[c]
+        m = turn_onto(near, kinks, count + 1, edge, swell, first, second, base, found, basis)
+        if m >= 0 and dot(near, n) > _ABOUT:
             count += 1
             if m == 2:
                 break
     return count
 
 
-@kernel("Tuple((i8, f8))(f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
-def _refine(
-    place: Array, sizes: Array, points: Array, other_place: Array, other_sizes: Array, other_points: Array,
+@kernel("Tuple((i8, f8))(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
+def _refine_pair(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
     n: Array, nearest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Find a local maximum of the separation d(n) of two shapes.
+    """Find a local maximum of d(n) of two shapes.
 
     Parameters
     ----------
-    place, other_place : ndarray, shape (4, 3)
-        Where the shapes are: columns of the rotation, then the origin [m].
-    sizes, other_sizes : ndarray, shape (8,)
-        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid [m].
-    points, other_points : ndarray, shapes (k, 3)
-        Points of a hull [m].
+    places, frame, fixed, sizes, points, first_point
+        As of `_clear`.
+    sides : ndarray of int, shape (2,)
+        The two shapes.
     n : ndarray, shape (3,)
         The approximate unit normal from the first shape to the second; receives that of the maximum.
     nearest : ndarray, shape (3,)
@@ -135,39 +159,46 @@ def _refine(
         d(n) [m].
     """
     edge, swell, used, between = np.empty((6, 3)), np.empty((2, 3, 3)), np.empty((2, 3, 3)), np.empty(3)
-    first, second = np.empty((len(points), 3)), np.empty((len(other_points), 3))
-    _describe(place, sizes, points, 1.0, edge[:3], swell[:1], first)
-    _describe(other_place, other_sizes, other_points, -1.0, edge[3:], swell[1:], second)
-    ball, base, sign = sizes[3] + other_sizes[3], np.empty(2, np.int64), np.empty(6, np.int64)
+    world, a, b = np.empty((2, 4, 3)), sides[0], sides[1]
+    _place_pair(places, frame, fixed, sides, world)
+    first = np.empty((first_point[a + 1] - first_point[a], 3))
+    second = np.empty((first_point[b + 1] - first_point[b], 3))
+    _describe(world, 0, sizes[a], points, first_point[a], edge, swell, first)
+    _describe(world, 1, sizes[b], points, first_point[b], edge, swell, second)
+    ball, base, sign = sizes[a, 3] + sizes[b, 3], np.empty(2, np.int64), np.empty(6, np.int64)
     base[0], base[1] = _outermost(first, n), _outermost(second, n)
     size = 0.0
     for c in range(3):
-        between[c] = other_place[3, c] - place[3, c]
+        between[c] = world[1, 3, c] - world[0, 3, c]
         size += abs(between[c])
     for k in range(6):
         sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
     given = separation_along(n, between, ball, edge, swell, first, second)
-    kinks, kink, count = np.zeros((3, 3), np.int64), np.zeros(3, np.int64), 0
-    found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.zeros(2, np.bool_)
+    kinks, kink, count = np.empty((3, 3), np.int64), np.empty(3, np.int64), 0
+    found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.empty(2, np.bool_)
     count = _first_set(n, kinks, edge, sign, swell, first, second, base)
-    start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.zeros(2)
+    start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.empty(2)
     common = np.empty(3)
+    for i in range(2):
+        left[i], t[i] = False, 0.0
     for _ in range(_MOST_SETS):
-        m = directions(kinks, count, edge, swell, first, second, base, found)
-        rank = span(found, m, basis)
-        if rank < m or rank > 2 or not make_normal(n, basis, rank):
+        m = turn_onto(n, kinks, count, edge, swell, first, second, base, found, basis)
+        if m < 0:
             return FAILED, 0.0
-        used[:] = swell
-        if count > 0 and kinks[0, 0] == DISK:
-            used[kinks[0, 1]] = 0.0
+        for who in range(2):
+            flattened = count > 0 and kinks[0, 0] == DISK and kinks[0, 1] == who
+            for k in range(3):
+                for c in range(3):
+                    used[who, k, c] = 0.0 if flattened else swell[who, k, c]
         for c in range(3):
             pull[c] = between[c] - first[base[0], c] - second[base[1], c]
         for k in range(6):
             if not has(kinks, count, SEGMENT, k, 0):
                 for c in range(3):
                     pull[c] -= sign[k] * edge[k, c]
-        start[:] = n
-        if rank < 2 and not climb(n, pull, used, basis, rank):
+        for c in range(3):
+            start[c] = n[c]
+        if m < 2 and not climb(n, pull, used, basis, m):
             # along the axis of a disk there is no gradient
             who = 0 if is_disk(swell[0]) and not left[0] else 1
             if left[who] or not is_disk(swell[who]):
@@ -181,7 +212,8 @@ def _refine(
             # beyond the kink there is another slope: back to it unless that is higher
             apart = separation_along(n, between, ball, edge, swell, first, second)
             if apart < separation_along(start, between, ball, edge, swell, first, second):
-                n[:] = start
+                for c in range(3):
+                    n[c] = start[c]
             count = add(n, slope, kink, kinks, count, between, ball, edge, sign, swell, first, second, base)
             if count < 0:
                 return FAILED, 0.0
@@ -206,37 +238,10 @@ def _refine(
         if remain < count:
             count = remain
             continue
-        _midpoint(place, sizes, n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
+        _midpoint(world[0], sizes[a], n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
         # written so that a NaN is refused too
         return (UNIQUE if apart >= given - ROUNDING * size else FAILED), apart
     return FAILED, 0.0
-
-
-@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
-def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
-    """Write the placements of two shapes in the world, shape (2, 4, 3); `places`, `frame`, `fixed` as of `_clear`."""
-    for side in range(2):
-        s = sides[side]
-        for k in range(4):
-            for c in range(3):
-                world[side, k, c] = fixed[s, k, c]
-                if frame[s] >= 0:
-                    P = places[frame[s]]
-                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
-                    world[side, k, c] += P[3, c] if k == 3 else 0.0
-
-
-@kernel("Tuple((i8, f8))(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
-def _refine_pair(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
-    normal: Array, nearest: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """Call `_refine` for the two shapes `sides`, shape (2,); the arguments before are those of `_clear`."""
-    world = np.empty((2, 4, 3))
-    _place_pair(places, frame, fixed, sides, world)
-    a, b = sides[0], sides[1]
-    one, other = points[first_point[a] : first_point[a + 1]], points[first_point[b] : first_point[b + 1]]
-    return _refine(world[0], sizes[a], one, world[1], sizes[b], other, normal, nearest)
 
 
 @kernel("f8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1])")

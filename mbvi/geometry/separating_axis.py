@@ -56,9 +56,9 @@ def _support(shape: Convex) -> _Support:
     return _Support(points=shape.vertices)
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
-def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
-    """Return the support function of a placed shape along a unit vector u: the largest x . u of its points x [m].
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8, i8)")
+def _reach(place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int) -> float:
+    """Return how far a shape reaches from the world's origin along a unit vector [m].
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def _reach(place: Array, u: Array, sizes: Array, points: Array) -> float:
         The unit vector.
     sizes : ndarray, shape (8,)
         Box, ball, disk, ellipsoid of its `_Support`.
-    points : ndarray, shape (k, 3)
-        Points of its `_Support`.
+    points, begin, end : ndarray, shape (k, 3), and int
+        The points of all supports, and which of them are this one's.
     """
     x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
     y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
     z = place[2, 0] * u[0] + place[2, 1] * u[1] + place[2, 2] * u[2]
-    far = points[0, 0] * x + points[0, 1] * y + points[0, 2] * z
-    for k in range(1, len(points)):
+    far = points[begin, 0] * x + points[begin, 1] * y + points[begin, 2] * z
+    for k in range(begin + 1, end):
         far = max(far, points[k, 0] * x + points[k, 1] * y + points[k, 2] * z)
     far += place[3, 0] * u[0] + place[3, 1] * u[1] + place[3, 2] * u[2]
     far += abs(x) * sizes[0] + abs(y) * sizes[1] + abs(z) * sizes[2] + sizes[3]
@@ -146,8 +146,8 @@ def _clear(
                     n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
         a, b = sides[pair, 0], sides[pair, 1]
         back[0], back[1], back[2] = -n[0], -n[1], -n[2]
-        gap = -_reach(world[1], back, sizes[b], points[first_point[b] : first_point[b + 1]])
-        gap -= _reach(world[0], n, sizes[a], points[first_point[a] : first_point[a + 1]])
+        gap = -_reach(world[1], back, sizes[b], points, first_point[b], first_point[b + 1])
+        gap -= _reach(world[0], n, sizes[a], points, first_point[a], first_point[a + 1])
         if gap > tolerance:
             bound[pair] = gap
         else:

@@ -50,7 +50,7 @@ def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
         None if the constraints contradict each other.
     """
     active: list[int] = []
-    u = np.zeros(0)
+    u: Array = np.zeros(0)
     z = np.zeros(len(A))
     for _ in range(10 * len(d) + 50):
         violation = d - A.T @ z
@@ -58,21 +58,15 @@ def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
         entering = int(np.argmax(violation))
         if violation[entering] <= rounding * (1.0 + np.sqrt(z @ z)):
             break
-        column, gained = A[:, entering], 0.0
+        column = A[:, entering]
         while True:
-            Q, R = np.linalg.qr(A[:, active])
-            along = Q.T @ column
-            across = column - Q @ along
-            correction = Q.T @ across
-            across -= Q @ correction
-            r = np.linalg.solve(R, along + correction) if active else u
+            across, r = _split(A[:, active], column)
             independent = np.sqrt(across @ across) > _DEPENDENT
             full = (d[entering] - column @ z) / (across @ across) if independent else np.inf
             ratios = np.where(r > 0.0, u / np.where(r > 0.0, r, 1.0), np.inf)
             step = min(full, ratios.min(initial=np.inf))
             if not np.isfinite(step):
                 return None
-            gained += step
             u = u - step * r
             if independent:
                 z = z + step * across
@@ -88,3 +82,22 @@ def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
     p = np.zeros(len(d))
     p[active] = u
     return Candidate(z, p)
+
+
+def _split(active: Array, column: Array) -> tuple[Array, Array]:
+    """Return the part of a column across the span of active columns, and the shares of these in the rest.
+
+    Parameters
+    ----------
+    active : ndarray, shape (nv, k)
+        Independent columns.
+    column : ndarray, shape (nv,)
+        The column that is split.
+    """
+    Q, R = np.linalg.qr(active)
+    along = Q.T @ column
+    across = column - Q @ along
+    # once more, for the rounding of the first
+    correction = Q.T @ across
+    across -= Q @ correction
+    return across, np.linalg.solve(R, along + correction) if R.size else np.zeros(0)

@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled import plain_array
 from .free_motion import FreeMotion
 from .metric import Array, Metric
-from .robot_step import law, solve_active_set, tree_law
+from .robot_step import newton_law, solve_active_set, tree_law
 from .scaled_qp import Projection
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions
@@ -52,7 +52,9 @@ class FusedStep:
             residual = tree_law(*motion.kernel_arguments, J, e, last.percussion, velocity, rates)
         else:
             A = plain_array(motion.metric.solve_rows(J))
-            residual = law(J, A, plain_array(v), e, plain_array(motion.free), last.percussion, velocity, rates)
+            lower = np.empty(len(e))
+            newton_law(J, plain_array(v), e, lower, rates)
+            residual = solve_active_set(J, A, plain_array(motion.free), lower, last.percussion, velocity, rates)
         if not residual < np.inf:
             return None
         last.percussion, last.keys = rates[0], None

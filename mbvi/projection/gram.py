@@ -8,6 +8,42 @@ from ..compiled import kernel
 from .metric import Array
 
 
+@kernel("void(f8[::1], u4[::1], u4[::1], i8[::1], u4[::1], f8[::1], b1[::1])")
+def sort_by_column(
+    data: Array, columns: Array, starts: Array, first: Array, row: Array, value: Array, same: Array
+) -> None:
+    """Write sparse rows column after column.
+
+    Parameters
+    ----------
+    data, columns, starts
+        As of `gram`.
+    first, row, value : ndarray, shapes (n + 1,), (k,), (k,)
+        Receive where each column begins, and the rows and values of its entries.
+    same : ndarray of bool, shape (n + 1,)
+        Receives which columns have the rows of the one before: those of one body.
+    """
+    n = len(first) - 1
+    for j in range(n + 1):
+        first[j], same[j] = 0, False
+    for k in range(len(columns)):
+        first[columns[k] + 1] += 1
+    for j in range(n):
+        first[j + 1] += first[j]
+    fill = first.copy()
+    for a in range(len(starts) - 1):
+        for k in range(starts[a], starts[a + 1]):
+            place = fill[columns[k]]
+            row[place], value[place] = a, data[k]
+            fill[columns[k]] += 1
+    for j in range(1, n):
+        size = first[j + 1] - first[j]
+        alike = size > 0 and first[j] - first[j - 1] == size
+        for c in range(size if alike else 0):
+            alike = alike and row[first[j] + c] == row[first[j - 1] + c]
+        same[j] = alike
+
+
 @kernel("i8(f8[::1], u4[::1], u4[::1], i8, u4[::1], u4[::1], f8[::1])")
 def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array) -> int:
     """Write U U' of sparse rows U, row after row with columns ascending; return how many entries it has.
@@ -22,26 +58,9 @@ def gram(data: Array, columns: Array, starts: Array, n: int, out_starts: Array, 
         Receive U U', unless it has more than c entries.
     """
     m, room = len(starts) - 1, len(out)
-    # U column after column
-    first = np.zeros(n + 1, np.int64)
-    for k in range(len(columns)):
-        first[columns[k] + 1] += 1
-    for j in range(n):
-        first[j + 1] += first[j]
-    fill, row, value = first[:n].copy(), np.empty(len(columns), np.uint32), np.empty(len(columns))
-    for a in range(m):
-        for k in range(starts[a], starts[a + 1]):
-            place = fill[columns[k]]
-            row[place], value[place] = a, data[k]
-            fill[columns[k]] += 1
-    # columns with the same rows as the one before: those of one body
-    same = np.zeros(n + 1, np.bool_)
-    for j in range(1, n):
-        size = first[j + 1] - first[j]
-        alike = size > 0 and first[j] - first[j - 1] == size
-        for c in range(size if alike else 0):
-            alike = alike and row[first[j] + c] == row[first[j - 1] + c]
-        same[j] = alike
+    first, same = np.empty(n + 1, np.int64), np.empty(n + 1, np.bool_)
+    row, value = np.empty(len(columns), np.uint32), np.empty(len(columns))
+    sort_by_column(data, columns, starts, first, row, value, same)
     place_of, count = np.full(m, -1, np.int32), 0
     out_starts[0] = 0
     for a in range(m):

@@ -18,25 +18,30 @@ _DEPENDENT, _INDEPENDENT = 1e-13, 1e-8
 _TIGHT, _MOST_SHARES = 1e-9, 100
 
 
-@kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])")
-def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
+@kernel("UniTuple(i8, 2)(f8[:,::1], f8[::1], b1[::1], f8[:,::1], f8[::1], i8[::1])")
+def pivoted_cholesky(G: Array, d: Array, chosen: Array, C: Array, y: Array, order: Array) -> tuple[int, int]:
+    """Factor G_SS = C C' on the chosen rows S, with as many columns as its rank, and solve C y = d_S.
 
     Parameters
     ----------
-    G : ndarray, shape (m, m)
-        Scaled Delassus matrix, singular where rows depend on each other.
-    d, base, u : ndarray, shape (m,)
-        Violations, where to start from, and the result.
-    chosen : ndarray of bool, shape (m,)
-        S.
+    G, d, chosen
+        As of `solve_equalities`.
+    C, y, order : ndarray, shapes (m, m), (m,), (m,)
+        Receive the factor, the solution, and S in the order of the pivots.
+
+    Returns
+    -------
+    size : int
+        How many rows are chosen.
+    rank : int
+        How many of them are independent; -1 if that cannot be said.
     """
     m = len(d)
-    # pivoted Cholesky G_SS = C C' with as many columns as G_SS has rank; y with C y = d
-    C, y, rest, order = np.zeros((m, m)), np.zeros(m), np.empty(m), np.empty(m, np.int64)
+    rest = np.empty(m)
     size = rank = 0
     for a in range(m):
-        u[a] = 0.0
+        for k in range(m):
+            C[a, k] = 0.0
         if chosen[a]:
             order[size], rest[a] = a, G[a, a]
             size += 1
@@ -50,7 +55,7 @@ def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -
         if not rest[a] > _DEPENDENT:
             break
         if rest[a] < _INDEPENDENT:
-            return False
+            return size, -1
         pivot = np.sqrt(rest[a])
         C[a, k] = pivot
         y[k] = d[a]
@@ -65,15 +70,22 @@ def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -
             C[b, k] = g / pivot
             rest[b] -= C[b, k] * C[b, k]
         rank += 1
-    if rank == size:
-        # independent rows: C' u = y
-        for k in range(size - 1, -1, -1):
-            s = y[k]
-            for i in range(k + 1, size):
-                s -= C[order[i], k] * u[order[i]]
-            u[order[k]] = s / C[order[k], k]
-        return True
-    # of all u with C' u = y the nearest to the base: u = base + C (C'C)^-1 (y - C' base)
+    return size, rank
+
+
+@kernel("void(f8[:,::1], i8[::1], i8, i8, f8[::1], f8[::1], f8[::1])")
+def nearest_solution(C: Array, order: Array, size: int, rank: int, base: Array, y: Array, u: Array) -> None:
+    """Write u = base + C (C'C)^-1 (y - C' base): of all u with C' u = y the nearest to the base.
+
+    Parameters
+    ----------
+    C, order, size, rank
+        As `pivoted_cholesky` leaves them.
+    base, u : ndarray, shape (m,)
+        Where to start from, and the result, written on the chosen rows.
+    y : ndarray, shape (m,)
+        Right-hand side; overwritten.
+    """
     N = np.empty((rank, rank))
     for k in range(rank):
         for i in range(size):
@@ -101,7 +113,57 @@ def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -
         for k in range(rank):
             s += C[order[i], k] * y[k]
         u[order[i]] = s
+
+
+@kernel("b1(f8[:,::1], f8[::1], b1[::1], f8[::1], f8[::1])")
+def solve_equalities(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
+    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
+
+    Parameters
+    ----------
+    G : ndarray, shape (m, m)
+        Scaled Delassus matrix, singular where rows depend on each other.
+    d, base, u : ndarray, shape (m,)
+        Violations, where to start from, and the result.
+    chosen : ndarray of bool, shape (m,)
+        S.
+    """
+    m = len(d)
+    C, y, order = np.empty((m, m)), np.empty(m), np.empty(m, np.int64)
+    for a in range(m):
+        u[a] = 0.0
+    size, rank = pivoted_cholesky(G, d, chosen, C, y, order)
+    if rank < 0:
+        return False
+    if rank < size:
+        nearest_solution(C, order, size, rank, base, y, u)
+        return True
+    # independent rows: C' u = y
+    for k in range(size - 1, -1, -1):
+        s = y[k]
+        for i in range(k + 1, size):
+            s -= C[order[i], k] * u[order[i]]
+        u[order[k]] = s / C[order[k], k]
     return True
+
+
+@kernel("void(f8[:,::1], i8[::1], i8, i8, f8[:,::1], f8[::1])")
+def solve_on_active(G: Array, S: Array, size: int, entering: int, F: Array, r: Array) -> None:
+    """Write r = G_SS^-1 G_S,entering, where S are the first `size` rows of a list, by a Cholesky factor F of G_SS."""
+    for i in range(size):
+        s = G[S[i], entering]
+        for j in range(i + 1):
+            f = G[S[i], S[j]]
+            for k in range(j):
+                f -= F[i, k] * F[j, k]
+            F[i, j] = np.sqrt(f) if i == j else f / F[j, j]
+            if j < i:
+                s -= F[i, j] * r[j]
+        r[i] = s / F[i, i]
+    for i in range(size - 1, -1, -1):
+        for j in range(i + 1, size):
+            r[i] -= F[j, i] * r[j]
+        r[i] /= F[i, i]
 
 
 @kernel("b1(f8[:,::1], f8[::1], b1[::1])")
@@ -122,11 +184,11 @@ def dual_active_set(G: Array, d: Array, chosen: Array) -> bool:
     min u' G u / 2 - d' u, u >= 0: D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
     """
     m = len(d)
-    S, u, r, slack, F = np.empty(m, np.int64), np.zeros(m), np.empty(m), np.empty(m), np.empty((m, m))
+    S, u, r, slack, F = np.empty(m, np.int64), np.empty(m), np.empty(m), np.empty(m), np.empty((m, m))
     scale, size = 0.0, 0
     for a in range(m):
         scale = max(scale, abs(d[a]))
-        chosen[a] = False
+        chosen[a], u[a] = False, 0.0
     for _ in range(10 * m):
         entering, largest = -1, scale
         for a in range(m):
@@ -141,21 +203,7 @@ def dual_active_set(G: Array, d: Array, chosen: Array) -> bool:
             return True
         violation = -slack[entering]
         while True:
-            # r = G_SS^-1 G_S,entering
-            for i in range(size):
-                s = G[S[i], entering]
-                for j in range(i + 1):
-                    f = G[S[i], S[j]]
-                    for k in range(j):
-                        f -= F[i, k] * F[j, k]
-                    F[i, j] = np.sqrt(f) if i == j else f / F[j, j]
-                    if j < i:
-                        s -= F[i, j] * r[j]
-                r[i] = s / F[i, i]
-            for i in range(size - 1, -1, -1):
-                for j in range(i + 1, size):
-                    r[i] -= F[j, i] * r[j]
-                r[i] /= F[i, i]
+            solve_on_active(G, S, size, entering, F, r)
             curvature = G[entering, entering]
             leaving, step = -1, np.inf
             for i in range(size):

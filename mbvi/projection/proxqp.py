@@ -14,7 +14,7 @@ from .scaled_qp import Candidate, ScaledQP, WarmStart
 # residual at which ProxSuite stops; the largest violation is between 0.5 and 1
 _ACCURACY = 1e-12
 # limit of iterations up to 100 rows; beyond it falls with m^3, the cost of an iteration, to the second number
-_ITERATIONS, _FEWEST_ITERATIONS = 200, 20
+_ITERATIONS, _FEWEST_ITERATIONS = 200, 10
 # percussions below this share of the largest are set to zero
 _NEGLIGIBLE = 1e-11
 # upper bound of u, which stands for none

@@ -102,7 +102,14 @@ def _choose_rows(
         energy += 0.5 * percussion * (before + after + (free - before) * (1.0 - e[a]) / (1.0 + e[a]))
         previous = 0.0
         if percussion > 0.0:
-            for b in range(np.searchsorted(last_number, number[a]), len(last_number)):
+            begin, end = 0, len(last_number)
+            while begin < end:
+                middle = (begin + end) // 2
+                if last_number[middle] < number[a]:
+                    begin = middle + 1
+                else:
+                    end = middle
+            for b in range(begin, len(last_number)):
                 if last_number[b] != number[a]:
                     break
                 if last_rates[0, b] > 0.0:

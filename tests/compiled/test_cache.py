@@ -248,7 +248,9 @@ def test_a_disk_that_fills_while_the_cache_is_written_does_not_stop_a_run(small_
     assert "compiled kernels cannot be kept in" in capfd.readouterr().err
     assert not [*small_cache.rglob("*.nbc"), *small_cache.rglob("*.tmp.*")]
     # the index that was written names a file that is not there
-    assert small_kernel(small_cache)[0](np.ones(3)) == 3.0
+    # numba looks for the module of what it reads, which a kernel of no module only has as long as another is kept
+    again, _ = small_kernel(small_cache)
+    assert again(np.ones(3)) == 3.0
     assert sum(small_kernel(small_cache)[0].stats.cache_hits.values()) == 1
 
 

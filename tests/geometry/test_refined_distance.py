@@ -81,7 +81,7 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
 def reach_of(axes, places, side, u):
     _, fixed, sizes, points, first = axes.supports
     world = _compose(places[side], fixed[side])
-    return _reach_plain(world, u, sizes[side], points[first[side] : first[side + 1]])
+    return _reach_plain(world, u, sizes[side], points, first[side], first[side + 1])
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))

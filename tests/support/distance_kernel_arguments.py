@@ -40,26 +40,25 @@ def axes_of(rng):
 
 
 def supports(rng):
-    """The arguments of `_refine` but the last two."""
+    """Two shapes: where they are, and the arguments of `_describe` that follow, one list for each."""
     axes, places = axes_of(rng)
-    world = np.empty((2, 4, 3))
+    world, first = np.empty((2, 4, 3)), axes._first_point
     refined_distance._place_pair(places, axes.frame, axes._fixed, np.array([0, 1]), world)
-    ends = axes._first_point
-    return [
-        part
-        for side in (0, 1)
-        for part in (world[side].copy(), axes._sizes[side].copy(), axes._points[ends[side] : ends[side + 1]].copy())
+    edge, swell = np.zeros((6, 3)), np.zeros((2, 3, 3))
+    return world, [
+        (axes._sizes[s].copy(), axes._points, int(first[s]), edge, swell, np.zeros((first[s + 1] - first[s], 3)))
+        for s in (0, 1)
     ]
 
 
 def state(rng):
     """What the kernels of `kinks` share, at a normal that some of them are near."""
-    place, sizes, points, other_place, other_sizes, other_points = supports(rng)
-    s = {"edge": np.empty((6, 3)), "swell": np.empty((2, 3, 3)), "ball": sizes[3] + other_sizes[3]}
-    s["first"], s["second"] = np.empty((len(points), 3)), np.empty((len(other_points), 3))
-    refined_distance._describe(place, sizes, points, 1.0, s["edge"][:3], s["swell"][:1], s["first"])
-    refined_distance._describe(other_place, other_sizes, other_points, -1.0, s["edge"][3:], s["swell"][1:], s["second"])
-    s["between"] = other_place[3] - place[3]
+    world, (one, other) = supports(rng)
+    refined_distance._describe(world, 0, *one)
+    refined_distance._describe(world, 1, *other)
+    sizes, points, _, edge, swell, first = one
+    s = {"edge": edge, "swell": swell, "ball": sizes[3] + other[0][3], "first": first, "second": other[-1]}
+    s["between"] = world[1, 3] - world[0, 3]
     n = s["between"] / np.linalg.norm(s["between"]) + 0.1 * rng.normal(size=3)
     edges = s["edge"][np.any(s["edge"] != 0.0, axis=1)]
     if len(edges) and rng.random() < 0.5:
@@ -77,7 +76,7 @@ def state(rng):
     names = ("kinks", "count", "edge", "swell", "first", "second", "base", "found")
     s["m"] = kinks.directions(*(s[name] for name in names))
     s["rank"] = search.span(s["found"], s["m"], s["basis"])
-    s.update(place=place, sizes=sizes, points=points, kink=np.zeros(3, np.int64), scratch=np.zeros(3))
+    s.update(place=world[0], sizes=sizes, points=points, kink=np.zeros(3, np.int64), scratch=np.zeros(3))
     s.update(t=1.5 * rng.normal(size=2), left=np.zeros(2, bool), at=np.zeros((2, 3)), slope=np.zeros(3))
     s.update(side=1.0, within=float(rng.choice([0.5, -1e-12])), disks=bool(rng.integers(2)), nearest=np.zeros(3))
     s.update(who=0, apart=0.1, pull=s["between"].copy(), tangents=np.zeros((2, 3)), first_base=int(s["base"][0]))
@@ -116,19 +115,14 @@ def near_pair(rng):
 
 
 def describe(rng):
-    place, sizes, points, *_ = supports(rng)
-    return place, sizes, points, 1.0, np.zeros((3, 3)), np.zeros((1, 3, 3)), np.zeros((len(points), 3))
+    world, shapes = supports(rng)
+    who = int(rng.integers(2))
+    return world, who, *shapes[who]
 
 
 def place_pair(rng):
     axes, places = axes_of(rng)
     return places, axes.frame, axes._fixed, np.array([0, 1]), np.zeros((2, 4, 3))
-
-
-def refine(rng):
-    given = supports(rng)
-    apart = given[3][3] - given[0][3]
-    return *given, apart / np.linalg.norm(apart), np.zeros(3)
 
 
 def refine_pair(rng):
@@ -187,6 +181,7 @@ DISTANCE_ARGUMENTS = {
     "_flat_directions": flat,
     "common_directions": of_state("n", "edge", "swell", "first", "second", "base", "slope"),
     "clear_common": of_state("pull", "slope", "found", "kinks", "count", "t"),
+    "turn_onto": of_state("n", "kinks", "count", "edge", "swell", "first", "second", "base", "found", "basis"),
     "add": added,
     "multipliers": of_state("pull", "found", "m", "t"),
     "release": of_state("n", "t", "found", "kinks", "count", "sign", "base", "left"),
@@ -196,7 +191,6 @@ DISTANCE_ARGUMENTS = {
     "_describe": describe,
     "_outermost": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
     "_first_set": of_state("n", "kinks", "edge", "sign", "swell", "first", "second", "base"),
-    "_refine": refine,
     "_place_pair": place_pair,
     "_refine_pair": refine_pair,
     "_separate_pair": near_pair,

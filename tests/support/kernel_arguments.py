@@ -170,6 +170,26 @@ def solve_equalities(rng):
     return G, d, chosen, base, np.full(len(d), np.nan)
 
 
+def pivoted_cholesky(rng):
+    G, d, chosen, *_ = solve_equalities(rng)
+    m = len(d)
+    return G, d, chosen, np.full((m, m), np.nan), np.zeros(m), np.zeros(m, np.int64)
+
+
+def nearest_solution(rng):
+    """A factor of two columns, of rows that depend on each other."""
+    size = int(rng.integers(3, 6))
+    base, y = rng.random(size), rng.normal(size=2)
+    return rng.normal(size=(size, 2)), rng.permutation(size), size, 2, base, y, np.full(size, np.nan)
+
+
+def solve_on_active(rng):
+    m = int(rng.integers(2, 7))
+    B = rng.normal(size=(m, m + 2))
+    order = rng.permutation(m)
+    return B @ B.T, order, int(rng.integers(m)), int(order[-1]), np.zeros((m, m)), np.zeros(m)
+
+
 def dual_active_set(rng):
     G, d = scaled_cone(rng)
     if rng.random() < 0.4:
@@ -204,11 +224,23 @@ def solve_active_set(rng):
     return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
 
 
-def law(rng):
-    J, A, v, x = cone(rng)
-    m, n = J.shape
-    e, last = restitution(rng, m), percussions_before(rng, m)
-    return J, A, v, e, x, last, np.full(n, np.nan), np.full((4, m), np.nan)
+def scaled_dual(rng):
+    J, A, x, lower, *_ = solve_active_set(rng)
+    m = len(J)
+    table = np.array([np.zeros(m), J @ x, J @ x])
+    return J, A, x, lower, table, np.zeros((m, m)), np.ones(m), np.zeros(m)
+
+
+def natural_residual(rng):
+    J, A, x, lower, *_, w, table = solve_active_set(rng)
+    u = rng.random(len(J))
+    return J, A, x, lower, rng.uniform(0.5, 2.0, size=len(J)), u, 2.0, np.zeros(len(J)), w, table
+
+
+def newton_law(rng):
+    J, _, v, _ = cone(rng)
+    m = len(J)
+    return J, v, restitution(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
 
 
 def tree_law(rng):
@@ -341,7 +373,7 @@ def shape_pairs(rng, shapes=SHAPES):
 def reach(rng):
     _, axes, _ = shape_pairs(rng)
     s = rng.integers(len(axes._sizes))
-    return place(rng), unit(rng), axes._sizes[s], axes._points[axes._first_point[s] : axes._first_point[s + 1]]
+    return place(rng), unit(rng), axes._sizes[s], axes._points, *map(int, axes._first_point[s : s + 2])
 
 
 def clear(rng):
@@ -448,8 +480,8 @@ def wall_contacts(rng):
         HalfSpace(tuple(unit(rng)), rng.normal()),
         *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
     ]
-    walls = np.array([sphere_walls._numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
-    kind = np.array([sphere_walls._kind(w) for w in shapes])
+    walls = np.array([sphere_walls._wall_numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
+    kind = np.array([sphere_walls._kind_of(w) for w in shapes])
     return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
 
 
@@ -500,6 +532,12 @@ def gram_of(rng):
         np.zeros(room, np.uint32),
         np.zeros(room),
     )
+
+
+def sort_by_column(rng):
+    U, columns, starts = unit_rows(rng)
+    n, k = U.shape[1], len(columns)
+    return U.data, columns, starts, np.zeros(n + 1, np.int64), np.zeros(k, np.uint32), np.zeros(k), np.ones(n + 1, bool)
 
 
 def islands(rng):
@@ -678,6 +716,7 @@ ARGUMENTS = {
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
     "gram": gram_of,
+    "sort_by_column": sort_by_column,
     "islands": islands,
     "incomplete_cholesky": incomplete_cholesky,
     "solve_factor": solve_factor,
@@ -710,7 +749,12 @@ ARGUMENTS = {
     "solve_equalities": solve_equalities,
     "dual_active_set": dual_active_set,
     "solve_active_set": solve_active_set,
-    "law": law,
+    "newton_law": newton_law,
+    "pivoted_cholesky": pivoted_cholesky,
+    "nearest_solution": nearest_solution,
+    "solve_on_active": solve_on_active,
+    "scaled_dual": scaled_dual,
+    "natural_residual": natural_residual,
     "tree_law": tree_law,
     "row": row,
     "separation": separation,
@@ -737,7 +781,6 @@ IF_ACCEPTED = {
     "solve_equalities": 1,
     "dual_active_set": 1,
     "solve_active_set": 2,
-    "law": 2,
     "tree_law": 2,
     "half_space_rows": 3,
     "_limits_within": 1,
@@ -752,7 +795,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("solve_active_set", "law", "tree_law"):
+    if name in ("solve_active_set", "tree_law"):
         return result < np.inf
     return result[-1] if isinstance(result, tuple) else result
 

@@ -73,31 +73,23 @@ def solve_active_set_plain(J: Array, A: Array, x: Array, lower: Array, last: Arr
     return np.inf
 
 
-def _law_plain(J: Array, A: Array, v: Array, e: Array, x: Array, last: Array, w: Array, rates: Array) -> float:
-    """Write argmin |w - x|_M with J w >= -e J v; as `solve_active_set`, which this calls.
-
-    Parameters
-    ----------
-    v : ndarray, shape (nv,)
-        Velocity before.
-    e : ndarray, shape (m,)
-        Restitution of each row.
-    rates : ndarray, shape (4, m)
-        Receives percussions, J x, J w and J v.
-    """
+def newton_law_plain(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None:
+    """Write the least rates after an impact, -e J v, and the rates before; see `newton_law`."""
     rates[3] = J @ v
-    return solve_active_set_plain(J, A, x, -e * rates[3], last, w, rates[:3])
+    lower[:] = -e * rates[3]
 
 
 def _tree_law_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
     last: Array, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Do the same as `law` for one mechanism under forces, see `TreeFreeMotion`; inf if M is not positive."""
+    """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `tree_law`."""
     L, x, A = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape)
     if advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
     if factor_plain(mass, 0.0, damping, parent, L):
         return np.inf
     solve_plain(L, parent, J, A)
-    return _law_plain(J, A, v, e, x, last, w, rates)
+    lower = np.empty(len(e))
+    newton_law_plain(J, v, e, lower, rates)
+    return solve_active_set_plain(J, A, x, lower, last, w, rates[:3])

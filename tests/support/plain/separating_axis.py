@@ -7,7 +7,7 @@ import numpy as np
 from mbvi.arguments import Array
 
 
-def _reach_plain(place: Array, u: Array, sizes: Array, points: Array) -> float:
+def _reach_plain(place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int) -> float:
     """Return how far a shape reaches from the world's origin along a unit vector [m].
 
     Parameters
@@ -18,12 +18,12 @@ def _reach_plain(place: Array, u: Array, sizes: Array, points: Array) -> float:
         The unit vector.
     sizes : ndarray, shape (8,)
         Box, ball, disk, ellipsoid of its `_Support`.
-    points : ndarray, shape (k, 3)
-        The points of that.
+    points, begin, end : ndarray, shape (k, 3), and int
+        The points of all supports, and which of them are this one's.
     """
     x = place[:3] @ u
     along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
-    return float(place[3] @ u + along + (points @ x).max())
+    return float(place[3] @ u + along + (points[begin:end] @ x).max())
 
 
 def _clear_plain(
@@ -65,8 +65,9 @@ def _clear_plain(
         a, b = sides[pair]
         where = [fixed[s] if frame[s] < 0 else _compose(places[frame[s]], fixed[s]) for s in (a, b)]
         n = axis[pair] if frame[a] < 0 else axis[pair] @ places[frame[a], :3]
-        shapes = [points[first_point[s] : first_point[s + 1]] for s in (a, b)]
-        gap = -_reach_plain(where[1], -n, sizes[b], shapes[1]) - _reach_plain(where[0], n, sizes[a], shapes[0])
+        ends = [(first_point[s], first_point[s + 1]) for s in (a, b)]
+        gap = -_reach_plain(where[1], -n, sizes[b], points, *ends[1])
+        gap -= _reach_plain(where[0], n, sizes[a], points, *ends[0])
         if gap > tolerance:
             budget[pair] = gap
         else:
