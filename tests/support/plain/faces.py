@@ -9,15 +9,7 @@ from mbvi.geometry.faces import FACING
 
 
 def _leave_plain(points: Array, direction: Array, normals: Array, offsets: Array, way: Array) -> None:
-    """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m].
-
-    Parameters
-    ----------
-    normals, offsets : ndarray, shapes (f, 3) and (f,)
-        The faces.
-    way : ndarray, shape (k,)
-        Receives the result.
-    """
+    """Write how far from each point, shape (k, 3), a line along a direction leaves the faces' polyhedron [m]."""
     slope = normals @ direction
     met = slope > FACING
     way[:] = ((offsets[met] - points @ normals[met].T) / slope[met]).min(axis=1, initial=np.inf)

@@ -12,17 +12,7 @@ from mbvi.arguments import Array
 def gram_plain(
     data: Array, columns: Array, starts: Array, n: int, out_starts: Array, out_columns: Array, out: Array
 ) -> int:
-    """Write U U' of sparse rows U, row after row with columns ascending; return how many entries it has.
-
-    Parameters
-    ----------
-    data, columns, starts : ndarray, shapes (k,), (k,), (m + 1,)
-        U, shape (m, n), row after row.
-    n : int
-        Columns of U.
-    out_starts, out_columns, out : ndarray, shapes (m + 1,), (c,), (c,)
-        Receive U U', unless it has more than c entries.
-    """
+    """Write U U' of sparse rows U, row after row with columns ascending; return how many entries it has."""
     U = csr_array((data, columns, starts), shape=(len(starts) - 1, n))
     # by what is stored, zeros among it
     full, stored = (U @ U.T).toarray(), abs(U).sign()
@@ -36,19 +26,7 @@ def gram_plain(
 
 
 def islands_plain(columns: Array, starts: Array, n: int, kept: Array, label: Array) -> int:
-    """Write which island each row is in, of rows that share columns, numbered by first rows; return how many.
-
-    Parameters
-    ----------
-    columns, starts : ndarray, shapes (k,), (m + 1,)
-        Where the rows have entries.
-    n : int
-        Columns in all.
-    kept : ndarray of bool, shape (m,)
-        The rows to look at; they have entries.
-    label : ndarray of int, shape (m,)
-        Receives the island of each row, -1 where it is not kept.
-    """
+    """Write which island each row is in, of rows that share columns, numbered by first rows; return how many."""
     there = csr_array((np.ones(len(columns)), columns, starts), shape=(len(kept), n))[kept]
     found = connected_components(there @ there.T, directed=False)[1]
     _, first, inverse = np.unique(found, return_index=True, return_inverse=True)

@@ -13,30 +13,7 @@ def half_space_rows_plain(
     poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
     clearance: Array, index: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
-    """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
-
-    Parameters
-    ----------
-    poses, columns, support
-        As of `Kinematics`.
-    owners, numbers, index
-        As of `_Selection`; `index` is written.
-    tolerance : float
-        Gap at and below which a point is active [m].
-    clearance : ndarray, shape (n,)
-        Of all pairs; receives the least gap of each pair here.
-    gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
-        For as many points as `index` counts.
-
-    Returns
-    -------
-    count : int
-        How many points are within the tolerance.
-    any_empty : bool
-        Whether a pair has none.
-    same : bool
-        Whether they are the points of the last call; only then gap, point and rows are written in full.
-    """
+    """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call."""
     gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
     stand_plain(poses, owners, numbers, gaps, points)
     found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]

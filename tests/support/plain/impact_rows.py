@@ -8,17 +8,7 @@ from mbvi.arguments import Array
 
 
 def _raise_levels_plain(number: Array, percussion: Array, known: Array, level: Array) -> None:
-    """Raise the level of each known constraint to its largest percussion.
-
-    Parameters
-    ----------
-    number, percussion : ndarray, shape (k,)
-        Constraints and percussions of rows.
-    known : ndarray of int, shape (n,)
-        Constraints, ascending, each once.
-    level : ndarray, shape (n,)
-        Written.
-    """
+    """Raise the level of each known constraint to its largest percussion."""
     place = np.minimum(np.searchsorted(known, number), len(known) - 1)
     same = known[place] == number
     np.maximum.at(level, place[same], percussion[same])

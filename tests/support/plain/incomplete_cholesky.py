@@ -11,19 +11,7 @@ from mbvi.projection.incomplete_cholesky import _LEAST
 def incomplete_cholesky_plain(
     starts: Array, columns: Array, G: Array, shift: float, rows: Array, places: Array, L: Array
 ) -> bool:
-    """Write a lower triangular L with L L' near G + shift, where G has entries; or return False at a lost pivot.
-
-    Parameters
-    ----------
-    starts, columns, G : ndarray, shapes (n + 1,), (k,), (k,)
-        A symmetric matrix with unit diagonal, row after row, columns ascending.
-    shift : float
-        Added to the diagonal.
-    rows : ndarray of int, shape (n + 1,)
-        Receives where the rows of L start; the diagonal comes last in each.
-    places, L : ndarray, shape (c,), c >= (k + n) / 2
-        Receive columns and values.
-    """
+    """Write a lower triangular L with L L' near G + shift, where G has entries; or return False at a lost pivot."""
     n = len(starts) - 1
     full, count = np.zeros((n, n)), 0
     rows[0] = 0

@@ -10,26 +10,7 @@ from mbvi.arguments import Array
 def _limits_within_plain(
     where: Array, sign: Array, offset: Array, lever: Array, tolerance: float, index: Array, gap: Array
 ) -> tuple[float, bool]:
-    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths.
-
-    Parameters
-    ----------
-    lever : ndarray, shape (m,)
-        What the gaps are multiplied by to be lengths.
-    tolerance : float
-        The largest length [m].
-    index : ndarray of int, shape (m + 1,)
-        How many were reached the last time, and which; overwritten.
-    gap : ndarray, shape (c,)
-        Receives the gaps of these, for as many as `index` counts, if they are the same again.
-
-    Returns
-    -------
-    nearest : float
-        The least gap as a length [m].
-    same : bool
-        Whether those reached are those of the last time.
-    """
+    """Look which of the gaps sign where + offset, all of shape (m,), are within the tolerance as lengths."""
     gaps = sign * where + offset
     reached = np.flatnonzero(lever * gaps <= tolerance)
     same = np.array_equal(index[1 : 1 + index[0]], reached)

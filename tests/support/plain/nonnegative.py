@@ -9,17 +9,7 @@ from mbvi.projection.nonnegative import _DEPENDENT, _INDEPENDENT, ROUNDING
 
 
 def solve_equalities_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows S and zero elsewhere; False if there is none.
-
-    Parameters
-    ----------
-    G : ndarray, shape (m, m)
-        Scaled Delassus matrix, singular where rows depend on each other.
-    d, base, u : ndarray, shape (m,)
-        Missing rates, where to start from, and the result.
-    chosen : ndarray of bool, shape (m,)
-        S.
-    """
+    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows and zero elsewhere; False if there is none."""
     S = np.flatnonzero(chosen)
     u[:] = 0.0
     values, vectors = np.linalg.eigh(G[np.ix_(S, S)])
@@ -32,21 +22,7 @@ def solve_equalities_plain(G: Array, d: Array, chosen: Array, base: Array, u: Ar
 
 
 def dual_active_set_plain(G: Array, d: Array, chosen: Array) -> bool:
-    """Find the rows that press by the dual active-set method; False if none was found.
-
-    Parameters
-    ----------
-    G : ndarray, shape (m, m)
-        Scaled Delassus matrix.
-    d : ndarray, shape (m,)
-        Missing rates.
-    chosen : ndarray of bool, shape (m,)
-        Receives the rows; they are independent, and their u with (G u)_S = d_S is not negative.
-
-    Notes
-    -----
-    min u' G u / 2 - d' u, u >= 0: D. Goldfarb and A. Idnani, Mathematical Programming 27 (1983), 1-33.
-    """
+    """Find the rows that press by the dual active-set method; False if none was found."""
     m = len(d)
     S: list[int] = []
     u = np.zeros(m)

@@ -20,29 +20,7 @@ def projected_pcg_plain(
     g: Array,
     u: Array,
 ) -> float:
-    """Bring the natural residual max |min(u, G u - d)| down, from where u is; return what was reached.
-
-    Parameters
-    ----------
-    starts, columns, G : ndarray, shapes (m + 1,), (k,), (k,)
-        Scaled Delassus matrix, row after row, columns ascending; its diagonal is 1.
-    d, u : ndarray, shape (m,)
-        Missing rates; percussions to start from, which are written over.
-    target, near : float
-        The residual that is enough, and one that is enough after a round.
-    most : int
-        How many rounds at most.
-    state : ndarray, shape (6,)
-        Zeros at first; receives what the next call goes on from: shift, what is added to the factor, least residual so
-        far, rounds in vain since, the last share of a way, and whether percussions were carried along.
-    g : ndarray, shape (m,)
-        Receives G u - d.
-
-    Notes
-    -----
-    This form is the accelerated projected gradient with restarts, whatever is near and however many rounds there may
-    be: slow, and enough to compare with.
-    """
+    """Bring the natural residual max |min(u, G u - d)| down, from where u is; return what was reached."""
     A = csr_array((G, columns, starts), shape=(len(d), len(d)))
     length = float(abs(A).sum(axis=1).max(initial=1.0))
     y, momentum = u.copy(), 1.0

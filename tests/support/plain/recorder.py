@@ -18,23 +18,7 @@ def _note_plain(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
     penetration: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible.
-
-    One is where a row that presses approaches faster than the forces of one step explain.
-
-    Parameters
-    ----------
-    k : int
-        Where to note it.
-    number, gap, rates, residual
-        Of a `Step`, `number` the constraints of its rows.
-    lever : ndarray, shape (c,)
-        What rates of the first constraints are multiplied by to be lengths a second; those of others are.
-    still : float
-        What closes more slowly than this does not [m/s].
-    penetration, residuals : ndarray, shape (n,)
-        Where these are kept.
-    """
+    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible."""
     residuals[k] = max(residuals[k], residual)
     penetration[k] = max((-gap).max(initial=0.0), 0.0)
     return bool(closes(rates, _still(number, lever, still)).any())
@@ -44,31 +28,7 @@ def _struck_plain(
     number: Array, point: Array, rates: Array, e: Array,
     last_number: Array, last_point: Array, last_rates: Array, far: float, lever: Array, still: float, chosen: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Choose the rows that may belong to an impact, if there is one, and add up its energy.
-
-    A row closes when it presses, approaches faster than the forces of one step explain and did not press just before.
-    Where one does, all that press more than twice as hard as the step before may take part.
-
-    Parameters
-    ----------
-    number, point, rates, e
-        Constraints, contact points, rates and restitution of a step's rows.
-    last_number, last_point, last_rates
-        Those of the step before, numbers ascending.
-    far : float
-        Points of one constraint farther apart than this are not the same [m].
-    lever, still
-        As of `_note`.
-    chosen : ndarray of int8, shape (k,)
-        Receives 2 for rows that close, 1 for those that may take part, 0 for others.
-
-    Returns
-    -------
-    count : int
-        How many rows may take part; 0 if nothing closes.
-    energy : float
-        Kinetic energy gained by the law (8) [J]; see `Impact`.
-    """
+    """Choose the rows that may belong to an impact, if there is one, and add up its energy."""
     percussion, free, after, before = rates
     # every row now beside every row of the same constraint that pressed then
     then = np.flatnonzero(last_rates[0] > 0.0)

@@ -11,15 +11,7 @@ from support.plain.projected_pcg import projected_pcg_plain
 
 
 def refine_subset_plain(starts: Array, columns: Array, G: Array, target: float, g: Array, u: Array) -> bool:
-    """Settle the rows that are off, and those by them, while the others stay; return False where they are too many.
-
-    Parameters
-    ----------
-    starts, columns, G, target, u
-        As `projected_pcg`; u is written over.
-    g : ndarray, shape (m,)
-        G u - d.
-    """
+    """Settle the rows that are off, and those by them, while the others stay; return False where they are too many."""
     A = csr_array((G, columns, starts), shape=(len(u), len(u)))
     off = np.abs(np.minimum(u, g)) > _OFF * target
     here = np.unique(A[np.flatnonzero(off)].indices)
@@ -36,11 +28,5 @@ def refine_subset_plain(starts: Array, columns: Array, G: Array, target: float, 
 
 
 def solve_island_plain(starts: Array, columns: Array, G: Array, d: Array, target: float, u: Array) -> float:
-    """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached.
-
-    Parameters
-    ----------
-    starts, columns, G, d, target, u
-        As `projected_pcg`.
-    """
+    """Bring the natural residual max |min(u, G u - d)| below a target, from where u is; return what was reached."""
     return projected_pcg_plain(starts, columns, G, d, target, 0.0, _ROUNDS, np.zeros(6), np.empty(len(d)), u)

@@ -12,26 +12,7 @@ from support.plain.tree import advance_plain, factor_plain, solve_plain
 
 
 def solve_active_set_plain(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
-    """Write argmin |w - x|_M with J w >= lower, if the rows that press are found.
-
-    Parameters
-    ----------
-    J, A : ndarray, shape (m, nv)
-        Gradients, and M^-1 times each of them.
-    x, w : ndarray, shape (nv,)
-        The velocity to project and the result.
-    lower : ndarray, shape (m,)
-        Least rates.
-    last : ndarray, shape (m,) or (0,)
-        Percussions that settled the same rows before, if any.
-    table : ndarray, shape (3, m)
-        Receives percussions, J x and J w.
-
-    Returns
-    -------
-    float
-        The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
-    """
+    """Write argmin |w - x|_M with J w >= lower, if the rows that press are found."""
     p, speed, reached = table
     speed[:] = J @ x
     w[:], p[:], reached[:] = x, 0.0, speed

@@ -8,19 +8,7 @@ from mbvi.arguments import Array
 
 
 def _reach_plain(place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int) -> float:
-    """Return how far a shape reaches from the world's origin along a unit vector [m].
-
-    Parameters
-    ----------
-    place : ndarray, shape (4, 3)
-        Where the shape is: columns of its rotation, then its origin.
-    u : ndarray, shape (3,)
-        The unit vector.
-    sizes : ndarray, shape (8,)
-        Box, ball, disk, ellipsoid of its `_Support`.
-    points, begin, end : ndarray, shape (k, 3), and int
-        The points of all supports, and which of them are this one's.
-    """
+    """Return how far a shape reaches from the world's origin along a unit vector [m]."""
     x = place[:3] @ u
     along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
     return float(place[3] @ u + along + (points[begin:end] @ x).max())
@@ -30,36 +18,7 @@ def _clear_plain(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
     sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
 ) -> int:  # fmt: skip
-    """Clear the pairs that their axes keep apart: the bound becomes their budget.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    frame : ndarray of int, shape (s,)
-        Which of them each shape belongs to; -1 for the world.
-    fixed : ndarray, shape (s, 4, 3)
-        Where the shapes are in their bodies.
-    sizes, points, first_point : ndarray, shapes (s, 8), (k, 3), (s + 1,)
-        The shapes' supports; the points of all of them, and where each one's begin.
-    sides : ndarray of int, shape (n, 2)
-        The shapes of each pair.
-    axis : ndarray, shape (n, 3)
-        Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
-    due : ndarray of int, shape (d,)
-        Pairs to look at.
-    tolerance : float
-        Gap at and below which a pair is active [m].
-    budget : ndarray, shape (n,)
-        Written for the pairs that are cleared [m].
-    asked : ndarray of int, shape (d,)
-        Receives the other pairs, in its first places.
-
-    Returns
-    -------
-    int
-        How many these are.
-    """
+    """Clear the pairs that their axes keep apart: the bound becomes their budget."""
     count = 0
     for pair in due:
         a, b = sides[pair]

@@ -14,23 +14,7 @@ from support.plain.refinement import solve_island_plain
 def solve_islands_plain(
     starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
 ) -> float:
-    """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
-
-    Parameters
-    ----------
-    starts, columns, G : ndarray, shapes (m + 1,), (k,), (k,)
-        Scaled Delassus matrix, row after row, columns ascending.
-    d, u : ndarray, shape (m,)
-        Missing rates; percussions to start from, which are written over.
-    label : ndarray of int, shape (m,)
-        The island of each row; -1 of one that is left out, and gets none.
-    count : int
-        How many islands there are.
-    target : float
-        The residual that is enough.
-    carried : float
-        The part of u that a large island is started from where all of it does not fit.
-    """
+    """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual."""
     A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
     u[label < 0] = 0.0
     for island in range(count):

@@ -11,25 +11,7 @@ def _ball_contacts_plain(
     places: Array, frame: Array, ends: Array, radius: Array, sides: Array, pairs: Array, gap: Array, point: Array,
     normal: Array,
 ) -> bool:  # fmt: skip
-    """Write the contacts of pairs of which one side at least is a sphere; False if some have no normal, but NaN.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    frame : ndarray of int, shape (s,)
-        Which of them each shape belongs to; -1 for the world.
-    ends : ndarray, shape (s, 2, 3)
-        The two ends of a capsule's axis in its body; of a sphere, twice its centre.
-    radius : ndarray, shape (s,)
-        Radii [m].
-    sides : ndarray of int, shape (n, 2)
-        The shapes of each pair.
-    pairs : ndarray of int, shape (k,)
-        Which pairs.
-    gap, point, normal : ndarray, shapes (k,), (k, 3), (k, 3)
-        Receive signed distances, points midway between the surfaces, and unit normals from the first to the second.
-    """
+    """Write the contacts of pairs of which one side at least is a sphere; False if some have no normal, but NaN."""
     for i, pair in enumerate(pairs):
         a, b = sides[pair]
         first, second = (

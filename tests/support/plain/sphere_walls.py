@@ -12,25 +12,7 @@ def wall_contacts_plain(
     centres: Array, radii: Array, kind: Array, walls: Array, tolerance: float, number: Array, gap: Array, point: Array,
     normal: Array,
 ) -> int:  # fmt: skip
-    """Write the contacts of spheres with walls that are within the tolerance; return how many there are.
-
-    Parameters
-    ----------
-    centres : ndarray, shape (n, 3)
-        Centres [m].
-    radii : ndarray, shape (n,)
-        Radii [m].
-    kind : ndarray of int, shape (w,)
-        0 a half-space, 1 a box, 2 a capsule.
-    walls : ndarray, shape (w, 15)
-        Of a half-space, normal and offset; of a box, its axes one after the other, its centre and half its edges; of a
-        capsule, the ends of its axis and its radius.
-    tolerance : float
-        Gap at and below which a contact is written [m].
-    number, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
-        Receive, in their first places, sphere times w plus wall, the signed distance, the point midway between the
-        surfaces, and the unit normal from the wall to the sphere; there is room for all.
-    """
+    """Write the contacts of spheres with walls that are within the tolerance; return how many there are."""
     n, w = len(radii), len(kind)
     far, out = np.empty((n, w)), np.empty((n, w, 3))
     for a in range(w):

@@ -10,22 +10,7 @@ from mbvi.arguments import Array
 def _pairs_within_plain(
     centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
 ) -> int:
-    """Write the pairs of spheres within the tolerance; return how many there are.
-
-    Parameters
-    ----------
-    centres : ndarray, shape (n, 3)
-        Centres [m].
-    radii : ndarray, shape (n,)
-        Radii [m].
-    pairs : ndarray of int, shape (k,)
-        Pairs i n + j, i < j.
-    tolerance : float
-        Gap at and below which a pair is written [m].
-    number, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
-        Receive, in their first places, the pair, its signed distance, the point midway between the surfaces, and the
-        unit normal from i to j.
-    """
+    """Write the pairs of spheres within the tolerance; return how many there are."""
     i, j = np.divmod(pairs, len(radii))
     apart = centres[j] - centres[i]
     length = np.sqrt(np.vecdot(apart, apart))

@@ -9,17 +9,7 @@ from mbvi.geometry.support_points import _LEVEL
 
 
 def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:
-    """Write contact point and gap, shape (4,), of one point of a body above a half-space.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    body : int
-        Which of them it is.
-    numbers, i
-        As of `_Selection`, and which of its rows.
-    """
+    """Write contact point and gap, shape (4,), of one point of a body above a half-space."""
     P, number = places[body], numbers[i]
     swell, up = number[3:12].reshape(3, 3), number[12:15]
     toward = swell @ (P[:3] @ up)
@@ -30,15 +20,7 @@ def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -
 
 
 def stand_plain(places: Array, owners: Array, numbers: Array, gap: Array, point: Array) -> None:
-    """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces.
-
-    Parameters
-    ----------
-    places : ndarray, shape (b, 4, 3)
-        Where the bodies are: columns of the rotation, then the origin.
-    owners, numbers
-        As of `_Selection`.
-    """
+    """Write gaps, shape (k,), and contact points, shape (k, 3), of points of bodies above half-spaces."""
     local, swell, up = numbers[:, :3], numbers[:, 3:12].reshape(-1, 3, 3), numbers[:, 12:15]
     R, origin = places[owners[:, 0], :3], places[owners[:, 0], 3]
     toward = np.matvec(swell, np.matvec(R, up))

@@ -8,23 +8,7 @@ from mbvi.arguments import Array
 
 
 def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
-    """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
-
-    Parameters
-    ----------
-    mass : ndarray, shape (nv, nv)
-        M, of which the lower triangle is read.
-    h, damping : float and ndarray, shape (nv,)
-        h and the diagonal of D.
-    parent : ndarray of int, shape (nv,)
-        The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
-    L : ndarray, shape (nv, nv)
-        Lower triangular; overwritten.
-
-    Notes
-    -----
-    R. Featherstone, Rigid Body Dynamics Algorithms (2008), table 6.3.
-    """
+    """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite."""
     lower = np.tril(mass)
     M = lower + np.tril(lower, -1).T + h * np.diag(damping)
     if not np.isfinite(M).all():
@@ -49,17 +33,7 @@ def solve_plain(L: Array, parent: Array, rows: Array, out: Array) -> None:
 def advance_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
 ) -> int:
-    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor_plain`.
-
-    Parameters
-    ----------
-    mass, parent, L
-        As of `factor_plain`.
-    damping, v, torque, effects, out : ndarray, shape (nv,)
-        The diagonal of D, velocity, torques and nonlinear effects, and the result.
-    h : float
-        Time step [s].
-    """
+    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor_plain`."""
     bad = factor_plain(mass, h, damping, parent, L)
     if not bad:
         out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects - damping * v)))

@@ -12,22 +12,7 @@ def near_triangles_plain(
     centres: Array, radii: Array, corners: Array, low: Array, edge: float, shape: Array, start: Array, listed: Array,
     tolerance: float, sphere: Array, triangle: Array, feature: Array, foot: Array,
 ) -> int:  # fmt: skip
-    """Write which spheres and triangles are within a tolerance; return how many there are, more than fit or not.
-
-    Parameters
-    ----------
-    centres, radii : ndarray, shapes (n, 3) and (n,)
-        The spheres [m].
-    corners : ndarray, shape (t, 3, 3)
-        The triangles [m].
-    low, edge, shape, start, listed
-        As of `Cells`, `listed` its triangles.
-    tolerance : float
-        Largest gap [m].
-    sphere, triangle, feature, foot : ndarray, shapes (k,), (k,), (k,), (k, 3)
-        Receive who they are, on which feature of the triangle its nearest point lies, and that point; in order of
-        spheres, and as triangles are listed.
-    """
+    """Write which spheres and triangles are within a tolerance; return how many there are, more than fit or not."""
     place = np.floor((centres - low) / edge).astype(np.int64)
     inside = np.flatnonzero(((place >= 0) & (place < shape)).all(axis=1))
     x, y, z = place[inside].T
