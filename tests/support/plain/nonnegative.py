@@ -9,7 +9,7 @@ from mbvi.projection.nonnegative import _DEPENDENT, _INDEPENDENT, ROUNDING
 
 
 def solve_equalities_plain(G: Array, d: Array, chosen: Array, base: Array, u: Array) -> bool:
-    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows and zero elsewhere; False if there is none."""
+    """Write the u nearest to `base` with (G u)_S = d_S on the chosen rows, zero elsewhere; False if there is none."""
     S = np.flatnonzero(chosen)
     u[:] = 0.0
     values, vectors = np.linalg.eigh(G[np.ix_(S, S)])
