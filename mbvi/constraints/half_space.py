@@ -152,7 +152,7 @@ class HalfSpaceContacts(Pairs):
         self.collinear_points = 0
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
-        self._one_mechanism = hasattr(system, "kinematics")
+        self._one_mechanism = system.single_mechanism
         numbers, owner = [np.zeros((0, 17))], []
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
             centres, half_axes, radius = placed.shape.support_points()
@@ -238,7 +238,7 @@ class HalfSpaceContacts(Pairs):
         """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         if selection.bodies is None:
-            places = self.system.kinematics(q).poses  # type: ignore[attr-defined]
+            places = self.system.kinematics(q).poses
         else:
             places = self.system.placements(q, selection.bodies)
         stand(places, selection.owners, selection.numbers, gap, point)
@@ -248,7 +248,7 @@ class HalfSpaceContacts(Pairs):
         if not self._one_mechanism:
             return super()._rows(q, pairs, tolerance, candidates)
         selection = self._selection if pairs is self._pairs else self._select(pairs)
-        poses, columns, support = self.system.kinematics(q)  # type: ignore[attr-defined]
+        poses, columns, support = self.system.kinematics(q)
         owners, numbers, index = selection.owners, selection.numbers, selection.index
         # if other points than at the last call are within the tolerance, the kernel is called again with room for them
         while True:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +14,7 @@ from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
 from .given import not_finite
 from .memory import Memory
-from .system import Array, System
+from .system import Array, Kinematics, System
 
 Control = Callable[[float, Array, Array], Array]
 
@@ -23,24 +22,6 @@ Control = Callable[[float, Array, Array], Array]
 _UNBOUNDED = 1e300
 
 _WORLD = pin.Convention.WORLD
-
-
-class Kinematics(NamedTuple):
-    """Poses and Jacobian of a mechanism, in arrays that are overwritten at the next configuration.
-
-    Attributes
-    ----------
-    poses : ndarray, shape (njoints, 4, 3)
-        Columns of each body's rotation, then its origin [m].
-    columns : ndarray, shape (nv, 6)
-        Jacobian columns in the world, one in each row.
-    support : ndarray, shape (njoints, nv)
-        1 where a velocity moves a body, else 0.
-    """
-
-    poses: Array
-    columns: Array
-    support: Array
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
@@ -129,6 +110,8 @@ class ArticulatedSystem(System):
     not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
     any usual step; with D = 0 it is (11) exactly.
     """
+
+    single_mechanism = True
 
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
         self.model: pin.Model = model

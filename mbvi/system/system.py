@@ -25,6 +25,24 @@ class Part(NamedTuple):
     body: int
 
 
+class Kinematics(NamedTuple):
+    """Poses and Jacobian of a mechanism, in arrays that are overwritten at the next configuration.
+
+    Attributes
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Columns of each body's rotation, then its origin [m].
+    columns : ndarray, shape (nv, 6)
+        Jacobian columns in the world, one in each row.
+    support : ndarray, shape (njoints, nv)
+        1 where a velocity moves a body, else 0.
+    """
+
+    poses: Array
+    columns: Array
+    support: Array
+
+
 class System:
     """M(q) dv/dt = g(t, q, v) on a configuration manifold (equation 1).
 
@@ -61,6 +79,8 @@ class System:
         Generalised force from outside that the system adds to its own; None where it cannot.
     damping : ndarray, shape (nv,), or None
         Coefficients of joint damping that steps treat implicitly; None where there are none.
+    single_mechanism : bool
+        Whether the system is one mechanism, which has `kinematics`.
     model : pinocchio.Model or None
         The model of a mechanism.
     name : str
@@ -86,6 +106,7 @@ class System:
     can_be_sparse: bool = False
     applied: Array | None = None
     damping: Array | None = None
+    single_mechanism: bool = False
     model: pin.Model | None = None
     name: str = ""
 
@@ -102,6 +123,10 @@ class System:
     def located_parts(self) -> list[Part]:
         """Return the systems that this one consists of, in the order of q and v; itself where it has no parts."""
         return [Part(self, 0, 0, 0)]
+
+    def kinematics(self, q: Array) -> Kinematics:
+        """Return poses and Jacobian of a single mechanism; they are valid until the next configuration."""
+        raise NotImplementedError
 
     def hold(self, held: Array) -> None:
         """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
