@@ -29,6 +29,9 @@ class MovingFrame:
         The part of q that holds centres of spheres.
     """
 
+    # poses come from `placements` alone
+    single_mechanism = False
+
     def __init__(self, system: System, motion: Motion, where: slice) -> None:
         self._system, self._motion, self._where = system, motion, where
         self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
