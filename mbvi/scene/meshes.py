@@ -16,7 +16,7 @@ from .wavefront import wavefront_mesh
 Array = np.ndarray
 
 # the squares of larger numbers overflow single precision [m]
-_LARGEST = 1e18
+LARGEST_LENGTH = 1e18
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def visual_mesh(path: Path, scale: Array) -> Mesh:
         raise InputError(f"{path} has no triangles")
     places = points * scale
     # written so that a NaN is refused too
-    if not (np.abs(places) <= _LARGEST).all():
+    if not (np.abs(places) <= LARGEST_LENGTH).all():
         raise InputError(f"{path} has vertices that are not finite")
     return _merged(places, corners, colors)
 

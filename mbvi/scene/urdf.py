@@ -18,6 +18,7 @@ import pinocchio as pin
 from ..arguments import LARGEST, made_label, shown
 from ..errors import InputError, UrdfError
 from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from .meshes import LARGEST_LENGTH
 from .reductions import Omission
 from .self_pairs import disabled_pairs, pairs_left_out
 from .urdf_checks import (
@@ -192,6 +193,8 @@ def _shapes(
         except InputError as error:
             omitted.append(Omission(f"shape {label}", str(error)))
             continue
+        if shape.bound > LARGEST_LENGTH:
+            raise UrdfError(f"shape {label} reaches {shape.bound:.3g} m; shapes may reach {LARGEST_LENGTH:g} m at most")
         if isinstance(shape, Hull):
             omitted.append(Omission(f"mesh {label}", f"replaced by its convex hull of {len(shape.vertices)} vertices"))
         pose = item.placement

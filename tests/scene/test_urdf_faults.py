@@ -56,6 +56,7 @@ def test_a_robot_that_ends_the_process_is_found(tmp_path):
         ('rgba="0.95 0.5 0.16 1"', 'rgba="0.5 0.5 0.5"', "4 numbers expected, 3 found"),
         ('radius="0.036"', 'radius="-0.0"', "lengths of shapes must be positive"),
         ('size="0.24 0.15 0.1"', 'size="0.24 nan 0.1"', "not finite"),
+        ('radius="0.036"', 'radius="1e39"', "reaches 1e[+]39 m; shapes may reach 1e[+]18 m at most"),
         ('ixx="0.00692537"', 'ixx="1e308"', "larger than 1e[+]40"),
         ('ixx="0.00692537"', 'ixx="seven"', "not a number"),
         ('mass value="2.4"', 'mass value="1e-300"', "smaller than 1e-40"),
