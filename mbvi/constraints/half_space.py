@@ -15,61 +15,132 @@ import numpy as np
 
 from ..compiled import kernel
 from ..geometry.collinear import unique_along
-from ..geometry.shapes import HalfSpace, PlacedShape
-from ..geometry.support_points import lowest, stand
+from ..geometry.hull_graph import no_graph, stack_graphs
+from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
+from ..geometry.spread import BESIDE
+from ..geometry.support_points import lowest, points_below, spread_below, stand
 from ..system import System
 from ..system.articulated import row
 from .family import RowTable
 from .pairs import Array, Contacts, PairCandidates, Pairs
 from .rows import Rows
 
-# sets of pairs whose gathered points are kept; beyond, all are gathered again
+# sets of points that are kept gathered; beyond, all are gathered again
 _MOST_SELECTIONS = 1000
 
 
 class _ConstantPart(NamedTuple):
-    """What stays the same in the rows of some active points: their pairs, e, and normals."""
+    """What stays the same in the rows of some active points: the points, their pairs, e, and normals."""
 
+    index: Array
     number: Array
     restitution: Array
     up: Array
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Selection:
-    """The support points of some pairs, gathered in arrays for kernels.
+    """Some support points, gathered in arrays for kernels.
 
     Attributes
     ----------
     pair : ndarray of int, shape (k,)
         The pair of each point.
-    bodies : ndarray of int, shape (b,), or None
-        The bodies of these points; None for a single mechanism, whose kinematics holds the poses of all bodies.
     numbers : ndarray, shape (k, 17)
         The points as `geometry.support_points` describes them: columns 12-14 hold the normal of the half-space.
     owners : ndarray of int, shape (k, 2)
-        Of each point: the place of its body in `bodies` (the body itself if that is None), and its pair.
-    index : ndarray of int, shape (k + 1,)
-        First how many points were within the tolerance at the last call, then which.
-    constant : _ConstantPart
-        The constant part of the rows of these points.
+        Of each point: the place of its body in the placements, and its pair.
     """
 
     pair: Array
-    bodies: Array | None
     numbers: Array
     owners: Array
-    index: Array
-    constant: _ConstantPart
+
+
+class _Table(NamedTuple):
+    """The support points of all pairs, as kernels take them.
+
+    Attributes
+    ----------
+    body : ndarray of int, shape (n,)
+        The place of each pair's body in the placements.
+    begin : ndarray of int, shape (n + 1,)
+        The first point of each pair.
+    numbers : ndarray, shape (k, 17)
+        The points as `geometry.support_points` describes them.
+    first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
+        Which points are neighbours on hulls of many vertices.
+    beside : ndarray, shape (n,)
+        By how much points may lie beyond the hull of the chosen ones; see `spread_out` [m].
+    start : ndarray of int, shape (n,)
+        The lowest point of each pair at the last call; written by kernels.
+    found : ndarray of int, shape (k + 1,)
+        Receives the points within the tolerance.
+    taken : ndarray of bool, shape (k,)
+        False for every point, between calls.
+    """
+
+    body: Array
+    begin: Array
+    numbers: Array
+    first: Array
+    neighbour: Array
+    beside: Array
+    start: Array
+    found: Array
+    taken: Array
 
 
 @kernel(
-    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8, f8[::1], i8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1])"
+    "Tuple((i8, b1))(f8[:,:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1],"
+    " i8[::1], f8, f8[::1])"
+)
+def points_within(
+    places: Array, body: Array, begin: Array, numbers: Array, first: Array, neighbour: Array, beside: Array,
+    start: Array, found: Array, taken: Array, pairs: Array, tolerance: float, clearance: Array,
+) -> tuple[int, bool]:  # fmt: skip
+    """List the points of some pairs within a tolerance; of many on one shape those that `spread_out` chooses.
+
+    Parameters
+    ----------
+    places : ndarray, shape (b, 4, 3)
+        Placements of the bodies: columns of the rotation, then the origin.
+    body, begin, numbers, first, neighbour, beside, start, found, taken
+        As of `_Table`; `found` receives the points.
+    pairs : ndarray of int, shape (p,)
+        The pairs, ascending.
+    tolerance : float
+        Gap at and below which a point is active [m].
+    clearance : ndarray, shape (n,)
+        Of all pairs; receives the least gap of each pair here.
+
+    Returns
+    -------
+    count : int
+        How many points there are.
+    any_empty : bool
+        Whether a pair has none.
+    """
+    count, any_empty = 0, False
+    for i in range(len(pairs)):
+        pair = pairs[i]
+        number, clearance[pair] = points_below(
+            places, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance,
+            found, count, taken,
+        )  # fmt: skip
+        any_empty = any_empty or number == 0
+        count += spread_below(places, body[pair], numbers, beside[pair], found, count, number)
+    return count, any_empty
+
+
+@kernel(
+    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1],"
+    " i8[::1], i8[::1], b1[::1], i8[::1], f8, f8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
 )
 def half_space_rows(
-    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
-    clearance: Array, index: Array, gap: Array, point: Array, rows: Array,
+    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
+    neighbour: Array, beside: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
 
@@ -77,44 +148,37 @@ def half_space_rows(
     ----------
     poses, columns, support
         As of `Kinematics`.
-    owners, numbers, index
-        As of `_Selection`; `index` is written.
-    tolerance : float
-        Gap at and below which a point is active [m].
-    clearance : ndarray, shape (n,)
-        Of all pairs; receives the least gap of each pair here.
+    body, begin, numbers, first, neighbour, beside, start, found, taken, pairs, tolerance, clearance
+        As of `points_within`.
+    index, owner : ndarray of int, shape (c,)
+        The points of the last call, and their pairs.
     gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)
-        For as many points as `index` counts.
+        Receive gaps, contact points and gradients.
 
     Returns
     -------
     count : int
-        How many points are within the tolerance.
+        How many points are within the tolerance; `found` lists them.
     any_empty : bool
         Whether a pair has none.
     same : bool
-        Whether they are the points of the last call; only then gap, point and rows are written in full.
+        Whether they are the points of the last call; only then gap, point and rows are written.
     """
     out = np.empty(4)
-    count, any_empty, same, room = 0, False, True, len(gap)
-    for i in range(len(owners)):
-        clearance[owners[i, 1]] = np.inf
-    for i in range(len(owners)):
-        body, pair = owners[i, 0], owners[i, 1]
-        lowest(poses, body, numbers, i, out)
-        clearance[pair] = min(clearance[pair], out[3])
-        if out[3] <= tolerance:
-            same = same and count < room and index[1 + count] == i
-            index[1 + count] = i
-            if same:
-                point[count, 0], point[count, 1], point[count, 2], gap[count] = out[0], out[1], out[2], out[3]
-                row(columns, support[0], support[body], out, numbers[i, 12:15], rows[count])
-            count += 1
-    same = same and count == index[0]
-    index[0] = count
-    for i in range(len(owners)):
-        any_empty = any_empty or clearance[owners[i, 1]] > tolerance
-    return count, any_empty, same
+    count, any_empty = points_within(
+        poses, body, begin, numbers, first, neighbour, beside, start, found, taken, pairs, tolerance, clearance
+    )
+    if count != len(index):
+        return count, any_empty, False
+    for i in range(count):
+        if found[i] != index[i]:
+            return count, any_empty, False
+    for i in range(count):
+        k, b = found[i], body[owner[i]]
+        lowest(poses, b, numbers, k, out)
+        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
+        row(columns, support[0], support[b], out, numbers[k, 12:15], rows[i])
+    return count, any_empty, True
 
 
 class HalfSpaceContacts(Pairs):
@@ -153,61 +217,61 @@ class HalfSpaceContacts(Pairs):
         super().__init__(system, [None] * len(shapes), shapes, names, restitution)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = system.single_mechanism
-        numbers, owner = [np.zeros((0, 17))], []
+        numbers, graphs, begin = [np.zeros((0, 17))], [], [0]
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
             centres, half_axes, radius = placed.shape.support_points()
             points = centres @ placed.rotation.T + placed.position
             # columns of rotation diag(half axes), one after the other
             axes = (placed.rotation * half_axes[:, None, :]).transpose(0, 2, 1).reshape(-1, 9)
+            graph = graph_of(placed.shape, len(points))
             if lines is not None:
                 # a rim with its centre on such a line may be left out too: its lowest point is another fixed point
                 kept = unique_along(points, lines[pair])
                 self.collinear_points += len(points) - len(kept)
-                points, axes = points[kept], axes[kept]
+                points, axes, graph = points[kept], axes[kept], no_graph(len(kept))
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
             numbers.append(np.concatenate([points, axes, rest], axis=1))
-            owner.extend([pair] * len(points))
-        self._numbers, self.owner = np.concatenate(numbers), np.array(owner, dtype=np.int64)
-        self._points: dict[bytes, _Selection] = {}
+            graphs.append(graph)
+            begin.append(begin[-1] + len(points))
+        self._bodies, frame = np.unique(self._second_body, return_inverse=True)
+        begin_of, count = np.array(begin, dtype=np.int64), begin[-1]
+        self._table = _Table(
+            np.array(self._second_body if self._one_mechanism else frame, dtype=np.int64),
+            begin_of,
+            np.concatenate(numbers),
+            *stack_graphs(graphs),
+            BESIDE * np.array([s.shape.bound for s in shapes]),
+            begin_of[:-1].copy(),
+            np.empty(count + 1, np.int64),
+            np.zeros(count, bool),
+        )
+        self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
         self._selections: dict[bytes, _Selection] = {}
-        # the last selection and its pairs: often the next query has the same array
-        self._selection: _Selection
-        self._pairs: Array | None = None
+        self._constant = self._constants_at(np.zeros(0, np.int64))
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pairs of a shape and a half-space"
 
-    def _select(self, pairs: Array) -> _Selection:
-        """Return the points of some pairs, gathered; they are kept, since a run has few different sets of pairs."""
-        if pairs is self._pairs:
-            return self._selection
-        key = pairs.tobytes()
+    def _select(self, points: Array) -> _Selection:
+        """Return some points, gathered; they are kept, since a run has few different sets of points."""
+        key = points.tobytes()
         found = self._selections.get(key)
         if found is None:
             if len(self._selections) >= _MOST_SELECTIONS:
                 self._selections.clear()
-            found = self._selections[key] = self._gather(pairs)
-        self._pairs, self._selection = pairs, found
+            pair = self.owner[points]
+            owners = np.array([self._table.body[pair], pair], dtype=np.int64).T.copy()
+            found = self._selections[key] = _Selection(pair, self._table.numbers[points], owners)
         return found
 
-    def _gather(self, pairs: Array) -> _Selection:
-        wanted = np.zeros(self.size, bool)
-        wanted[pairs] = True
-        return self._gather_points(wanted[self.owner].nonzero()[0])
+    def _constants_at(self, points: Array) -> _ConstantPart:
+        pair, up = self.owner[points], np.ascontiguousarray(self._table.numbers[points, 12:15])
+        return _ConstantPart(points, pair, self.restitution[pair], up)
 
-    def _gather_points(self, points: Array) -> _Selection:
-        pair = self.owner[points]
-        body = self._second_body[pair]
-        bodies, frame = (None, body) if self._one_mechanism else np.unique(body, return_inverse=True)
-        return _Selection(
-            pair,
-            bodies,
-            self._numbers[points],
-            np.array([frame, pair], dtype=np.int64).T.copy(),
-            np.zeros(len(pair) + 1, np.int64),
-            _ConstantPart(np.zeros(0), np.zeros(0), np.zeros((0, 3))),
-        )
+    def _placements(self, q: Array) -> Array:
+        """Return where the bodies are; for a single mechanism its kinematics holds the poses of all bodies."""
+        return self.system.kinematics(q).poses if self._one_mechanism else self.system.placements(q, self._bodies)
 
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each point that a shape can stand on."""
@@ -217,50 +281,45 @@ class HalfSpaceContacts(Pairs):
 
     def _row_contacts(self, q: Array, points: Array) -> Contacts:
         """Return the contacts of some rows of `row_table`, which are points in ascending order."""
-        key = points.tobytes()
-        selection = self._points.get(key)
-        if selection is None:
-            if len(self._points) >= _MOST_SELECTIONS:
-                self._points.clear()
-            selection = self._points[key] = self._gather_points(points)
-        return self._point_contacts(q, selection)
+        return self._point_contacts(q, self._select(points))
 
     def measure(self, q: Array, pairs: Array, tolerance: float) -> Contacts:
-        return self._point_contacts(q, self._select(pairs))
+        wanted = np.zeros(self.size, bool)
+        wanted[pairs] = True
+        return self._point_contacts(q, self._select(wanted[self.owner].nonzero()[0]))
 
     def row_bias(self, t: float, q: Array, v: Array, points: Array) -> Array:
         """Return (dJ/dt) v of some points; NaN for those that move along their bodies, on rims and ellipsoids."""
-        numbers = self._numbers[points]
+        numbers = self._table.numbers[points]
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
 
-    def _point_contacts(self, q: Array, selection: _Selection) -> Contacts:
+    def _point_contacts(self, q: Array, selection: _Selection, places: Array | None = None) -> Contacts:
         """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
-        if selection.bodies is None:
-            places = self.system.kinematics(q).poses
-        else:
-            places = self.system.placements(q, selection.bodies)
-        stand(places, selection.owners, selection.numbers, gap, point)
+        stand(self._placements(q) if places is None else places, selection.owners, selection.numbers, gap, point)
         return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
+
+    def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
+        places = self._placements(q)
+        count, any_empty = points_within(places, *self._table, pairs, tolerance, clearance)
+        if not count:
+            return None, any_empty
+        return self._point_contacts(q, self._select(self._table.found[:count].copy()), places), any_empty
 
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         if not self._one_mechanism:
             return super()._rows(q, pairs, tolerance, candidates)
-        selection = self._selection if pairs is self._pairs else self._select(pairs)
-        poses, columns, support = self.system.kinematics(q)
-        owners, numbers, index = selection.owners, selection.numbers, selection.index
+        kinematics, table = self.system.kinematics(q), self._table
         # if other points than at the last call are within the tolerance, the kernel is called again with room for them
         while True:
-            number, restitution, up = selection.constant
+            index, number, restitution, up = self._constant
             size = len(number)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, any_empty, same = half_space_rows(
-                poses, columns, support, owners, numbers, tolerance, candidates.clearance, index, gap, point, rows
-            )  # fmt: skip
+                *kinematics, *table, pairs, tolerance, candidates.clearance, index, number, gap, point, rows
+            )
             if same:
                 candidates.any_empty = any_empty
                 return Rows(number, gap, rows, restitution, point, up) if count else None
-            near = index[1 : 1 + count]
-            pair, up = selection.pair[near], np.ascontiguousarray(numbers[near, 12:15])
-            selection.constant = _ConstantPart(pair, self.restitution[pair], up)
+            self._constant = self._constants_at(table.found[:count].copy())

@@ -15,6 +15,7 @@ import coal
 import numpy as np
 
 from .faces import FACING
+from .hull_graph import FEW_VERTICES, neighbours, no_graph
 from .motion import Motion
 from .polyhedra import Box, Hull
 
@@ -207,6 +208,13 @@ class HalfSpace:
 
 
 Convex = Sphere | Ellipsoid | Box | Hull | Capsule | Cylinder
+
+
+def graph_of(shape: Convex, count: int) -> tuple[Array, Array]:
+    """Return the graph of the `count` points that describe a shape: without neighbours unless it is a large hull."""
+    if isinstance(shape, Hull) and count > FEW_VERTICES:
+        return neighbours(shape.triangles, count)
+    return no_graph(count)
 
 
 @dataclass(frozen=True)

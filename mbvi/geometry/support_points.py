@@ -12,6 +12,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
+from .hull_graph import outermost
+from .spread import FEW_POINTS, spread_out
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
@@ -73,3 +75,122 @@ def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array
     for i in range(len(owners)):
         lowest(places, owners[i, 0], numbers, i, out)
         point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
+
+
+@kernel("Tuple((i8, f8))(f8[:,:,::1], i8, f8[:,::1], i8, i8, i8[::1], i8[::1], i8[::1], i8, f8, i8[::1], i8, b1[::1])")
+def points_below(
+    places: Array, body: int, numbers: Array, begin: int, end: int, first: Array, neighbour: Array,
+    start: Array, pair: int, tolerance: float, found: Array, at: int, taken: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """List the points of one shape whose gap is within a tolerance, ascending.
+
+    On a hull with a graph these are found from the lowest one, through neighbours: they are connected.
+
+    Parameters
+    ----------
+    places, body, numbers
+        As of `lowest`.
+    begin, end : int
+        The first point of the shape, and the first one behind it.
+    first, neighbour : ndarray
+        The graph of all points, as of `hull_graph.outermost`.
+    start, pair : ndarray of int, shape (n,), and int
+        `start[pair]` is the point at which the climb begins; receives the lowest one.
+    tolerance : float
+        The greatest gap of a point [m].
+    found, at : ndarray of int, shape (k + 1,), and int
+        Receives the points from place `at` on.
+    taken : ndarray of bool, shape (k,)
+        False for every point, before and after.
+
+    Returns
+    -------
+    count : int
+        How many points there are.
+    least : float
+        The least gap [m].
+    """
+    out, count, least = np.empty(4), 0, np.inf
+    if first[begin + 1] == first[begin]:
+        for i in range(begin, end):
+            lowest(places, body, numbers, i, out)
+            least = min(least, out[3])
+            if out[3] <= tolerance:
+                found[at + count] = i
+                count += 1
+        return count, least
+    P, n = places[body], numbers[begin]
+    x = -(P[0, 0] * n[12] + P[0, 1] * n[13] + P[0, 2] * n[14])
+    y = -(P[1, 0] * n[12] + P[1, 1] * n[13] + P[1, 2] * n[14])
+    z = -(P[2, 0] * n[12] + P[2, 1] * n[13] + P[2, 2] * n[14])
+    start[pair] = outermost(numbers, begin, end, first, neighbour, x, y, z, start[pair])
+    lowest(places, body, numbers, start[pair], out)
+    least = out[3]
+    if not least <= tolerance:
+        return 0, least
+    found[at], count, done = start[pair], 1, 0
+    taken[start[pair]] = True
+    while done < count:
+        i = found[at + done]
+        done += 1
+        for j in range(first[i], first[i + 1]):
+            k = neighbour[j]
+            if not taken[k]:
+                lowest(places, body, numbers, k, out)
+                if out[3] <= tolerance:
+                    taken[k] = True
+                    found[at + count] = k
+                    count += 1
+    for i in range(at, at + count):
+        k, j = found[i], i
+        taken[k] = False
+        while j > at and found[j - 1] > k:
+            found[j] = found[j - 1]
+            j -= 1
+        found[j] = k
+    return count, least
+
+
+@kernel("i8(f8[:,:,::1], i8, f8[:,::1], f8, i8[::1], i8, i8)")
+def spread_below(places: Array, body: int, numbers: Array, beside: float, found: Array, at: int, count: int) -> int:
+    """Keep few of the points of one shape that touch a half-space; see `spread_out`.
+
+    Parameters
+    ----------
+    places, body, numbers
+        As of `lowest`.
+    beside : float
+        As of `spread_out` [m].
+    found, at, count : ndarray of int, and int
+        The points, `count` of them from place `at` on; receives those that are kept.
+
+    Returns
+    -------
+    int
+        How many are kept.
+    """
+    if count <= FEW_POINTS:
+        return count
+    out, place, gap = np.empty(4), np.empty((count, 2)), np.empty(count)
+    n, along, across, chosen = numbers[found[at]], np.empty(3), np.empty(3), np.empty(count + 1, np.int64)
+    least = 0
+    for c in range(1, 3):
+        if abs(n[12 + c]) < abs(n[12 + least]):
+            least = c
+    # two directions within the plane: a unit vector without its part along the normal, and what is normal to both
+    square = 1.0 - n[12 + least] ** 2
+    for c in range(3):
+        along[c] = ((1.0 if c == least else 0.0) - n[12 + least] * n[12 + c]) / np.sqrt(square)
+    for c in range(3):
+        i, j = (c + 1) % 3, (c + 2) % 3
+        across[c] = n[12 + i] * along[j] - n[12 + j] * along[i]
+    for i in range(count):
+        lowest(places, body, numbers, found[at + i], out)
+        gap[i], place[i, 0], place[i, 1] = out[3], 0.0, 0.0
+        for c in range(3):
+            place[i, 0] += out[c] * along[c]
+            place[i, 1] += out[c] * across[c]
+    kept = spread_out(place, gap, beside, chosen)
+    for i in range(kept):
+        found[at + i] = found[at + chosen[i]]
+    return kept
