@@ -17,7 +17,6 @@ from ..compiled import kernel
 from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
-from ..geometry.spread import BESIDE
 from ..geometry.support_points import lowest, points_below, spread_below, stand
 from ..system import System
 from ..system.articulated import row
@@ -70,8 +69,8 @@ class _Table(NamedTuple):
         The points as `geometry.support_points` describes them.
     first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
         Which points are neighbours on hulls of many vertices.
-    beside : ndarray, shape (n,)
-        By how much points may lie beyond the hull of the chosen ones; see `spread_out` [m].
+    size : ndarray, shape (n,)
+        Bounding radius of the shape of each pair [m].
     start : ndarray of int, shape (n,)
         The lowest point of each pair at the last call; written by kernels.
     found : ndarray of int, shape (k + 1,)
@@ -85,7 +84,7 @@ class _Table(NamedTuple):
     numbers: Array
     first: Array
     neighbour: Array
-    beside: Array
+    size: Array
     start: Array
     found: Array
     taken: Array
@@ -96,7 +95,7 @@ class _Table(NamedTuple):
     " i8[::1], f8, f8[::1])"
 )
 def points_within(
-    places: Array, body: Array, begin: Array, numbers: Array, first: Array, neighbour: Array, beside: Array,
+    places: Array, body: Array, begin: Array, numbers: Array, first: Array, neighbour: Array, size: Array,
     start: Array, found: Array, taken: Array, pairs: Array, tolerance: float, clearance: Array,
 ) -> tuple[int, bool]:  # fmt: skip
     """List the points of some pairs within a tolerance; of many on one shape those that `spread_out` chooses.
@@ -105,7 +104,7 @@ def points_within(
     ----------
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies: columns of the rotation, then the origin.
-    body, begin, numbers, first, neighbour, beside, start, found, taken
+    body, begin, numbers, first, neighbour, size, start, found, taken
         As of `_Table`; `found` receives the points.
     pairs : ndarray of int, shape (p,)
         The pairs, ascending.
@@ -129,7 +128,7 @@ def points_within(
             found, count, taken,
         )  # fmt: skip
         any_empty = any_empty or number == 0
-        count += spread_below(places, body[pair], numbers, beside[pair], found, count, number)
+        count += spread_below(places, body[pair], numbers, size[pair], found, count, number)
     return count, any_empty
 
 
@@ -139,7 +138,7 @@ def points_within(
 )
 def half_space_rows(
     poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
-    neighbour: Array, beside: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
     clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
@@ -148,7 +147,7 @@ def half_space_rows(
     ----------
     poses, columns, support
         As of `Kinematics`.
-    body, begin, numbers, first, neighbour, beside, start, found, taken, pairs, tolerance, clearance
+    body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
         As of `points_within`.
     index, owner : ndarray of int, shape (c,)
         The points of the last call, and their pairs.
@@ -166,7 +165,7 @@ def half_space_rows(
     """
     out = np.empty(4)
     count, any_empty = points_within(
-        poses, body, begin, numbers, first, neighbour, beside, start, found, taken, pairs, tolerance, clearance
+        poses, body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
     )
     if count != len(index):
         return count, any_empty, False
@@ -240,7 +239,7 @@ class HalfSpaceContacts(Pairs):
             begin_of,
             np.concatenate(numbers),
             *stack_graphs(graphs),
-            BESIDE * np.array([s.shape.bound for s in shapes]),
+            np.array([s.shape.bound for s in shapes]),
             begin_of[:-1].copy(),
             np.empty(count + 1, np.int64),
             np.zeros(count, bool),

@@ -1,8 +1,9 @@
-"""Few of many points of one plane contact: the corners of their convex hull, as many as a tolerance asks.
+"""Few of many points of one face: the corners of their convex hull, as many as a tolerance asks.
 
 The rates of the gaps of points on one body above one plane are linear in the place of the point within the plane. A
 point within the convex hull of others therefore adds nothing to the impact law. A point that lies outside the hull of
-the chosen ones by d sinks by no more than d times the angle by which the body turns in a step.
+the chosen ones by d sinks by no more than d times the angle by which the body turns in a step; then it is the deepest
+one, and is chosen.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ FEW_POINTS = 8
 # how far outside the hull of the chosen points another may lie, relative to the bounding radius of its shape: a body
 # that turns by 1e-2 rad in a step sinks by at most 1e-4 of its size
 BESIDE = 1e-2
+# by how much gaps of a face above its plane may differ, relative to the same radius
+FLAT = 1e-4
 _DIAGONAL = np.sqrt(0.5)
 
 

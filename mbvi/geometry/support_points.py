@@ -13,7 +13,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 from .hull_graph import outermost
-from .spread import FEW_POINTS, spread_out
+from .spread import BESIDE, FEW_POINTS, FLAT, spread_out
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
@@ -151,18 +151,33 @@ def points_below(
     return count, least
 
 
+@kernel("void(f8[::1], f8[::1], f8[::1])")
+def _within_plane(normal: Array, along: Array, across: Array) -> None:
+    """Write two unit vectors, shape (3,), normal to a unit vector and to each other."""
+    least = 0
+    for c in range(1, 3):
+        if abs(normal[c]) < abs(normal[least]):
+            least = c
+    size = np.sqrt(1.0 - normal[least] ** 2)
+    for c in range(3):
+        along[c] = ((1.0 if c == least else 0.0) - normal[least] * normal[c]) / size
+    for c in range(3):
+        i, j = (c + 1) % 3, (c + 2) % 3
+        across[c] = normal[i] * along[j] - normal[j] * along[i]
+
+
 @kernel("i8(f8[:,:,::1], i8, f8[:,::1], f8, i8[::1], i8, i8)")
-def spread_below(places: Array, body: int, numbers: Array, beside: float, found: Array, at: int, count: int) -> int:
-    """Keep few of the points of one shape that touch a half-space; see `spread_out`.
+def spread_below(places: Array, body: int, numbers: Array, size: float, found: Array, at: int, count: int) -> int:
+    """Keep few of those points of one shape that touch a half-space together; see `spread_out`.
 
     Parameters
     ----------
     places, body, numbers
         As of `lowest`.
-    beside : float
-        As of `spread_out` [m].
+    size : float
+        Bounding radius of the shape [m].
     found, at, count : ndarray of int, and int
-        The points, `count` of them from place `at` on; receives those that are kept.
+        The points, `count` of them from place `at` on, ascending; receives those that are kept.
 
     Returns
     -------
@@ -171,26 +186,38 @@ def spread_below(places: Array, body: int, numbers: Array, beside: float, found:
     """
     if count <= FEW_POINTS:
         return count
-    out, place, gap = np.empty(4), np.empty((count, 2)), np.empty(count)
-    n, along, across, chosen = numbers[found[at]], np.empty(3), np.empty(3), np.empty(count + 1, np.int64)
-    least = 0
-    for c in range(1, 3):
-        if abs(n[12 + c]) < abs(n[12 + least]):
-            least = c
-    # two directions within the plane: a unit vector without its part along the normal, and what is normal to both
-    square = 1.0 - n[12 + least] ** 2
-    for c in range(3):
-        along[c] = ((1.0 if c == least else 0.0) - n[12 + least] * n[12 + c]) / np.sqrt(square)
-    for c in range(3):
-        i, j = (c + 1) % 3, (c + 2) % 3
-        across[c] = n[12 + i] * along[j] - n[12 + j] * along[i]
+    out, along, across, least = np.empty(4), np.empty(3), np.empty(3), np.inf
+    place, gap, face, chosen = (
+        np.empty((count, 2)),
+        np.empty(count),
+        np.empty(count, np.int64),
+        np.empty(count + 1, np.int64),
+    )
+    _within_plane(numbers[found[at], 12:15], along, across)
     for i in range(count):
         lowest(places, body, numbers, found[at + i], out)
-        gap[i], place[i, 0], place[i, 1] = out[3], 0.0, 0.0
-        for c in range(3):
-            place[i, 0] += out[c] * along[c]
-            place[i, 1] += out[c] * across[c]
-    kept = spread_out(place, gap, beside, chosen)
-    for i in range(kept):
-        found[at + i] = found[at + chosen[i]]
+        least = min(least, out[3])
+    # the face: all points that are below the half-space's surface, or about as low as the lowest
+    flat = 0
+    for i in range(count):
+        lowest(places, body, numbers, found[at + i], out)
+        if out[3] <= max(least, 0.0) + FLAT * size:
+            gap[flat], face[flat] = out[3], i
+            place[flat, 0] = out[0] * along[0] + out[1] * along[1] + out[2] * along[2]
+            place[flat, 1] = out[0] * across[0] + out[1] * across[1] + out[2] * across[2]
+            flat += 1
+    if flat <= FEW_POINTS:
+        return count
+    number = spread_out(place[:flat], gap[:flat], BESIDE * size, chosen)
+    kept, next_flat, next_chosen = 0, 0, 0
+    for i in range(count):
+        wanted = True
+        if next_flat < flat and face[next_flat] == i:
+            wanted = next_chosen < number and chosen[next_chosen] == next_flat
+            next_flat += 1
+            if wanted:
+                next_chosen += 1
+        if wanted:
+            found[at + kept] = found[at + i]
+            kept += 1
     return kept
