@@ -31,7 +31,7 @@ _MOST_SELECTIONS = 1000
 class _ConstantPart(NamedTuple):
     """What stays the same in the rows of some active points: the points, their pairs, e, and normals."""
 
-    index: Array
+    points: Array
     number: Array
     restitution: Array
     up: Array

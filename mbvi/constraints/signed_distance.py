@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, frexp
+from math import frexp
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 
 from ..errors import MbviError
-from ..geometry.collinear import unique_along
-from ..geometry.faces import most_facing
-from ..geometry.patches import PatchFinder
+from ..geometry.pair_contacts import COAL, distances_from_axes, write_contacts
 from ..geometry.polyhedron_overlap import overlap
-from ..geometry.refined_distance import FAILED, FLAT, refined, separated
+from ..geometry.refined_distance import FAILED, UNIQUE, refined
 from ..geometry.separating_axis import SeparatingAxes
-from ..geometry.shapes import Box, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, length_unit
+from ..geometry.shapes import Box, Cylinder, Hull, PlacedShape, Sphere, length_unit
 from ..geometry.sphere_capsule import SphereCapsulePairs, out_of_cylinder
 from ..system import System
 from .family import RowTable
@@ -28,18 +26,12 @@ _FINE, _ROBUST = 1e-9, 1e-6
 # lengths below are relative to the bounding radius of the smaller shape
 # how much deeper the fine answer may be than the robust one
 _AGREEMENT = 1e-4
-# bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad]
-_ERROR_TOUCHING, _ERROR_APART = 0.3, 1e-5
-# how deep below the contact plane a vertex may lie and still belong to the patch
-_PATCH_DEPTH = 0.02
-# a patch whose corners are all less deep than the penetration by more than this lacks the deepest point
-_CORNER = 1e-6
 # stands for the contact point where the distance is only a lower bound
 _NO_POINT = np.zeros(3)
 # by how much a refined distance may be below Coal's
 _REFINED = 1e-5
-# a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second
-_SAME_FACE, _EQUAL = cos(1e-3), 1e-8
+# contact points of a pair for which there is room at first
+_ROOM = 16
 # placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
 # rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
@@ -48,21 +40,20 @@ _GRID = 2.0**47
 class _Measurement(NamedTuple):
     """The last measurement of a pair: the placements of its bodies as bytes, and its contacts.
 
-    `patched` is whether the patch was computed. If `rough` is True, `distance` is only a lower bound.
+    `patched` is whether all points of contact were computed. If `rough` is True, the gap is only a lower bound.
     """
 
     where: bytes
     patched: bool
     rough: bool
-    distance: float
-    axis: Array
-    gap: list[float]
-    point: list[Array]
+    gap: Array
+    point: Array
     normal: Array
 
     def is_valid(self, where: bytes, tolerance: float, rough: bool) -> bool:
         """Return whether the bodies have not moved, and a new measurement would give the same."""
-        return self.where == where and self.patched == (self.distance <= tolerance) and (rough or not self.rough)
+        near = self.gap.min() <= tolerance
+        return self.where == where and self.patched == near and (rough or not self.rough)
 
 
 class SignedDistances(Pairs):
@@ -96,7 +87,7 @@ class SignedDistances(Pairs):
         unit: float | None = None,
     ) -> None:
         super().__init__(system, first, second, names, restitution)
-        self._line, self._at_rest = line, at_rest
+        self._at_rest = at_rest
         self._kept: dict[int, _Measurement] = {}
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
@@ -121,16 +112,15 @@ class SignedDistances(Pairs):
             request = coal.DistanceRequest()
             request.gjk_tolerance = request.epa_tolerance = accuracy
             self._requests.append(request)
-        self._patches = PatchFinder(self._geometry)
         shapes = [(self._placed[a].shape, self._placed[b].shape) for a, b in self._sides]
-        self._curved = [a.smooth or b.smooth for a, b in shapes]
-        # normals of the faces of each shape; None where it has no faces
-        self._normals = [s.shape.faces[0].copy() if hasattr(s.shape, "faces") else None for s in self._placed]
         self._sphere_cylinder = [{type(a), type(b)} == {Sphere, Cylinder} for a, b in shapes]
-        self._has_faces = [self._normals[a] is not None or self._normals[b] is not None for a, b in self._sides]
+        self._flat = np.array([not (a.smooth or b.smooth) for a, b in shapes], dtype=bool)
+        self._side_of_face = np.full(len(shapes), -1)
+        self._sizes = np.array(self._bound), np.array(self._unit)
         self._both = both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
         self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
+        self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._bounds = np.empty(len(self._sides))
         self._closed_form = SphereCapsulePairs(self._placed, self._axes.frame, both)
         # pairs of spheres and capsules have a continuous gradient
@@ -200,88 +190,66 @@ class SignedDistances(Pairs):
             if found is not None:
                 self._axes.keep(places, pairs, found[2])
                 return Contacts(pairs, *found)
-        if self._at_rest:
-            places = np.round(places * self._grid)
-            places *= self._cell
-        pair: list[int] = []
-        gap: list[float] = []
-        point: list[Array] = []
-        normal: list[Array] = []
-        wanted = pairs.tolist()
-        where = {k: places[self._frames[k]].tobytes() for k in wanted}
-        kept_of = self._kept
-        known = {k: kept_of[k] for k in wanted if k in kept_of and kept_of[k].is_valid(where[k], tolerance, rough)}
-        self._place(places, [k for k in wanted if k not in known])
-        for k in wanted:
-            kept = known.get(k)
-            if kept is None:
-                kept = self._measure_one(k, places, where[k], tolerance, rough)
-                if self._at_rest:
-                    self._kept[k] = kept
-                self._axes.keep(places, np.array([k]), kept.axis[None])
-            gap.extend(kept.gap)
-            point.extend(kept.point)
-            pair.extend([k] * len(kept.gap))
-            normal.extend([kept.normal] * len(kept.gap))
-        return Contacts(np.array(pair), np.array(gap), np.array(point), np.array(normal))
+        if not self._at_rest:
+            return self._measure(places, pairs, tolerance, rough)[0]
+        places = np.round(places * self._grid)
+        places *= self._cell
+        where = {k: places[self._frames[k]].tobytes() for k in pairs.tolist()}
+        kept = self._kept
+        moved = [k for k, at in where.items() if k not in kept or not kept[k].is_valid(at, tolerance, rough)]
+        contacts = None
+        if moved:
+            contacts, counts, lower = self._measure(places, np.array(moved), tolerance, rough)
+            end = 0
+            for k, count, bound in zip(moved, counts.tolist(), lower, strict=True):
+                rows = slice(end, end + count)
+                end += count
+                gap = contacts.gap[rows]
+                near = bool(gap.min() <= tolerance)
+                kept[k] = _Measurement(where[k], near, bound, gap, contacts.point[rows], contacts.normal[rows])
+        if contacts is not None and len(moved) == len(where):
+            return contacts
+        parts = [kept[k] for k in where]
+        return Contacts(
+            np.repeat(pairs, [len(part.gap) for part in parts]),
+            np.concatenate([part.gap for part in parts]),
+            np.concatenate([part.point for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+        )
 
-    def _measure_one(self, k: int, places: Array, where: bytes, tolerance: float, rough: bool) -> _Measurement:
-        """Return the contacts of one pair, after `_place`, with all that is kept while its bodies stand still."""
-        distance, axis, middle, exact = self._refined_distance(k, places, tolerance if rough else np.inf)
-        if distance > tolerance:
-            return _Measurement(where, False, rough, distance, axis, [distance], [middle], axis)
-        n, patch = axis, None
-        if self._has_faces[k]:
-            n = self._face_of(k, places, axis, distance) if exact else self._likely_face(k, axis, distance)
-        if not self._curved[k]:
-            patch = self._patch(k, middle, n, distance)
-            if patch is not None and self._line is not None:
-                one = unique_along(patch[0], self._line)
-                patch = patch[0][one], patch[1][one]
-        # no point is deeper than the penetration depth: what exceeds it is rounding
-        gap = [] if patch is None else np.maximum(patch[1], distance).tolist()
-        point = [] if patch is None else list(patch[0])
-        # where edges cross, the deepest point may be none of the corners of the patch: it is a row of its own
-        if not gap or min(gap) > distance + _CORNER * self._bound[k]:
-            gap, point = [distance, *gap], [middle, *point]
-        return _Measurement(where, True, False, distance, axis, gap, point, n)
+    def _measure(
+        self, places: Array, pairs: Array, tolerance: float, rough: bool
+    ) -> tuple[Contacts, Array, list[bool]]:
+        """Return the contacts of some pairs, how many each has, and whose gap is only a lower bound."""
+        axes, n = self._axes, len(pairs)
+        distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
+        state, count, lower = np.empty(n, np.int64), np.empty(n, np.int64), [False] * n
+        distances_from_axes(
+            places, *axes.shapes[:7], axes.sides, axes.start, axes.axis, pairs, distance, normal, middle, state
+        )
+        for i in (state == FAILED).nonzero()[0].tolist():
+            k = pairs.item(i)
+            self._place(places, [k])
+            distance[i], normal[i], middle[i], state[i] = self._refined_distance(
+                k, places, tolerance if rough else np.inf
+            )
+            lower[i] = rough and distance.item(i) > tolerance
+        axes.keep(places, pairs, normal)
+        room = _ROOM * n
+        while True:
+            gap, point = np.empty(room), np.empty((room, 3))
+            total = write_contacts(
+                places, *axes.shapes, axes.sides, axes.start, *self._sizes, self._flat, self._line, self._side_of_face,
+                pairs, tolerance, distance, normal, middle, state, count, gap, point,
+            )  # fmt: skip
+            if total >= 0:
+                break
+            room *= 4
+        contacts = Contacts(np.repeat(pairs, count), gap[:total], point[:total], np.repeat(normal, count, axis=0))
+        return contacts, count, lower
 
-    def _face_of(self, k: int, places: Array, n: Array, distance: float) -> Array:
-        """Return the normal of a face, if the separation along it is the distance; else n. The first shape goes first.
-
-        Where two faces touch, rounding decides which of their normals n is; a fixed choice makes rows steady.
-        """
-        for side, scaled, sign in zip(self._sides[k], self._scaled_sides[k], (1.0, -1.0), strict=True):
-            normals = self._normals[side]
-            if normals is None:
-                continue
-            R = self._pose[scaled].getRotation()
-            along, normal = most_facing(normals, R.T.dot(sign * n))
-            if along > _SAME_FACE:
-                face = sign * R.dot(normal)
-                if separated(self._axes, places, self._both[k], face) >= distance - _EQUAL * self._bound[k]:
-                    return face
-        return n
-
-    def _likely_face(self, k: int, n: Array, distance: float) -> Array:
-        """Return the normal of the face nearest to Coal's normal, if it lies within the error of that; else Coal's.
-
-        The error grows as the distance vanishes.
-        """
-        turn = _FINE * self._unit[k] / max(abs(distance), 1e-300) + _ERROR_APART
-        closest, sharp = cos(min(_ERROR_TOUCHING, turn)), n
-        for side, scaled, sign in zip(self._sides[k], self._scaled_sides[k], (1.0, -1.0), strict=True):
-            normals = self._normals[side]
-            if normals is None:
-                continue
-            R = self._pose[scaled].getRotation()
-            along, normal = most_facing(normals, R.T.dot(sign * n))
-            if along > closest:
-                closest, sharp = along, sign * R.dot(normal)
-        return sharp
-
-    def _refined_distance(self, k: int, places: Array, enough: float = np.inf) -> tuple[float, Array, Array, bool]:
-        """Return signed distance, unit normal and midpoint of one pair, and whether they are exact to rounding.
+    def _refined_distance(self, k: int, places: Array, enough: float = np.inf) -> tuple[float, Array, Array, int]:
+        """Return signed distance, unit normal, midpoint and state of one pair; see `geometry.pair_contacts`.
 
         The refinement starts from Coal's normal: at the robust tolerance first, then at the fine one. If both fail,
         Coal's own answer is returned. Of a distance beyond `enough` a lower bound is returned, without a midpoint.
@@ -292,15 +260,13 @@ class SignedDistances(Pairs):
             second.clear()
             distance = self._distance[k](self._pose[a], self._pose[b], request, second) * unit
             if distance < 0.0 and self._sphere_cylinder[k]:
-                return *self._ball_at_cylinder(k), True
+                return *self._ball_at_cylinder(k), UNIQUE
             normal = np.array(second.normal)
             if distance > enough + 2.0 * _REFINED * self._bound[k]:
-                return distance - _REFINED * self._bound[k], normal, _NO_POINT, False
-            found, exact, point = refined(self._axes, places, self._both[k], normal)
+                return distance - _REFINED * self._bound[k], normal, _NO_POINT, COAL
+            found, exact, point = refined(self._axes, places, k, normal)
             if found != FAILED and exact >= distance - _REFINED * self._bound[k]:
-                if found == FLAT:
-                    point = _midway(second) * unit
-                return exact, normal, point, True
+                return exact, normal, point, found
         result.clear()
         distance = self._distance[k](self._pose[a], self._pose[b], fine, result)
         if distance < 0.0:
@@ -310,8 +276,8 @@ class SignedDistances(Pairs):
             if distance < check - _AGREEMENT * self._bound[k] / unit:
                 distance, result = check, second
             if not abs(distance) < 1e100:
-                return *self._overlap(k), False
-        return distance * unit, np.array(result.normal), _midway(result) * unit, False
+                return *self._overlap(k), COAL
+        return distance * unit, np.array(result.normal), _midway(result) * unit, COAL
 
     def _place_of(self, k: int, side: int) -> tuple[Array, Array]:
         """Return rotation and origin of one side of a pair, shapes (3, 3) and (3,)."""
@@ -338,25 +304,6 @@ class SignedDistances(Pairs):
         distance, local = out_of_cylinder(R.T @ (centre - origin), size.radius, size.length)
         out = R @ local
         return distance - radius, -out if swapped else out, centre - 0.5 * (distance + radius) * out
-
-    def _patch(self, k: int, point: Array, normal: Array, distance: float) -> tuple[Array, Array] | None:
-        """Return two or more points of the polygon that two faces share, shape (k, 3), and their gaps, or None."""
-        unit, scaled = self._unit[k], self._scaled_sides[k]
-        tolerance = _PATCH_DEPTH * self._bound[k] / unit
-        poses = self._pose[scaled[0]], self._pose[scaled[1]]
-        points = self._patches.find(scaled, poses, tolerance, point / unit, normal, distance / unit)
-        if points is None:
-            return None
-        points *= unit
-        exit_a, exit_b = self._exit(k, 0, points, normal), self._exit(k, 1, points, -normal)
-        return points + 0.5 * (exit_a - exit_b)[:, None] * normal, -(exit_a + exit_b)
-
-    def _exit(self, k: int, side: int, points: Array, direction: Array) -> Array:
-        """Return the distances from points to where lines along a direction leave one shape of a pair [m]."""
-        R, origin = self._place_of(k, side)
-        shape = self._placed[self._sides[k][side]].shape
-        assert not isinstance(shape, Sphere | Ellipsoid)
-        return shape.exit((points - origin) @ R, R.T @ direction)
 
 
 def _midway(result: coal.DistanceResult) -> Array:

@@ -26,11 +26,11 @@ def unique_along(points: Array, line: Array) -> Array:
         The unit direction.
     """
     kept = np.empty(len(points), np.int64)
-    return kept[: _first_of_lines(plain_array(points), plain_array(line), kept)]
+    return kept[: first_of_lines(plain_array(points), plain_array(line), kept)]
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1])")
-def _first_of_lines(points: Array, line: Array, kept: Array) -> int:
+def first_of_lines(points: Array, line: Array, kept: Array) -> int:
     """Write the indices that `unique_along` returns into the first places of `kept`; return how many."""
     size, count = 0.0, 0
     for c in range(3):

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
+from .hull_graph import outermost
 from .kinks import (
     DISK,
     NEAR_KINK,
@@ -27,34 +28,50 @@ from .kinks import (
     release,
     turn_onto,
 )
-from .normal_search import climb, dot, farthest, gradient, separation_along
-from .separating_axis import SeparatingAxes
+from .normal_search import climb, dot, gradient, separation_along
+from .separating_axis import SeparatingAxes, place_shape, separation
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
 _MOST_SETS, _MOST_TRIED = 40, 8
 # cosine of the angle by which the first set may turn the normal
 _ABOUT = 1.0 - 1e-4
+# vertices of a large hull among which a maximum is looked for, and how often others are taken
+_GATHERED, _MOST_GATHERS = 40, 6
 # results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
 
 
-@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8[::1], f8[:,:,::1])")
-def _place_pair(places: Array, frame: Array, fixed: Array, sides: Array, world: Array) -> None:
-    """Write where two shapes are, shape (2, 4, 3); the first arguments are those of `_clear`."""
-    for side in range(2):
-        s = sides[side]
-        for k in range(4):
-            for c in range(3):
-                world[side, k, c] = fixed[s, k, c]
-                if frame[s] >= 0:
-                    P = places[frame[s]]
-                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
-                    world[side, k, c] += P[3, c] if k == 3 else 0.0
+@kernel("i8(f8[:,::1], i8, i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8, i8, i8[::1])")
+def _around(
+    points: Array, begin: int, end: int, first: Array, neighbour: Array, place: Array, n: Array, sign: float,
+    start: int, vertices: Array,
+) -> int:  # fmt: skip
+    """List the points about the outermost one of a shape along n, times a sign; return how many.
+
+    These are all points of a shape without a graph, else neighbours of neighbours until there are enough.
+    """
+    if first[begin + 1] == first[begin]:
+        for k in range(begin, end):
+            vertices[k - begin] = k
+        return end - begin
+    x, y, z = sign * dot(place[0], n), sign * dot(place[1], n), sign * dot(place[2], n)
+    vertices[0], count, done = outermost(points, begin, end, first, neighbour, x, y, z, start), 1, 0
+    while done < count < _GATHERED:
+        at = vertices[done]
+        done += 1
+        for i in range(first[at], first[at + 1]):
+            k, known = neighbour[i], count == len(vertices)
+            for j in range(count):
+                known = known or vertices[j] == k
+            if not known:
+                vertices[count] = k
+                count += 1
+    return count
 
 
-@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1])")
+@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1])")
 def _describe(
-    world: Array, who: int, sizes: Array, points: Array, begin: int, edge: Array, swell: Array, turned: Array
+    world: Array, who: int, sizes: Array, points: Array, vertices: Array, edge: Array, swell: Array, turned: Array
 ) -> None:
     """Write the segments and half axes of one shape of two, and its points, which for the second change sign.
 
@@ -64,8 +81,8 @@ def _describe(
         Where the two shapes are, and which of them it is.
     sizes : ndarray, shape (8,)
         Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid [m].
-    points, begin : ndarray, shape (k, 3), and int
-        The points of all shapes, and the first point of this one.
+    points, vertices : ndarray, shapes (k, 3) and (p,)
+        The points of all shapes, and those that are meant.
     edge, swell, turned : ndarray, shapes (6, 3), (2, 3, 3), (p, 3)
         Receive the segments and half axes in the places of the shape, and its points.
     """
@@ -75,7 +92,7 @@ def _describe(
             edge[3 * who + k, c] = sizes[k] * place[k, c]
             swell[who, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
         for k in range(len(turned)):
-            p = points[begin + k]
+            p = points[vertices[k]]
             turned[k, c] = side * (p[0] * place[0, c] + p[1] * place[1, c] + p[2] * place[2, c])
 
 
@@ -133,39 +150,21 @@ def _first_set(
     return count
 
 
-@kernel("Tuple((i8, f8))(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
-def _refine_pair(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
-    n: Array, nearest: Array,
+@kernel("Tuple((i8, f8))(f8[:,:,::1], f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
+def _maximise(
+    world: Array, one: Array, other: Array, points: Array, near_first: Array, near_second: Array, n: Array,
+    nearest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Find a local maximum of d(n) of two shapes.
+    """Find a local maximum of d(n) of two shapes; see `refine_pair`.
 
-    Parameters
-    ----------
-    places, frame, fixed, sizes, points, first_point
-        As of `_clear`.
-    sides : ndarray of int, shape (2,)
-        The two shapes.
-    n : ndarray, shape (3,)
-        The approximate unit normal from the first shape to the second; receives that of the maximum.
-    nearest : ndarray, shape (3,)
-        Receives the point midway between the surfaces where it is unique [m].
-
-    Returns
-    -------
-    result : int
-        `UNIQUE`, `FLAT` or `FAILED`. The search has also failed if its maximum is below d of the given normal.
-    distance : float
-        d(n) [m].
+    `one` and `other` are the sizes of the two shapes, and `near_first`, `near_second` those of their points that are
+    looked at.
     """
     edge, swell, used, between = np.empty((6, 3)), np.empty((2, 3, 3)), np.empty((2, 3, 3)), np.empty(3)
-    world, a, b = np.empty((2, 4, 3)), sides[0], sides[1]
-    _place_pair(places, frame, fixed, sides, world)
-    first = np.empty((first_point[a + 1] - first_point[a], 3))
-    second = np.empty((first_point[b + 1] - first_point[b], 3))
-    _describe(world, 0, sizes[a], points, first_point[a], edge, swell, first)
-    _describe(world, 1, sizes[b], points, first_point[b], edge, swell, second)
-    ball, base, sign = sizes[a, 3] + sizes[b, 3], np.empty(2, np.int64), np.empty(6, np.int64)
+    first, second = np.empty((len(near_first), 3)), np.empty((len(near_second), 3))
+    _describe(world, 0, one, points, near_first, edge, swell, first)
+    _describe(world, 1, other, points, near_second, edge, swell, second)
+    ball, base, sign = one[3] + other[3], np.empty(2, np.int64), np.empty(6, np.int64)
     base[0], base[1] = _outermost(first, n), _outermost(second, n)
     size = 0.0
     for c in range(3):
@@ -238,45 +237,78 @@ def _refine_pair(
         if remain < count:
             count = remain
             continue
-        _midpoint(world[0], sizes[a], n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
+        _midpoint(world[0], one, n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
         # written so that a NaN is refused too
         return (UNIQUE if apart >= given - ROUNDING * size else FAILED), apart
     return FAILED, 0.0
 
 
-@kernel("f8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1])")
-def _separate_pair(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, sides: Array,
-    normal: Array,
-) -> float:  # fmt: skip
-    """Return the separation of two shapes along a normal; arguments as of `_refine_pair`."""
-    world, local, u, apart = np.empty((2, 4, 3)), np.empty(3), normal.copy(), 0.0
-    _place_pair(places, frame, fixed, sides, world)
-    for side in range(2):
-        s = sides[side]
-        size = sizes[s]
-        for k in range(3):
-            local[k] = dot(world[side, k], u)
-        apart -= dot(world[side, 3], u) + farthest(points[first_point[s] : first_point[s + 1]], local)
-        apart -= size[3] + size[4] * np.sqrt(local[0] ** 2 + local[1] ** 2)
-        apart -= np.sqrt((size[5] * local[0]) ** 2 + (size[6] * local[1]) ** 2 + (size[7] * local[2]) ** 2)
-        for k in range(3):
-            apart -= size[k] * abs(local[k])
-            u[k] = -u[k]
-    return apart
+@kernel(
+    "Tuple((i8, f8))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8, f8[::1],"
+    " f8[::1])"
+)
+def refine_pair(
+    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, sides: Array,
+    start: Array, pair: int, n: Array, nearest: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Find a local maximum of d(n) of the two shapes of a pair.
+
+    Of large hulls only some vertices about the outermost one are looked at. If none of the others reaches farther along
+    the n of the maximum, it is that of the whole hulls too.
+
+    Parameters
+    ----------
+    world : ndarray, shape (2, 4, 3)
+        Where the two shapes are.
+    sizes, points, first_point, first, neighbour
+        As of `Shapes`.
+    sides, start, pair : ndarray of int, shapes (n, 2), and int
+        The shapes of each pair, the points at which climbs begin, and which pair is meant.
+    n : ndarray, shape (3,)
+        The approximate unit normal from the first shape to the second; receives that of the maximum.
+    nearest : ndarray, shape (3,)
+        Receives the point midway between the surfaces where it is unique [m].
+
+    Returns
+    -------
+    result : int
+        `UNIQUE`, `FLAT` or `FAILED`. The search has also failed if its maximum is below d of the given normal.
+    distance : float
+        d(n) [m].
+    """
+    a, b, size = sides[pair, 0], sides[pair, 1], 0.0
+    for c in range(3):
+        size += abs(world[1, 3, c] - world[0, 3, c])
+    of_first = np.empty(max(first_point[a + 1] - first_point[a], 1), np.int64)
+    of_second = np.empty(max(first_point[b + 1] - first_point[b], 1), np.int64)
+    whole = first[first_point[a] + 1] == first[first_point[a]] and first[first_point[b] + 1] == first[first_point[b]]
+    for _ in range(_MOST_GATHERS):
+        m = _around(
+            points, first_point[a], first_point[a + 1], first, neighbour, world[0], n, 1.0, start[pair, 0], of_first
+        )
+        k = _around(
+            points, first_point[b], first_point[b + 1], first, neighbour, world[1], n, -1.0, start[pair, 1], of_second
+        )
+        result, apart = _maximise(world, sizes[a], sizes[b], points, of_first[:m], of_second[:k], n, nearest)
+        if whole or result == FAILED:
+            return result, apart
+        full = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+        if full >= apart - ROUNDING * (size + abs(apart)):
+            return result, apart
+    return FAILED, 0.0
 
 
-def refined(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) -> tuple[int, float, Array]:
-    """Refine the signed distance of two shapes, starting from an approximate normal.
+def refined(axes: SeparatingAxes, places: Array, pair: int, normal: Array) -> tuple[int, float, Array]:
+    """Refine the signed distance of a pair of shapes, starting from an approximate normal.
 
     Parameters
     ----------
     axes : SeparatingAxes
-        The shapes.
+        The shapes and pairs.
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies `axes.bodies`.
-    sides : ndarray of int, shape (2,)
-        The two shapes.
+    pair : int
+        The pair.
     normal : ndarray, shape (3,)
         The approximate unit normal from the first to the second; receives the refined one.
 
@@ -289,11 +321,8 @@ def refined(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) ->
     point : ndarray, shape (3,)
         The point midway between the surfaces [m].
     """
-    nearest = np.empty(3)
-    result, distance = _refine_pair(places, *axes.supports, sides, normal, nearest)
+    nearest, shapes, world = np.empty(3), axes.shapes, np.empty((2, 4, 3))
+    for side in (0, 1):
+        place_shape(places, shapes.frame, shapes.fixed, int(axes.sides[pair, side]), world[side])
+    result, distance = refine_pair(world, *shapes[2:7], axes.sides, axes.start, pair, normal, nearest)
     return result, distance, nearest
-
-
-def separated(axes: SeparatingAxes, places: Array, sides: Array, normal: Array) -> float:
-    """Return the separation of two shapes along a unit normal [m]; arguments as of `refined`."""
-    return float(_separate_pair(places, *axes.supports, sides, normal))

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
+from .hull_graph import outermost, stack_graphs
+from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, graph_of
 
 
 class _Support(NamedTuple):
@@ -56,8 +57,82 @@ def _support(shape: Convex) -> _Support:
     return _Support(points=shape.vertices)
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8, i8)")
-def _reach(place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int) -> float:
+class Shapes(NamedTuple):
+    """Placed shapes in arrays, as kernels take them.
+
+    Attributes
+    ----------
+    frame : ndarray of int, shape (s,)
+        The place of each shape's body in the placements; -1 for the world.
+    fixed : ndarray, shape (s, 4, 3)
+        Placements of the shapes in their bodies: columns of the rotation, then the origin.
+    sizes : ndarray, shape (s, 8)
+        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid of each `_Support` [m].
+    points, first_point : ndarray, shapes (k, 3) and (s + 1,)
+        The points of all supports [m], and the first point of each shape.
+    first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
+        Which points are neighbours on hulls of many vertices; see `hull_graph.outermost`.
+    first_face, face : ndarray of int, shapes (k + 1,) and (e,)
+        The faces at each vertex of a hull are `face[first_face[i] : first_face[i + 1]]`.
+    planes : ndarray, shape (f, 4)
+        Outward unit normal and offset of each face in its shape's frame.
+    """
+
+    frame: Array
+    fixed: Array
+    sizes: Array
+    points: Array
+    first_point: Array
+    first: Array
+    neighbour: Array
+    first_face: Array
+    face: Array
+    planes: Array
+
+
+def _tables(shapes: Sequence[PlacedShape], frame: Array) -> Shapes:
+    """Return the arrays of some shapes on bodies with the given places."""
+    supports = [_support(s.shape) for s in shapes]
+    first_face, face, planes, count = [0], [np.zeros(0, np.int64)], [np.zeros((0, 4))], 0
+    for placed, support in zip(shapes, supports, strict=True):
+        hull, entries = placed.shape, np.zeros(len(support.points), np.int64)
+        if isinstance(hull, Hull):
+            vertex = hull.triangles.ravel()
+            entries = np.bincount(vertex, minlength=len(support.points))
+            face.append(count + np.argsort(vertex, kind="stable") // 3)
+            planes.append(np.column_stack(hull.faces))
+            count += len(hull.triangles)
+        first_face.extend((first_face[-1] + np.cumsum(entries)).tolist())
+    return Shapes(
+        frame,
+        np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3),
+        np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8),
+        np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)]),
+        np.cumsum([0, *(len(s.points) for s in supports)]),
+        *stack_graphs([graph_of(s.shape, len(x.points)) for s, x in zip(shapes, supports, strict=True)]),
+        np.array(first_face, dtype=np.int64),
+        np.concatenate(face),
+        np.concatenate(planes),
+    )
+
+
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8, f8[:,::1])")
+def place_shape(places: Array, frame: Array, fixed: Array, shape: int, world: Array) -> None:
+    """Write where a shape is, shape (4, 3): columns of its rotation, then its origin. See `Shapes`."""
+    for k in range(4):
+        for c in range(3):
+            world[k, c] = fixed[shape, k, c]
+            if frame[shape] >= 0:
+                P, f = places[frame[shape]], fixed[shape, k]
+                world[k, c] = f[0] * P[0, c] + f[1] * P[1, c] + f[2] * P[2, c]
+                world[k, c] += P[3, c] if k == 3 else 0.0
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8, i8, i8[::1], i8[::1], i8[:,::1], i8, i8)")
+def reach(
+    place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array,
+    start: Array, pair: int, side: int,
+) -> float:  # fmt: skip
     """Return how far a shape reaches from the world's origin along a unit vector [m].
 
     Parameters
@@ -68,15 +143,17 @@ def _reach(place: Array, u: Array, sizes: Array, points: Array, begin: int, end:
         The unit vector.
     sizes : ndarray, shape (8,)
         Box, ball, disk, ellipsoid of its `_Support`.
-    points, begin, end : ndarray, shape (k, 3), and int
-        The points of all supports, and which of them are this one's.
+    points, begin, end, first, neighbour
+        The points of all shapes, and which of them are this one's; see `hull_graph.outermost`.
+    start, pair, side : ndarray of int, shape (n, 2), and int
+        `start[pair, side]` is the point at which the search begins; receives the outermost one.
     """
     x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
     y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
     z = place[2, 0] * u[0] + place[2, 1] * u[1] + place[2, 2] * u[2]
-    far = points[begin, 0] * x + points[begin, 1] * y + points[begin, 2] * z
-    for k in range(begin + 1, end):
-        far = max(far, points[k, 0] * x + points[k, 1] * y + points[k, 2] * z)
+    k = outermost(points, begin, end, first, neighbour, x, y, z, start[pair, side])
+    start[pair, side] = k
+    far = points[k, 0] * x + points[k, 1] * y + points[k, 2] * z
     far += place[3, 0] * u[0] + place[3, 1] * u[1] + place[3, 2] * u[2]
     far += abs(x) * sizes[0] + abs(y) * sizes[1] + abs(z) * sizes[2] + sizes[3]
     if sizes[4] > 0.0:
@@ -86,13 +163,40 @@ def _reach(place: Array, u: Array, sizes: Array, points: Array, begin: int, end:
     return far
 
 
+@kernel("f8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8, f8[::1])")
+def separation(
+    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, sides: Array,
+    start: Array, pair: int, n: Array,
+) -> float:  # fmt: skip
+    """Return the separation of the two shapes of a pair along a unit vector from the first to the second [m].
+
+    `world`, shape (2, 4, 3), says where they are; the other arguments are those of `_clear`.
+    """
+    back, a, b = np.empty(3), sides[pair, 0], sides[pair, 1]
+    back[0], back[1], back[2] = -n[0], -n[1], -n[2]
+    far = reach(world[1], back, sizes[b], points, first_point[b], first_point[b + 1], first, neighbour, start, pair, 1)
+    far += reach(world[0], n, sizes[a], points, first_point[a], first_point[a + 1], first, neighbour, start, pair, 0)
+    return -far
+
+
+@kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])")
+def axis_in_world(places: Array, body: int, axis: Array, pair: int, n: Array) -> None:
+    """Write the axis of a pair, which is given in the frame of its first body; -1 stands for the world."""
+    for c in range(3):
+        n[c] = axis[pair, c]
+        if body >= 0:
+            P = places[body]
+            n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
+
+
 @kernel(
-    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8, f8[::1],"
-    " i8[::1])"
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
+    " f8[:,::1], i8[::1], f8, f8[::1], i8[::1])"
 )
 def _clear(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
-    sides: Array, axis: Array, candidates: Array, tolerance: float, bound: Array, unresolved: Array,
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, sides: Array, start: Array, axis: Array, candidates: Array, tolerance: float, bound: Array,
+    unresolved: Array,
 ) -> int:  # fmt: skip
     """Write lower bounds of the distances of pairs whose axes separate them; list the other pairs.
 
@@ -100,14 +204,12 @@ def _clear(
     ----------
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies: columns of the rotation, then the origin.
-    frame : ndarray of int, shape (s,)
-        The place of each shape's body in `places`; -1 for the world.
-    fixed : ndarray, shape (s, 4, 3)
-        Placements of the shapes in their bodies.
-    sizes, points, first_point : ndarray, shapes (s, 8), (k, 3), (s + 1,)
-        The shapes' supports; the points of all shapes, and the first point of each shape.
+    frame, fixed, sizes, points, first_point, first, neighbour
+        As of `Shapes`.
     sides : ndarray of int, shape (n, 2)
         The shapes of each pair.
+    start : ndarray of int, shape (n, 2)
+        The outermost points of the shapes of each pair at the last call; written.
     axis : ndarray, shape (n, 3)
         Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
     candidates : ndarray of int, shape (d,)
@@ -124,34 +226,17 @@ def _clear(
     int
         How many other pairs there are.
     """
-    count = 0
-    n, back, world = np.empty(3), np.empty(3), np.empty((2, 4, 3))
+    count, n, world = 0, np.empty(3), np.empty((2, 4, 3))
     for i in range(len(candidates)):
-        pair = candidates[i]
-        for side in range(2):
-            s = sides[pair, side]
-            if frame[s] < 0:
-                for c in range(3):
-                    for k in range(4):
-                        world[side, k, c] = fixed[s, k, c]
-                    if side == 0:
-                        n[c] = axis[pair, c]
-                continue
-            P = places[frame[s]]
-            for c in range(3):
-                for k in range(4):
-                    world[side, k, c] = fixed[s, k, 0] * P[0, c] + fixed[s, k, 1] * P[1, c] + fixed[s, k, 2] * P[2, c]
-                world[side, 3, c] += P[3, c]
-                if side == 0:
-                    n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
-        a, b = sides[pair, 0], sides[pair, 1]
-        back[0], back[1], back[2] = -n[0], -n[1], -n[2]
-        gap = -_reach(world[1], back, sizes[b], points, first_point[b], first_point[b + 1])
-        gap -= _reach(world[0], n, sizes[a], points, first_point[a], first_point[a + 1])
+        pair, gap = candidates[i], -np.inf
+        if axis[pair, 0] == axis[pair, 0]:
+            for side in range(2):
+                place_shape(places, frame, fixed, sides[pair, side], world[side])
+            axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
+            gap = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         if gap > tolerance:
             bound[pair] = gap
         else:
-            # also where the axis is NaN
             unresolved[count] = pair
             count += 1
     return count
@@ -187,23 +272,23 @@ class SeparatingAxes:
         The bodies other than the world, ascending: methods expect their placements in this order.
     frame : ndarray of int
         The place of each shape's body in `bodies`; -1 for the world.
-    supports : tuple of ndarray
-        `frame`, then `fixed`, `sizes`, `points` and `first_point` of `_clear`.
+    shapes : Shapes
+        Their arrays.
+    sides : ndarray of int, shape (n, 2)
+        As given.
+    start : ndarray of int, shape (n, 2)
+        The outermost points of the shapes of each pair at the last call; written by kernels.
+    axis : ndarray, shape (n, 3)
+        The axes in the frames of the first bodies; NaN where none is known.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], sides: Array) -> None:
         moving = sorted({s.body for s in shapes if s.body})
         self.bodies = np.array(moving, dtype=np.int64)
         self.frame = np.array([moving.index(s.body) if s.body else -1 for s in shapes], dtype=np.int64)
-        self._sides = sides
-        self._fixed = np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3)
-        supports = [_support(s.shape) for s in shapes]
-        self._sizes = np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8)
-        self._points = np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)])
-        self._first_point = np.cumsum([0, *(len(s.points) for s in supports)])
-        # the arguments that kernels share
-        self.supports = self.frame, self._fixed, self._sizes, self._points, self._first_point
-        self._axis = np.full((len(sides), 3), np.nan)
+        self.shapes, self.sides = _tables(shapes, self.frame), sides
+        self.start = self.shapes.first_point[sides]
+        self.axis = np.full((len(sides), 3), np.nan)
 
     def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
         """Return the candidates that their axes do not separate; write lower bounds of the distances of the others.
@@ -212,11 +297,10 @@ class SeparatingAxes:
         """
         unresolved = np.empty(len(candidates), np.int64)
         count = _clear(
-            places, self.frame, self._fixed, self._sizes, self._points, self._first_point,
-            self._sides, self._axis, candidates, tolerance, bound, unresolved,
-        )  # fmt: skip
+            places, *self.shapes[:7], self.sides, self.start, self.axis, candidates, tolerance, bound, unresolved
+        )
         return unresolved[:count]
 
     def keep(self, places: Array, pairs: Array, normals: Array) -> None:
         """Keep measured normals, shape (k, 3), as the axes of some pairs."""
-        _keep(places, self.frame, self._sides, self._axis, pairs, normals)
+        _keep(places, self.frame, self.sides, self.axis, pairs, normals)

@@ -152,7 +152,7 @@ def points_below(
 
 
 @kernel("void(f8[::1], f8[::1], f8[::1])")
-def _within_plane(normal: Array, along: Array, across: Array) -> None:
+def within_plane(normal: Array, along: Array, across: Array) -> None:
     """Write two unit vectors, shape (3,), normal to a unit vector and to each other."""
     least = 0
     for c in range(1, 3):
@@ -193,7 +193,7 @@ def spread_below(places: Array, body: int, numbers: Array, size: float, found: A
         np.empty(count, np.int64),
         np.empty(count + 1, np.int64),
     )
-    _within_plane(numbers[found[at], 12:15], along, across)
+    within_plane(numbers[found[at], 12:15], along, across)
     for i in range(count):
         lowest(places, body, numbers, found[at + i], out)
         least = min(least, out[3])

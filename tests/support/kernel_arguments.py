@@ -739,7 +739,7 @@ ARGUMENTS = {
     "placements": placed,
     "separation_rows": pulled,
     "planar_separation_rows": pulled_in_plane,
-    "_first_of_lines": first_of_lines,
+    "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
     "_back": back,
@@ -836,7 +836,7 @@ def specified(name, result, arguments):
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
         done = result if name == "refine_subset" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
-    if name == "_first_of_lines":
+    if name == "first_of_lines":
         return [result, arguments[-1][:result]]
     if name in ("list_candidates", "filter_active", "_clear"):
         # in its first places only

@@ -3,7 +3,7 @@
 from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
-from support.plain.collinear import _first_of_lines_plain
+from support.plain.collinear import first_of_lines_plain
 from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain
 from support.plain.half_space import half_space_rows_plain
@@ -40,7 +40,7 @@ PLAIN = {
     "_ball_contacts": _ball_contacts_plain,
     "_bias": _bias_plain,
     "_clear": _clear_plain,
-    "_first_of_lines": _first_of_lines_plain,
+    "first_of_lines": first_of_lines_plain,
     "_keep": _keep_plain,
     "_leave": _leave_plain,
     "_most_facing": _most_facing_plain,

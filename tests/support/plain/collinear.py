@@ -8,7 +8,7 @@ from mbvi.arguments import Array
 from mbvi.geometry.collinear import _BESIDE
 
 
-def _first_of_lines_plain(points: Array, line: Array, kept: Array) -> int:
+def first_of_lines_plain(points: Array, line: Array, kept: Array) -> int:
     """Write which points `unique_along` keeps into the first places of `kept`; return how many."""
     flat = points - (points @ line)[:, None] * line
     beside = np.abs(flat[:, None] - flat).max(axis=2)

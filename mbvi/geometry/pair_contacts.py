@@ -1,0 +1,306 @@
+"""Distances and contact points of many pairs of convex shapes in few calls.
+
+`distances_from_axes` finds the distances of pairs that are apart, starting from the axis that separated them last.
+Where the bodies overlap, a maximum of the separation need not be the greatest one: the caller asks Coal.
+`write_contacts` writes the contact points of pairs with known distances.
+
+Arguments that kernels share: `places` are placements of bodies, shape (b, 4, 3); `frame` to `planes` as of
+`separating_axis.Shapes`; `sides`, `start` and `axis` as of `SeparatingAxes`; `pairs` are the pairs to look at, shape
+(p,). `state`, shape (p,), is `UNIQUE` or `FLAT` as of `refined_distance`, `COAL` where distance and normal are Coal's
+own, and `FAILED` where they are unknown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..compiled import kernel
+from .collinear import first_of_lines
+from .contact_patch import MOST_GATHERED, facing, leave, near_corners, near_vertices
+from .convex_polygon import common_polygon, convex_hull
+from .normal_search import dot
+from .refined_distance import FAILED, FLAT, refine_pair
+from .separating_axis import axis_in_world, place_shape, separation
+from .spread import BESIDE, FEW_POINTS, spread_out
+from .support_points import within_plane
+
+COAL = 3
+# lengths below are relative to the bounding radius of the smaller shape
+# how far below the nearest point others are gathered, beyond the tolerance
+_DEPTH = 1e-3
+# points whose corners are all less deep than the penetration by more than this lack the deepest one
+_CORNER = 1e-6
+# a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second;
+# the face of the last call may differ by more
+_SAME_FACE, _EQUAL, _STAY = np.cos(1e-3), 1e-8, 3.0
+# bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad],
+# and Coal's tolerance
+_ERROR_TOUCHING, _ERROR_APART, _FINE = 0.3, 1e-5, 1e-9
+# corners nearer to each other than this are one
+_SAME_CORNER = 1e-7
+
+
+@kernel(
+    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
+    " f8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
+)
+def distances_from_axes(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, sides: Array, start: Array, axis: Array, pairs: Array, distance: Array, normal: Array,
+    middle: Array, state: Array,
+) -> None:  # fmt: skip
+    """Write distance, normal and midpoint of the pairs that are apart, and the state of all.
+
+    Where shapes are apart, the separation along n has no local maximum but the greatest one, which is the distance.
+
+    Parameters
+    ----------
+    distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
+        Receive distances, unit normals and the points midway between the surfaces, which are unknown if `FLAT`.
+    """
+    world, n = np.empty((2, 4, 3)), np.empty(3)
+    for i in range(len(pairs)):
+        pair = pairs[i]
+        state[i] = FAILED
+        if axis[pair, 0] != axis[pair, 0]:
+            continue
+        for side in range(2):
+            place_shape(places, frame, fixed, sides[pair, side], world[side])
+        axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
+        found, distance[i] = refine_pair(
+            world, sizes, points, first_point, first, neighbour, sides, start, pair, n, middle[i]
+        )
+        if found != FAILED and distance[i] > 0.0:
+            state[i] = found
+            for c in range(3):
+                normal[i, c] = n[c]
+
+
+@kernel(
+    "void(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
+    " i8[:,::1], i8, f8, f8, f8, i8, i8[::1], f8[::1])"
+)
+def _choose_normal(
+    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, first_face: Array,
+    face: Array, planes: Array, sides: Array, start: Array, pair: int, distance: float, bound: float, unit: float,
+    state: int, side_of: Array, n: Array,
+) -> None:  # fmt: skip
+    """Replace the normal of a pair by that of a face, if the separation along it is the distance.
+
+    Where two faces touch, rounding decides which of their normals n is; a fixed choice makes rows steady. It is the
+    face of the first shape, or that of the last call, kept in `side_of[pair]`. Coal's own normal is replaced by that of
+    the nearest face within the error of Coal, which grows as the distance vanishes.
+    """
+    found, chosen, back, along = np.empty((2, 3)), -1, np.empty(3), np.empty(2)
+    for side in range(2):
+        for c in range(3):
+            back[c] = n[c] if side == 0 else -n[c]
+        # climbs to the outermost points
+        separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+        s = sides[pair, side]
+        vertex = start[pair, side] if first_face[first_point[s] + 1] > first_face[first_point[s]] else -1
+        along[side] = facing(world[side], sizes[s], vertex, first_face, face, planes, back, found[side])
+        for c in range(3):
+            found[side, c] = found[side, c] if side == 0 else -found[side, c]
+    if state == COAL:
+        closest = np.cos(min(_ERROR_TOUCHING, _FINE * unit / max(abs(distance), 1e-300) + _ERROR_APART))
+        for side in range(2):
+            if along[side] > closest:
+                closest, chosen = along[side], side
+    else:
+        for turn in range(2):
+            side = turn if side_of[pair] != 1 else 1 - turn
+            if chosen < 0 and along[side] > _SAME_FACE:
+                apart = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, found[side])
+                stays = _STAY if side_of[pair] == side else 1.0
+                if apart >= distance - stays * _EQUAL * bound:
+                    chosen = side
+    side_of[pair] = chosen
+    if chosen >= 0:
+        for c in range(3):
+            n[c] = found[chosen, c]
+
+
+@kernel(
+    "i8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
+    " i8[:,::1], i8, f8, f8, f8, f8[::1], f8[::1], f8[:,::1])"
+)
+def _patch(
+    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, first_face: Array,
+    face: Array, planes: Array, sides: Array, start: Array, pair: int, distance: float, depth: float, bound: float,
+    n: Array, gap: Array, point: Array,
+) -> int:  # fmt: skip
+    """Write the corners of the region that two shapes share along n, and their gaps; return how many.
+
+    Parameters
+    ----------
+    distance, depth, bound : float
+        Signed distance along n, how far below the nearest points others are gathered, and the bounding radius of the
+        smaller shape [m].
+    n : ndarray, shape (3,)
+        The normal from the first shape to the second.
+    gap, point : ndarray, shapes (2 g,) and (2 g, 3) with g = 2 `MOST_GATHERED`
+        Receive gaps, and points midway between the surfaces.
+    """
+    along, across, out, middle = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    within_plane(n, along, across)
+    found, place = np.empty((MOST_GATHERED, 3)), np.empty((MOST_GATHERED, 2))
+    vertices, hulls = np.empty((2, MOST_GATHERED), np.int64), np.empty((2, 2 * MOST_GATHERED, 2))
+    number, corners = np.empty(2, np.int64), np.empty(2, np.int64)
+    height = 0.0
+    for side in range(2):
+        s = sides[pair, side]
+        for c in range(3):
+            out[c] = n[c] if side == 0 else -n[c]
+        begin, number[side] = first_point[s], 0
+        if first_face[begin + 1] > first_face[begin]:
+            count = near_vertices(
+                world[side], points, begin, first_point[s + 1], first, neighbour, start[pair, side], out, depth, found,
+                vertices[side],
+            )  # fmt: skip
+            number[side] = count
+        else:
+            count = near_corners(world[side], sizes[s], out, depth, found)
+        if side == 0:
+            # midway between the surfaces; the point counts where the shapes share no region
+            height = dot(found[0], n) + 0.5 * distance
+            for c in range(3):
+                point[0, c] = found[0, c] + 0.5 * distance * n[c]
+        for i in range(count):
+            place[i, 0], place[i, 1] = dot(found[i], along), dot(found[i], across)
+        corners[side] = convex_hull(place, count, bound, hulls[side])
+    common, scratch = np.empty((len(gap), 2)), np.empty((len(gap), 2))
+    count = common_polygon(hulls[0], corners[0], hulls[1], corners[1], bound, common, scratch)
+    kept = 0
+    for i in range(count):
+        same = False
+        for j in range(kept):
+            same = same or abs(common[j, 0] - common[i, 0]) + abs(common[j, 1] - common[i, 1]) < _SAME_CORNER * bound
+        if same:
+            continue
+        common[kept, 0], common[kept, 1] = common[i, 0], common[i, 1]
+        for c in range(3):
+            middle[c] = common[i, 0] * along[c] + common[i, 1] * across[c] + height * n[c]
+            out[c] = -n[c]
+        a, b = sides[pair, 0], sides[pair, 1]
+        up = leave(world[0], sizes[a], vertices[0], number[0], first_face, face, planes, middle, n)
+        down = leave(world[1], sizes[b], vertices[1], number[1], first_face, face, planes, middle, out)
+        gap[kept] = -(up + down)
+        for c in range(3):
+            point[kept, c] = middle[c] + 0.5 * (up - down) * n[c]
+        kept += 1
+    if kept > FEW_POINTS:
+        chosen = np.empty(kept + 1, np.int64)
+        number_chosen = spread_out(common[:kept], gap[:kept], BESIDE * bound, chosen)
+        for i in range(number_chosen):
+            gap[i] = gap[chosen[i]]
+            for c in range(3):
+                point[i, c] = point[chosen[i], c]
+        kept = number_chosen
+    return kept
+
+
+@kernel("i8(f8[::1], f8[:,::1], i8, f8[::1])")
+def _one_of_each_line(gap: Array, point: Array, count: int, line: Array) -> int:
+    """Keep the first of the points on each line along a direction; return how many."""
+    kept = np.empty(count, np.int64)
+    number = first_of_lines(point[:count], line, kept)
+    for i in range(number):
+        gap[i] = gap[kept[i]]
+        for c in range(3):
+            point[i, c] = point[kept[i], c]
+    return number
+
+
+@kernel(
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], i8[::1], i8[::1], f8, f8[::1], f8[:,::1],"
+    " f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1])"
+)
+def write_contacts(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, bound: Array,
+    unit: Array, flat_pair: Array, line: Array, side_of: Array, pairs: Array, tolerance: float, distance: Array,
+    normal: Array, middle: Array, state: Array, count: Array, gap: Array, point: Array,
+) -> int:  # fmt: skip
+    """Write the contact points of some pairs, pair after pair.
+
+    Parameters
+    ----------
+    bound, unit : ndarray, shape (n,)
+        Of each pair the bounding radius of the smaller shape, and the unit in which Coal measures it [m].
+    flat_pair : ndarray of bool, shape (n,)
+        Whether the two shapes of a pair can share more than one point.
+    line : ndarray, shape (3,)
+        Of contact points on one line along this direction the first is kept; zero if all are.
+    side_of : ndarray of int, shape (n,)
+        The side of each pair whose face gave the last normal, -1 for none; written.
+    tolerance : float
+        The distance up to which all points of contact are wanted [m]; beyond it, the nearest one.
+    distance, normal, middle, state : ndarray, shapes (p,), (p, 3), (p, 3), (p,)
+        Of these pairs. `normal` receives the normals of faces, and `middle`, where it is `FLAT`, the middle of the
+        region that the shapes share.
+    count : ndarray of int, shape (p,)
+        Receives how many contact points each pair has.
+    gap, point : ndarray, shapes (r,) and (r, 3)
+        Receive gaps, and points midway between the surfaces.
+
+    Returns
+    -------
+    int
+        How many contact points there are; -1 if there is no room for them.
+    """
+    world, total = np.empty((2, 4, 3)), 0
+    gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
+    for i in range(len(pairs)):
+        pair, number = pairs[i], 0
+        near, flat, known = distance[i] <= tolerance, flat_pair[pair], state[i] != FLAT
+        if near or (flat and not known):
+            for side in range(2):
+                place_shape(places, frame, fixed, sides[pair, side], world[side])
+            if near:
+                _choose_normal(
+                    world, sizes, points, first_point, first, neighbour, first_face, face, planes, sides, start, pair,
+                    distance[i], bound[pair], unit[pair], state[i], side_of, normal[i],
+                )  # fmt: skip
+        if (near or not known) and flat:
+            depth = max(tolerance - distance[i], 0.0) if near else 0.0
+            number = _patch(
+                world, sizes, points, first_point, first, neighbour, first_face, face, planes, sides, start, pair,
+                distance[i], depth + _DEPTH * bound[pair], bound[pair], normal[i], gaps, corners,
+            )  # fmt: skip
+        deepest = np.inf
+        for j in range(number):
+            # no point is deeper than the penetration depth: what exceeds it is rounding
+            gaps[j] = max(gaps[j], distance[i])
+            deepest = min(deepest, gaps[j])
+        if flat and not known:
+            # any point of the shared region is as near; its middle moves steadily
+            share = 0.0
+            for j in range(max(number, 1)):
+                if number == 0 or gaps[j] <= deepest + _CORNER * bound[pair]:
+                    share += 1.0
+                    for c in range(3):
+                        before = middle[i, c] if share > 1.0 else 0.0
+                        middle[i, c] = before + (corners[j, c] - before) / share
+        if not near:
+            number, deepest = 0, np.inf
+        if number and dot(line, line) > 0.0:
+            number = _one_of_each_line(gaps, corners, number, line)
+        if total + number + 1 > len(gap):
+            return -1
+        first_row = total
+        # where edges cross, the deepest point may be none of the corners: it is a row of its own
+        if number == 0 or deepest > distance[i] + _CORNER * bound[pair]:
+            gap[total] = distance[i]
+            for c in range(3):
+                point[total, c] = middle[i, c]
+            total += 1
+        for j in range(number):
+            gap[total] = gaps[j]
+            for c in range(3):
+                point[total, c] = corners[j, c]
+            total += 1
+        count[i] = total - first_row
+    return total
