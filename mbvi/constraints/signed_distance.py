@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import frexp
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
 
 from ..errors import MbviError
-from ..geometry.pair_contacts import COAL, distances_from_axes, write_contacts
+from ..geometry.pair_contacts import COAL, distances_from_axes, distances_from_normals, write_contacts
 from ..geometry.polyhedron_overlap import overlap
 from ..geometry.refined_distance import FAILED, UNIQUE, refined
 from ..geometry.separating_axis import SeparatingAxes
@@ -26,8 +26,6 @@ _FINE, _ROBUST = 1e-9, 1e-6
 # lengths below are relative to the bounding radius of the smaller shape
 # how much deeper the fine answer may be than the robust one
 _AGREEMENT = 1e-4
-# stands for the contact point where the distance is only a lower bound
-_NO_POINT = np.zeros(3)
 # by how much a refined distance may be below Coal's
 _REFINED = 1e-5
 # contact points of a pair for which there is room at first
@@ -35,25 +33,6 @@ _ROOM = 16
 # placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
 # rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
-
-
-class _Measurement(NamedTuple):
-    """The last measurement of a pair: the placements of its bodies as bytes, and its contacts.
-
-    `patched` is whether all points of contact were computed. If `rough` is True, the gap is only a lower bound.
-    """
-
-    where: bytes
-    patched: bool
-    rough: bool
-    gap: Array
-    point: Array
-    normal: Array
-
-    def is_valid(self, where: bytes, tolerance: float, rough: bool) -> bool:
-        """Return whether the bodies have not moved, and a new measurement would give the same."""
-        near = self.gap.min() <= tolerance
-        return self.where == where and self.patched == near and (rough or not self.rough)
 
 
 class SignedDistances(Pairs):
@@ -88,7 +67,8 @@ class SignedDistances(Pairs):
     ) -> None:
         super().__init__(system, first, second, names, restitution)
         self._at_rest = at_rest
-        self._kept: dict[int, _Measurement] = {}
+        # the last pairs, tolerance and placements of their bodies, and the contacts found
+        self._last: tuple[tuple[bytes, float, bool, bytes], Contacts] | None = None
         placed = {s.name: s for s in (*first, *second)}
         self._placed = list(placed.values())
         number = {name: k for k, name in enumerate(placed)}
@@ -119,7 +99,7 @@ class SignedDistances(Pairs):
         self._sizes = np.array(self._bound), np.array(self._unit)
         self._both = both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
-        self._frames = [[frame for frame in self._axes.frame[list(s)].tolist() if frame >= 0] for s in self._sides]
+        self._frame_of = self._axes.frame.tolist()
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._bounds = np.empty(len(self._sides))
         self._closed_form = SphereCapsulePairs(self._placed, self._axes.frame, both)
@@ -173,11 +153,11 @@ class SignedDistances(Pairs):
         near = self._lower_bound(q, pairs) <= travel if pairs.size else np.zeros(0, bool)
         return pairs[near], travel[near], thickness[near]
 
-    def _place(self, places: Array, pairs: list[int]) -> None:
-        """Set the poses of the shapes of some pairs by the placements of their bodies."""
-        for k in {scaled for pair in pairs for scaled in self._scaled_sides[pair]}:
+    def _place(self, places: Array, pair: int) -> None:
+        """Set the poses of the two shapes of a pair by the placements of their bodies."""
+        for k in self._scaled_sides[pair]:
             side, unit = self._scaled[k]
-            placed, frame = self._placed[side], self._axes.frame.item(side)
+            placed, frame = self._placed[side], self._frame_of[side]
             if frame >= 0:
                 turn = places[frame, :3].T
                 self._pose[k].setTransform(turn @ placed.rotation, (turn @ placed.position + places[frame, 3]) / unit)
@@ -191,49 +171,29 @@ class SignedDistances(Pairs):
                 self._axes.keep(places, pairs, found[2])
                 return Contacts(pairs, *found)
         if not self._at_rest:
-            return self._measure(places, pairs, tolerance, rough)[0]
+            return self._measure(places, pairs, tolerance, rough)
         places = np.round(places * self._grid)
         places *= self._cell
-        where = {k: places[self._frames[k]].tobytes() for k in pairs.tolist()}
-        kept = self._kept
-        moved = [k for k, at in where.items() if k not in kept or not kept[k].is_valid(at, tolerance, rough)]
-        contacts = None
-        if moved:
-            contacts, counts, lower = self._measure(places, np.array(moved), tolerance, rough)
-            end = 0
-            for k, count, bound in zip(moved, counts.tolist(), lower, strict=True):
-                rows = slice(end, end + count)
-                end += count
-                gap = contacts.gap[rows]
-                near = bool(gap.min() <= tolerance)
-                kept[k] = _Measurement(where[k], near, bound, gap, contacts.point[rows], contacts.normal[rows])
-        if contacts is not None and len(moved) == len(where):
-            return contacts
-        parts = [kept[k] for k in where]
-        return Contacts(
-            np.repeat(pairs, [len(part.gap) for part in parts]),
-            np.concatenate([part.gap for part in parts]),
-            np.concatenate([part.point for part in parts]),
-            np.concatenate([part.normal for part in parts]),
-        )
+        # of bodies of the world the last placement is taken, which does no harm
+        where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._both[pairs]]].tobytes()
+        if self._last is None or self._last[0] != where:
+            self._last = where, self._measure(places, pairs, tolerance, rough)
+        return self._last[1]
 
-    def _measure(
-        self, places: Array, pairs: Array, tolerance: float, rough: bool
-    ) -> tuple[Contacts, Array, list[bool]]:
-        """Return the contacts of some pairs, how many each has, and whose gap is only a lower bound."""
+    def _measure(self, places: Array, pairs: Array, tolerance: float, rough: bool) -> Contacts:
+        """Return the contacts of some pairs; see `_measure_all`."""
         axes, n = self._axes, len(pairs)
         distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
-        state, count, lower = np.empty(n, np.int64), np.empty(n, np.int64), [False] * n
-        distances_from_axes(
-            places, *axes.shapes[:7], axes.sides, axes.start, axes.axis, pairs, distance, normal, middle, state
-        )
-        for i in (state == FAILED).nonzero()[0].tolist():
-            k = pairs.item(i)
-            self._place(places, [k])
-            distance[i], normal[i], middle[i], state[i] = self._refined_distance(
-                k, places, tolerance if rough else np.inf
-            )
-            lower[i] = rough and distance.item(i) > tolerance
+        state, count = np.empty(n, np.int64), np.empty(n, np.int64)
+        search = places, *axes.shapes[:7], axes.sides, axes.start
+        distances_from_axes(*search, axes.axis, pairs, distance, normal, middle, state)
+        if (state == FAILED).any():
+            unknown = (state == FAILED).nonzero()[0]
+            least = self._ask_coal(places, pairs, unknown.tolist(), distance, normal)
+            enough = tolerance if rough else np.inf
+            distances_from_normals(*search, pairs, unknown, least, enough, distance, normal, middle, state)
+            for i in (state == FAILED).nonzero()[0].tolist():
+                distance[i], normal[i], middle[i], state[i] = self._refined_distance(pairs.item(i), places)
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:
@@ -245,15 +205,31 @@ class SignedDistances(Pairs):
             if total >= 0:
                 break
             room *= 4
-        contacts = Contacts(np.repeat(pairs, count), gap[:total], point[:total], np.repeat(normal, count, axis=0))
-        return contacts, count, lower
+        return Contacts(np.repeat(pairs, count), gap[:total], point[:total], np.repeat(normal, count, axis=0))
 
-    def _refined_distance(self, k: int, places: Array, enough: float = np.inf) -> tuple[float, Array, Array, int]:
+    def _ask_coal(self, places: Array, pairs: Array, unknown: list[int], distance: Array, normal: Array) -> Array:
+        """Write Coal's distances and normals of some of the pairs; return lower bounds of their distances."""
+        request, result = self._requests[1], self._results[1]
+        error = np.empty(len(unknown))
+        for j, i in enumerate(unknown):
+            k = pairs.item(i)
+            self._place(places, k)
+            a, b = self._scaled_sides[k]
+            result.clear()
+            distance[i] = self._distance[k](self._pose[a], self._pose[b], request, result) * self._unit[k]
+            normal[i] = result.normal
+            # for a ball in a cylinder Coal is wrong, so that its answer must not be refined
+            wrong = self._sphere_cylinder[k] and distance.item(i) < 0.0
+            error[j] = np.nan if wrong else _REFINED * self._bound[k]
+        return error
+
+    def _refined_distance(self, k: int, places: Array) -> tuple[float, Array, Array, int]:
         """Return signed distance, unit normal, midpoint and state of one pair; see `geometry.pair_contacts`.
 
         The refinement starts from Coal's normal: at the robust tolerance first, then at the fine one. If both fail,
-        Coal's own answer is returned. Of a distance beyond `enough` a lower bound is returned, without a midpoint.
+        Coal's own answer is returned.
         """
+        self._place(places, k)
         a, b = self._scaled_sides[k]
         unit, (fine, robust), (result, second) = self._unit[k], self._requests, self._results
         for request in (robust, fine):
@@ -262,8 +238,6 @@ class SignedDistances(Pairs):
             if distance < 0.0 and self._sphere_cylinder[k]:
                 return *self._ball_at_cylinder(k), UNIQUE
             normal = np.array(second.normal)
-            if distance > enough + 2.0 * _REFINED * self._bound[k]:
-                return distance - _REFINED * self._bound[k], normal, _NO_POINT, COAL
             found, exact, point = refined(self._axes, places, k, normal)
             if found != FAILED and exact >= distance - _REFINED * self._bound[k]:
                 return exact, normal, point, found

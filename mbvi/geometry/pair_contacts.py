@@ -78,6 +78,48 @@ def distances_from_axes(
 
 
 @kernel(
+    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
+    " i8[::1], i8[::1], f8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
+)
+def distances_from_normals(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, sides: Array, start: Array, pairs: Array, asked: Array, error: Array, enough: float,
+    distance: Array, normal: Array, middle: Array, state: Array,
+) -> None:  # fmt: skip
+    """Refine approximate distances and normals of some pairs.
+
+    Parameters
+    ----------
+    asked : ndarray of int, shape (a,)
+        The places in `pairs` of those that are meant.
+    error : ndarray, shape (a,)
+        By how much a refined distance may be below the approximate one [m]; if it is more, the state is `FAILED`.
+    enough : float
+        Of a distance beyond it a lower bound is enough, less the error [m]; its midpoint is not computed.
+    distance, normal : ndarray, shapes (p,), (p, 3)
+        Approximate; receive the refined ones where these are found.
+    middle : ndarray, shape (p, 3)
+        Receives the points midway between the surfaces, which are unknown if `FLAT`.
+    """
+    world, n, point = np.empty((2, 4, 3)), np.empty(3), np.empty(3)
+    for j in range(len(asked)):
+        i = asked[j]
+        pair = pairs[i]
+        if distance[i] > enough + 2.0 * error[j]:
+            distance[i], state[i] = distance[i] - error[j], COAL
+            continue
+        for side in range(2):
+            place_shape(places, frame, fixed, sides[pair, side], world[side])
+        for c in range(3):
+            n[c] = normal[i, c]
+        found, exact = refine_pair(world, sizes, points, first_point, first, neighbour, sides, start, pair, n, point)
+        if found != FAILED and exact >= distance[i] - error[j]:
+            distance[i], state[i] = exact, found
+            for c in range(3):
+                normal[i, c], middle[i, c] = n[c], point[c]
+
+
+@kernel(
     "void(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
     " i8[:,::1], i8, f8, f8, f8, i8, i8[::1], f8[::1])"
 )

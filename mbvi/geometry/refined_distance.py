@@ -28,7 +28,7 @@ from .kinks import (
     release,
     turn_onto,
 )
-from .normal_search import climb, dot, gradient, separation_along
+from .normal_search import climb, dot, gradient, normalise, separation_along
 from .separating_axis import SeparatingAxes, place_shape, separation
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
@@ -37,6 +37,8 @@ _MOST_SETS, _MOST_TRIED = 40, 8
 _ABOUT = 1.0 - 1e-4
 # vertices of a large hull among which a maximum is looked for, and how often others are taken
 _GATHERED, _MOST_GATHERS = 40, 6
+# normals are rounded to multiples of one over this, to begin the search once more
+_ROUNDED = 2.0**20
 # results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
 
@@ -282,6 +284,7 @@ def refine_pair(
     of_first = np.empty(max(first_point[a + 1] - first_point[a], 1), np.int64)
     of_second = np.empty(max(first_point[b + 1] - first_point[b], 1), np.int64)
     whole = first[first_point[a] + 1] == first[first_point[a]] and first[first_point[b] + 1] == first[first_point[b]]
+    found, apart, repeated = FAILED, 0.0, False
     for _ in range(_MOST_GATHERS):
         m = _around(
             points, first_point[a], first_point[a + 1], first, neighbour, world[0], n, 1.0, start[pair, 0], of_first
@@ -289,12 +292,20 @@ def refine_pair(
         k = _around(
             points, first_point[b], first_point[b + 1], first, neighbour, world[1], n, -1.0, start[pair, 1], of_second
         )
-        result, apart = _maximise(world, sizes[a], sizes[b], points, of_first[:m], of_second[:k], n, nearest)
-        if whole or result == FAILED:
-            return result, apart
-        full = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+        found, apart = _maximise(world, sizes[a], sizes[b], points, of_first[:m], of_second[:k], n, nearest)
+        if found == FAILED:
+            return FAILED, 0.0
+        full = apart
+        if not whole:
+            full = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         if full >= apart - ROUNDING * (size + abs(apart)):
-            return result, apart
+            if repeated:
+                return found, apart
+            # the search is repeated from a rounded normal: the last digits then do not depend on where it began
+            repeated = True
+            for c in range(3):
+                n[c] = np.round(n[c] * _ROUNDED) / _ROUNDED
+            normalise(n)
     return FAILED, 0.0
 
 

@@ -92,7 +92,6 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
 
 def measured(contacts, q):
     places = contacts.system.placements(q, contacts._axes.bodies)
-    contacts._place(places, np.array([0]))
     return contacts._refined_distance(0, places)
 
 
