@@ -13,7 +13,7 @@ from ..errors import MbviError
 from ..geometry.pair_contacts import COAL, distances_from_axes, distances_from_normals, write_contacts
 from ..geometry.polyhedron_overlap import overlap
 from ..geometry.refined_distance import FAILED, UNIQUE, refined
-from ..geometry.separating_axis import SeparatingAxes
+from ..geometry.separating_axis import SeparatingAxes, place_shape
 from ..geometry.shapes import Box, Cylinder, Hull, PlacedShape, Sphere, length_unit
 from ..geometry.sphere_capsule import SphereCapsulePairs, out_of_cylinder
 from ..system import System
@@ -99,7 +99,6 @@ class SignedDistances(Pairs):
         self._sizes = np.array(self._bound), np.array(self._unit)
         self._both = both = np.array(self._sides, dtype=np.int64).reshape(-1, 2)
         self._axes = SeparatingAxes(self._placed, both)
-        self._frame_of = self._axes.frame.tolist()
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._bounds = np.empty(len(self._sides))
         self._closed_form = SphereCapsulePairs(self._placed, self._axes.frame, both)
@@ -107,10 +106,12 @@ class SignedDistances(Pairs):
         self.smooth: Array = self._closed_form.closed_form
         self._is_smooth = self.smooth.tolist().__getitem__
         self._pose = [coal.Transform3s() for _ in self._scaled]
-        for (side, unit), pose in zip(self._scaled, self._pose, strict=True):
-            placed_shape = self._placed[side]
-            if placed_shape.body == 0:
-                pose.setTransform(placed_shape.rotation, placed_shape.position / unit)
+        # side, scaled side and unit of the two shapes of each pair
+        self._posed = [
+            [(*one, unit) for one in zip(sides, scaled_sides, strict=True)]
+            for sides, scaled_sides, unit in zip(self._sides, self._scaled_sides, self._unit, strict=True)
+        ]
+        self._world = np.empty((4, 3))
 
     def _coal(self, placed: PlacedShape, unit: float) -> Any:
         return placed.shape.coal(unit)
@@ -155,12 +156,9 @@ class SignedDistances(Pairs):
 
     def _place(self, places: Array, pair: int) -> None:
         """Set the poses of the two shapes of a pair by the placements of their bodies."""
-        for k in self._scaled_sides[pair]:
-            side, unit = self._scaled[k]
-            placed, frame = self._placed[side], self._frame_of[side]
-            if frame >= 0:
-                turn = places[frame, :3].T
-                self._pose[k].setTransform(turn @ placed.rotation, (turn @ placed.position + places[frame, 3]) / unit)
+        for side, scaled, unit in self._posed[pair]:
+            place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, self._world)
+            self._pose[scaled].setTransform(self._world[:3].T, self._world[3] / unit)
 
     def _measure_all(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
         """Return the contacts of some pairs; if `rough`, gaps beyond the tolerance are lower bounds."""

@@ -19,10 +19,11 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .faces import FACING
 from .hull_graph import outermost
 from .normal_search import dot
 
+# least cosine of a line with the normal of a face through which it leaves: others are nearly parallel to it
+FACING = 0.1
 # points gathered of one shape at most
 MOST_GATHERED = 96
 # directions in which the rim of a disk has fixed points
@@ -108,11 +109,11 @@ def near_corners(place: Array, sizes: Array, n: Array, depth: float, found: Arra
     return count
 
 
-@kernel("f8(f8, f8, f8, f8, f8, f8, f8)")
-def _leave_ball(x: float, y: float, z: float, u: float, v: float, w: float, radius: float) -> float:
-    """Return the distance from a point to where a line along the unit vector (u, v, w) leaves a ball about 0 [m]."""
-    along = x * u + y * v + z * w
-    return np.sqrt(max(along * along - x * x - y * y - z * z + radius * radius, 0.0)) - along
+@kernel("f8(f8[::1], f8[::1], f8)")
+def _leave_ball(point: Array, direction: Array, radius: float) -> float:
+    """Return the distance from a point to where a line along a unit vector leaves a ball about 0 [m]."""
+    along = dot(point, direction)
+    return np.sqrt(max(along * along - dot(point, point) + radius * radius, 0.0)) - along
 
 
 @kernel("f8(f8[:,::1], f8[::1], i8[::1], i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8[::1])")
@@ -138,15 +139,20 @@ def leave(
                 length = min(length, (plane[3] - plane[0] * x - plane[1] * y - plane[2] * z) / slope)
     if count:
         return length
+    local, way = np.empty(3), np.empty(3)
     if sizes[3] > 0.0:
         # a capsule, seen from the nearest point of its axis
-        return _leave_ball(x, y, z - min(max(z, -sizes[2]), sizes[2]), u, v, w, sizes[3])
+        local[0], local[1], local[2] = x, y, z - min(max(z, -sizes[2]), sizes[2])
+        way[0], way[1], way[2] = u, v, w
+        return _leave_ball(local, way, sizes[3])
     if abs(w) > FACING:
         length = min(length, (sizes[2] - np.sign(w) * z) / abs(w))
     if sizes[4] > 0.0:
         across = np.sqrt(u * u + v * v)
         if across > FACING:
-            length = min(length, _leave_ball(x, y, 0.0, u / across, v / across, 0.0, sizes[4]) / across)
+            local[0], local[1], local[2] = x, y, 0.0
+            way[0], way[1], way[2] = u / across, v / across, 0.0
+            length = min(length, _leave_ball(local, way, sizes[4]) / across)
         return length
     if abs(u) > FACING:
         length = min(length, (sizes[0] - np.sign(u) * x) / abs(u))

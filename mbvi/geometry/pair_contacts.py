@@ -21,7 +21,7 @@ from .contact_patch import MOST_GATHERED, facing, leave, near_corners, near_vert
 from .convex_polygon import common_polygon, convex_hull
 from .normal_search import dot
 from .refined_distance import FAILED, FLAT, refine_pair
-from .separating_axis import axis_in_world, place_shape, separation
+from .separating_axis import axis_in_world, pair_separation, place_shape
 from .spread import BESIDE, FEW_POINTS, spread_out
 from .support_points import within_plane
 
@@ -139,7 +139,7 @@ def _choose_normal(
         for c in range(3):
             back[c] = n[c] if side == 0 else -n[c]
         # climbs to the outermost points
-        separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+        pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         s = sides[pair, side]
         vertex = start[pair, side] if first_face[first_point[s] + 1] > first_face[first_point[s]] else -1
         along[side] = facing(world[side], sizes[s], vertex, first_face, face, planes, back, found[side])
@@ -154,7 +154,9 @@ def _choose_normal(
         for turn in range(2):
             side = turn if side_of[pair] != 1 else 1 - turn
             if chosen < 0 and along[side] > _SAME_FACE:
-                apart = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, found[side])
+                apart = pair_separation(
+                    world, sizes, points, first_point, first, neighbour, sides, start, pair, found[side]
+                )
                 stays = _STAY if side_of[pair] == side else 1.0
                 if apart >= distance - stays * _EQUAL * bound:
                     chosen = side

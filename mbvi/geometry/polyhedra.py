@@ -10,7 +10,6 @@ import coal
 import numpy as np
 
 from ..errors import InputError
-from .faces import leave
 
 Array = np.ndarray
 
@@ -40,10 +39,6 @@ class Polyhedron:
     def support_points(self) -> tuple[Array, Array, float]:
         """Return the vertices, fixed points without a ball; see `Sphere.support_points`."""
         return self.vertices, np.zeros(self.vertices.shape), 0.0
-
-    def exit(self, points: Array, direction: Array) -> Array:
-        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
-        return leave(points, direction, self.faces)
 
 
 @dataclass(frozen=True)

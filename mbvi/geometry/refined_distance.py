@@ -29,7 +29,7 @@ from .kinks import (
     turn_onto,
 )
 from .normal_search import climb, dot, gradient, normalise, separation_along
-from .separating_axis import SeparatingAxes, place_shape, separation
+from .separating_axis import SeparatingAxes, pair_separation, place_shape
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
 _MOST_SETS, _MOST_TRIED = 40, 8
@@ -297,7 +297,7 @@ def refine_pair(
             return FAILED, 0.0
         full = apart
         if not whole:
-            full = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+            full = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         if full >= apart - ROUNDING * (size + abs(apart)):
             if repeated:
                 return found, apart

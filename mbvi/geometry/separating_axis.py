@@ -164,7 +164,7 @@ def reach(
 
 
 @kernel("f8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8, f8[::1])")
-def separation(
+def pair_separation(
     world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, sides: Array,
     start: Array, pair: int, n: Array,
 ) -> float:  # fmt: skip
@@ -233,7 +233,7 @@ def _clear(
             for side in range(2):
                 place_shape(places, frame, fixed, sides[pair, side], world[side])
             axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
-            gap = separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+            gap = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         if gap > tolerance:
             bound[pair] = gap
         else:

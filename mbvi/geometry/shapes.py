@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from math import frexp
 from typing import Any
 
 import coal
 import numpy as np
 
-from .faces import FACING
 from .hull_graph import FEW_VERTICES, neighbours, no_graph
 from .motion import Motion
 from .polyhedra import Box, Hull
@@ -116,12 +114,6 @@ class Capsule:
         """Return the ends of the axis and the radius; see `Sphere.support_points`."""
         return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * self.length, np.zeros((2, 3)), self.radius
 
-    def exit(self, points: Array, direction: Array) -> Array:
-        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
-        z = np.clip(points[:, 2], -0.5 * self.length, 0.5 * self.length)
-        from_axis = points - z[:, None] * np.array([0.0, 0.0, 1.0])
-        return _leave_ball(from_axis, direction, self.radius)
-
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
         r, length = self.radius, self.length
@@ -162,34 +154,10 @@ class Cylinder:
         half_axes = np.concatenate([np.zeros(fixed.shape), rim, rim])
         return np.concatenate([fixed, [-end, end]]), half_axes, 0.0
 
-    @cached_property
-    def faces(self) -> tuple[Array, Array]:
-        """Outward normals of the two ends, shape (2, 3), and their offsets, shape (2,)."""
-        return np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]), np.full(2, 0.5 * self.length)
-
-    def exit(self, points: Array, direction: Array) -> Array:
-        """Return the distance from each point, shape (k, 3), to where a line leaves the shape, shape (k,) [m]."""
-        length = np.full(len(points), np.inf)
-        if abs(direction[2]) > FACING:
-            length = (0.5 * self.length - np.sign(direction[2]) * points[:, 2]) / abs(direction[2])
-        across = np.hypot(direction[0], direction[1])
-        if across > FACING:
-            flat = points * np.array([1.0, 1.0, 0.0])
-            unit = np.array([direction[0], direction[1], 0.0]) / across
-            length = np.minimum(length, _leave_ball(flat, unit, self.radius) / across)
-        return length
-
     def inertia(self, mass: float) -> Array:
         """Return the inertia about the centre, shape (3, 3) [kg m^2]."""
         side = mass * (self.length**2 / 12 + self.radius**2 / 4)
         return np.diag([side, side, 0.5 * mass * self.radius**2])
-
-
-def _leave_ball(points: Array, direction: Array, radius: float) -> Array:
-    """Return the distances from points, shape (k, 3), to where lines along a unit vector leave a ball about 0."""
-    along = points @ direction
-    inside = along**2 - (points**2).sum(axis=1) + radius**2
-    return np.sqrt(np.maximum(inside, 0.0)) - along
 
 
 def length_unit(sizes: Iterable[float]) -> float:

@@ -14,6 +14,7 @@ from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 from support.paths import ROBOTS
+from support.plain.exits import exit_from
 
 TETRAHEDRON = Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]], dtype=float))
 SHAPES = [
@@ -308,7 +309,7 @@ def test_a_line_across_a_face_leaves_the_shape_where_it_ends(shape, face, rng):
         direction = np.array(face) + 1e-3 * rng.normal(size=3)
         direction /= np.linalg.norm(direction)
         point = 0.02 * rng.normal(size=3)
-        way = shape.exit(point[None], direction)[0]
+        way = exit_from(shape, point[None], direction)[0]
         assert contains(shape, (point + (way - 2e-5) * direction)[None]).all()
         assert not contains(shape, (point + (way + 2e-5) * direction)[None]).any()
 
@@ -350,7 +351,7 @@ def test_axes_of_faces_and_edges_give_the_depth_that_coal_gives(seed):
     # half the depth from the one's surface, and from the other's
     inside = [(point - place[3]) @ place[:3].T for place in places]
     for shape, place, here, way in zip((a, b), places, inside, (normal, -normal), strict=True):
-        assert shape.exit(here[None], place[:3] @ way)[0] == pytest.approx(-0.5 * distance, abs=1e-9)
+        assert exit_from(shape, here[None], place[:3] @ way)[0] == pytest.approx(-0.5 * distance, abs=1e-9)
 
 
 def separation_of_boxes(size, pose):

@@ -1,5 +1,7 @@
 """Signed distances are local maxima of the separation along a normal, to rounding, at any unit of length."""
 
+import copy
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from mbvi.geometry import refined_distance
-from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined, separated
-from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined
+from mbvi.geometry.separating_axis import SeparatingAxes, pair_separation
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 from support.distance_kernel_arguments import SHAPES, rotation, unit
-from support.plain.separating_axis import _compose, _reach_plain
+from support.plain.separating_axis import _compose, reach_plain
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
 BODIES = np.array([0, 1])
@@ -21,6 +23,12 @@ def placed(a, b, where_a, where_b):
     shapes = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
     places = np.array([np.vstack([R.T, p]) for R, p in (where_a, where_b)])
     return SeparatingAxes(shapes, BODIES[None]), places
+
+
+def separated(axes, places, n):
+    """The separation of the only pair along a unit vector."""
+    world = np.array([_compose(place, fixed) for place, fixed in zip(places, axes.shapes.fixed, strict=True)])
+    return pair_separation(world, *axes.shapes[2:7], axes.sides, axes.start, 0, n)
 
 
 def touching(a, b, rng, gap):
@@ -39,7 +47,7 @@ def largest(axes, places, start):
 
     def lost(u):
         n = u / np.linalg.norm(u)
-        return -separated(axes, places, BODIES, n)
+        return -separated(axes, places, n)
 
     best = min((start + 0.3 * d for d in DIRECTIONS), key=lost)
     return -lost(best)
@@ -55,21 +63,21 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
     for _ in range(3):
         axes, places, towards = touching(a, b, rng, gap)
         normal = minimize(
-            lambda u, axes=axes, places=places: -separated(axes, places, BODIES, u / np.linalg.norm(u)), towards,
+            lambda u, axes=axes, places=places: -separated(axes, places, u / np.linalg.norm(u)), towards,
             method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9},
         ).x  # fmt: skip
         normal /= np.linalg.norm(normal)
-        given_d = separated(axes, places, BODIES, normal)
-        result, distance, point = refined(axes, places, BODIES, normal)
+        given_d = separated(axes, places, normal)
+        result, distance, point = refined(axes, places, 0, normal)
         if result == FAILED:
             continue
         found += 1
         assert distance >= given_d - 1e-12
-        assert separated(axes, places, BODIES, normal) == pytest.approx(distance, abs=1e-14)
+        assert separated(axes, places, normal) == pytest.approx(distance, abs=1e-14)
         for size in 10.0 ** -np.arange(2, 9):
             for _ in range(5):
                 other = normal + size * rng.normal(size=3)
-                assert separated(axes, places, BODIES, other / np.linalg.norm(other)) <= distance + 1e-14
+                assert separated(axes, places, other / np.linalg.norm(other)) <= distance + 1e-14
         if result == UNIQUE:
             # half the distance from either surface, along the normal
             for side, sign in ((0, 1.0), (1, -1.0)):
@@ -79,9 +87,11 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
 
 
 def reach_of(axes, places, side, u):
-    _, fixed, sizes, points, first = axes.supports
-    world = _compose(places[side], fixed[side])
-    return _reach_plain(world, u, sizes[side], points, first[side], first[side + 1])
+    shapes = axes.shapes
+    world, ends = _compose(places[side], shapes.fixed[side]), map(int, shapes.first_point[side : side + 2])
+    return reach_plain(
+        world, u, shapes.sizes[side], shapes.points, *ends, shapes.first, shapes.neighbour, axes.start.copy(), 0, side
+    )
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))
@@ -91,12 +101,12 @@ def test_lengths_of_a_power_of_two_give_the_same_bytes(seed, exponent):
     axes, places, towards = touching(a, b, rng, -0.01)
     s = 2.0**exponent
     first = towards.copy()
-    result = refined(axes, places, BODIES, first)
-    frame, fixed, sizes, points, starts = axes.supports
-    scaled = SeparatingAxes.__new__(SeparatingAxes)
-    scaled.supports = frame, fixed * np.array([1.0, 1.0, 1.0, s])[:, None], s * sizes, s * points, starts
+    result = refined(axes, places, 0, first)
+    scaled, shapes = copy.copy(axes), axes.shapes
+    lengths = np.array([1.0, 1.0, 1.0, s])[:, None]
+    scaled.shapes = shapes._replace(fixed=shapes.fixed * lengths, sizes=s * shapes.sizes, points=s * shapes.points)
     second = towards.copy()
-    again = refined(scaled, places * np.array([1.0, 1.0, 1.0, s])[:, None], BODIES, second)
+    again = refined(scaled, places * np.array([1.0, 1.0, 1.0, s])[:, None], 0, second)
     assert result[0] == again[0]
     if result[0] != FAILED:
         np.testing.assert_array_equal(first, second)
@@ -111,7 +121,7 @@ def check_exact(a, b, where_b, distance, normal, point, start=(0.1, 0.05, 1.0)):
     (first, where_a) = at_origin(a)
     axes, places = placed(first, b, where_a, (np.eye(3), np.array(where_b)))
     n = np.array(start) / np.linalg.norm(start)
-    result, found, at = refined(axes, places, BODIES, n)
+    result, found, at = refined(axes, places, 0, n)
     assert result == (FLAT if point is None else UNIQUE)
     assert found == pytest.approx(distance, abs=1e-15)
     np.testing.assert_allclose(n, normal, rtol=0, atol=1e-15)
@@ -144,7 +154,7 @@ def test_a_wrong_start_is_told():
         Sphere(0.1), Box((1.0, 1.0, 1.0)), (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0, 0, 2.0]))
     )
     for wrong in (np.zeros(3), np.full(3, np.nan)):
-        assert refined(axes, places, BODIES, wrong)[0] == FAILED
+        assert refined(axes, places, 0, wrong)[0] == FAILED
     assert refined_distance._MOST_SETS > 10
 
 
@@ -169,7 +179,7 @@ def test_boxes_that_turned_about_a_common_edge_direction(exponent, gap, side, wi
     up = R[:, 2] if wide_first else -R[:, 2]
     for start in (up, R @ turn @ R.T @ up):
         normal = start.copy()
-        result, distance, _ = refined(axes, places, BODIES, normal)
+        result, distance, _ = refined(axes, places, 0, normal)
         assert result == FLAT
         assert distance == pytest.approx(gap, abs=1e-14)
         np.testing.assert_allclose(normal, up, atol=1e-12)

@@ -4,13 +4,13 @@ import numpy as np
 
 from mbvi.geometry import kinks, refined_distance
 from mbvi.geometry import normal_search as search
-from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.separating_axis import SeparatingAxes, place_shape
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
 SHAPES = [
     Sphere(0.2), Box((0.3, 0.4, 0.2)), Ellipsoid((0.3, 0.2, 0.1)), Capsule(0.1, 0.4), Cylinder(0.15, 0.3),
-    Hull(0.2 * CORNERS),
+    Hull(0.2 * CORNERS), Hull(np.random.default_rng(3).normal(size=(60, 3)) @ np.diag([0.1, 0.08, 0.05])),
 ]  # fmt: skip
 
 
@@ -39,16 +39,22 @@ def axes_of(rng):
     return axes, places
 
 
+def world_of(axes, places):
+    world = np.empty((2, 4, 3))
+    for side in (0, 1):
+        place_shape(places, axes.frame, axes.shapes.fixed, side, world[side])
+    return world
+
+
 def supports(rng):
     """Two shapes: where they are, and the arguments of `_describe` that follow, one list for each."""
     axes, places = axes_of(rng)
-    world, first = np.empty((2, 4, 3)), axes._first_point
-    refined_distance._place_pair(places, axes.frame, axes._fixed, np.array([0, 1]), world)
-    edge, swell = np.zeros((6, 3)), np.zeros((2, 3, 3))
-    return world, [
-        (axes._sizes[s].copy(), axes._points, int(first[s]), edge, swell, np.zeros((first[s + 1] - first[s], 3)))
-        for s in (0, 1)
-    ]
+    shapes, edge, swell = axes.shapes, np.zeros((6, 3)), np.zeros((2, 3, 3))
+    lists = []
+    for s in (0, 1):
+        vertices = np.arange(shapes.first_point[s], shapes.first_point[s + 1])
+        lists.append((shapes.sizes[s].copy(), shapes.points, vertices, edge, swell, np.zeros((len(vertices), 3))))
+    return world_of(axes, places), lists
 
 
 def state(rng):
@@ -109,28 +115,52 @@ def flat(rng):
     return s["n"], 0, s["edge"], s["swell"], s["first"], int(s["base"][0]), np.zeros((3, 3))
 
 
-def near_pair(rng):
-    axes, places = axes_of(rng)
-    return places, *axes.supports, np.array([0, 1]), unit(rng)
-
-
 def describe(rng):
     world, shapes = supports(rng)
     who = int(rng.integers(2))
     return world, who, *shapes[who]
 
 
-def place_pair(rng):
+def placed_shape(rng):
     axes, places = axes_of(rng)
-    return places, axes.frame, axes._fixed, np.array([0, 1]), np.zeros((2, 4, 3))
+    return places, axes.frame, axes.shapes.fixed, int(rng.integers(2)), np.zeros((4, 3))
+
+
+def around(rng):
+    axes, places = axes_of(rng)
+    s = axes.shapes
+    ends = int(s.first_point[0]), int(s.first_point[1])
+    place, vertices = world_of(axes, places)[0], np.full(s.first_point[1], -1)
+    return s.points, *ends, s.first, s.neighbour, place, unit(rng), 1.0, int(rng.integers(*ends)), vertices
+
+
+def maximise(rng):
+    world, (one, other) = supports(rng)
+    apart = world[1, 3] - world[0, 3]
+    return world, one[0], other[0], one[1], one[2], other[2], apart / np.linalg.norm(apart), np.zeros(3)
 
 
 def refine_pair(rng):
     axes, places = axes_of(rng)
-    world = np.empty((2, 4, 3))
-    refined_distance._place_pair(places, axes.frame, axes._fixed, np.array([0, 1]), world)
+    world = world_of(axes, places)
     apart = world[1, 3] - world[0, 3]
-    return places, *axes.supports, np.array([0, 1]), apart / np.linalg.norm(apart), np.zeros(3)
+    return world, *axes.shapes[2:7], axes.sides, axes.start, 0, apart / np.linalg.norm(apart), np.zeros(3)
+
+
+def pair_separation(rng):
+    return *refine_pair(rng)[:-2], unit(rng)
+
+
+def axis_in_world(rng):
+    axes, places = axes_of(rng)
+    return places, int(axes.frame[0]), unit(rng)[None], 0, np.zeros(3)
+
+
+def outermost(rng):
+    axes, _ = axes_of(rng)
+    s, side = axes.shapes, int(rng.integers(2))
+    ends = int(s.first_point[side]), int(s.first_point[side + 1])
+    return s.points, *ends, s.first, s.neighbour, *unit(rng).tolist(), int(rng.integers(*ends))
 
 
 def climb(rng):
@@ -191,7 +221,11 @@ DISTANCE_ARGUMENTS = {
     "_describe": describe,
     "_outermost": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
     "_first_set": of_state("n", "kinks", "edge", "sign", "swell", "first", "second", "base"),
-    "_place_pair": place_pair,
-    "_refine_pair": refine_pair,
-    "_separate_pair": near_pair,
+    "place_shape": placed_shape,
+    "axis_in_world": axis_in_world,
+    "outermost": outermost,
+    "pair_separation": pair_separation,
+    "_around": around,
+    "_maximise": maximise,
+    "refine_pair": refine_pair,
 }

@@ -8,12 +8,14 @@ import pinocchio as pin
 from scipy.sparse import csr_array
 
 from mbvi.constraints import HalfSpaceContacts, sphere_walls
+from mbvi.constraints.half_space import points_within
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
 from support.plain.refinement import solve_island_plain
@@ -29,7 +31,6 @@ SHAPES = [
     Cylinder(0.15, 0.3),
     Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)),
 ]
-FACED = [shape for shape in SHAPES if hasattr(shape, "faces")]
 MODELS = ["quadruped", "biped", "arm", "panda", "talos"]
 
 
@@ -309,8 +310,8 @@ def filter_active(rng):
 def shapes_on_walls(rng):
     """Shapes of every kind on a robot above two walls, and the points of some pairs; now and then a rim is level."""
     system, q, _ = moving_robot(rng)
-    shapes = placed_on(rng, range(1, len(system.bodies)))
-    walls = [HalfSpace(tuple(unit(rng)), rng.normal()) for _ in shapes]
+    shapes = placed_on(rng, range(1, len(system.bodies)), [*SHAPES, WHEEL])
+    walls = walls_of(rng, shapes)
     cylinder = next(k for k, placed in enumerate(shapes) if isinstance(placed.shape, Cylinder))
     if rng.random() < 0.3:
         axis = shapes[cylinder].rotation[:, 2] @ system.kinematics(q).poses[shapes[cylinder].body, :3]
@@ -318,19 +319,58 @@ def shapes_on_walls(rng):
     names = [placed.name for placed in shapes]
     contacts = HalfSpaceContacts(system, walls, shapes, names, np.zeros(len(shapes)))
     asked = np.union1d(np.flatnonzero(rng.random(len(shapes)) < 0.5), [cylinder])
-    return system.kinematics(q), contacts._select(asked), len(shapes)
+    return system.kinematics(q), contacts, asked
+
+
+def point_selection(rng):
+    kinematics, contacts, asked = shapes_on_walls(rng)
+    return kinematics, contacts._select(np.flatnonzero(np.isin(contacts.owner, asked)))
 
 
 def lowest(rng):
-    kinematics, selection, _ = shapes_on_walls(rng)
+    kinematics, selection = point_selection(rng)
     i = int(rng.integers(len(selection.pair)))
     return kinematics.poses, int(selection.owners[i, 0]), selection.numbers, i, np.full(4, np.nan)
 
 
 def stand(rng):
-    kinematics, selection, _ = shapes_on_walls(rng)
+    kinematics, selection = point_selection(rng)
     k = len(selection.pair)
     return kinematics.poses, selection.owners, selection.numbers, np.full(k, np.nan), np.full((k, 3), np.nan)
+
+
+def some_tolerance(rng, kinematics, contacts, asked):
+    selection = contacts._select(np.flatnonzero(np.isin(contacts.owner, asked)))
+    gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
+    stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
+    return float(rng.choice([gap.min() - 1.0, np.median(gap) + 1e-6, gap.max() + 1.0]))
+
+
+def points_below(rng):
+    kinematics, contacts, asked = shapes_on_walls(rng)
+    table, pair = contacts._table, int(rng.choice(asked))
+    tolerance = some_tolerance(rng, kinematics, contacts, asked)
+    ends = int(table.begin[pair]), int(table.begin[pair + 1])
+    graph = table.first, table.neighbour, table.start
+    return (
+        kinematics.poses, int(table.body[pair]), table.numbers, *ends, *graph, pair, tolerance, table.found, 0,
+        table.taken,
+    )  # fmt: skip
+
+
+def spread_below(rng):
+    kinematics, contacts, _ = shapes_on_walls(rng)
+    table = contacts._table
+    pair = int(np.argmax(np.diff(table.begin)))
+    count = int(table.begin[pair + 1] - table.begin[pair])
+    table.found[:count] = np.arange(table.begin[pair], table.begin[pair + 1])
+    return kinematics.poses, int(table.body[pair]), table.numbers, float(rng.choice([0.1, 10.0])), table.found, 0, count
+
+
+def points_within_(rng):
+    kinematics, contacts, asked = shapes_on_walls(rng)
+    tolerance = some_tolerance(rng, kinematics, contacts, asked)
+    return kinematics.poses, *contacts._table, asked, tolerance, rng.normal(size=contacts.size)
 
 
 def last_time(rng, gap, tolerance):
@@ -343,13 +383,15 @@ def last_time(rng, gap, tolerance):
 
 
 def half_space_rows(rng):
-    kinematics, selection, n = shapes_on_walls(rng)
-    gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
-    stand_plain(kinematics.poses, selection.owners, selection.numbers, gap, point)
-    tolerance = float(rng.choice([gap.min() - 1.0, rng.normal(), gap.max() + 1.0]))
-    index, near = last_time(rng, gap, tolerance)
-    written = near, np.full((len(near), 3), np.nan), np.full((len(near), kinematics.support.shape[1]), np.nan)
-    return *kinematics, selection.owners, selection.numbers, tolerance, rng.normal(size=n), index, *written
+    kinematics, contacts, asked = shapes_on_walls(rng)
+    table, tolerance = contacts._table, some_tolerance(rng, kinematics, contacts, asked)
+    count, _ = points_within(kinematics.poses, *table, asked, tolerance, np.zeros(contacts.size))
+    index = table.found[:count].copy()
+    if count and rng.random() < 0.5:
+        index = index[: int(rng.integers(count))]
+    k, nv = len(index), kinematics.support.shape[1]
+    written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, nv), np.nan)
+    return *kinematics, *table, asked, tolerance, rng.normal(size=contacts.size), index, contacts.owner[index], *written
 
 
 def reached(rng):
@@ -365,31 +407,33 @@ def shape_pairs(rng, shapes=SHAPES):
     sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
     axes = SeparatingAxes(placed, sides)
     places = np.array([place(rng) for _ in axes.bodies]).reshape(-1, 4, 3)
-    axes._axis[:] = unit(rng, len(sides))
-    axes._axis[rng.random(len(sides)) < 0.2] = np.nan
+    axes.axis[:] = unit(rng, len(sides))
+    axes.axis[rng.random(len(sides)) < 0.2] = np.nan
     return placed, axes, places
 
 
 def reach(rng):
     _, axes, _ = shape_pairs(rng)
-    s = rng.integers(len(axes._sizes))
-    return place(rng), unit(rng), axes._sizes[s], axes._points, *map(int, axes._first_point[s : s + 2])
+    s, tables = rng.integers(len(axes.frame)), axes.shapes
+    ends = map(int, tables.first_point[s : s + 2])
+    start = np.array([[tables.first_point[s], 0]])
+    return place(rng), unit(rng), tables.sizes[s], tables.points, *ends, tables.first, tables.neighbour, start, 0, 0
 
 
 def clear(rng):
     _, axes, places = shape_pairs(rng)
-    n = len(axes._sides)
+    n = len(axes.sides)
     due = np.flatnonzero(rng.random(n) < 0.7)
     return (
-        places, axes.frame, axes._fixed, axes._sizes, axes._points, axes._first_point,
-        axes._sides, axes._axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
+        places, *axes.shapes[:7], axes.sides, axes.start, axes.axis, due, 0.5 * rng.normal(), rng.normal(size=n),
+        np.full(len(due), -1),
     )  # fmt: skip
 
 
 def keep(rng):
     _, axes, places = shape_pairs(rng)
-    pairs = np.flatnonzero(rng.random(len(axes._sides)) < 0.3)
-    return places, axes.frame, axes._sides, axes._axis, pairs, unit(rng, len(pairs))
+    pairs = np.flatnonzero(rng.random(len(axes.sides)) < 0.3)
+    return places, axes.frame, axes.sides, axes.axis, pairs, unit(rng, len(pairs))
 
 
 def ball_contacts(rng):
@@ -398,21 +442,11 @@ def ball_contacts(rng):
     if rng.random() < 0.3:
         # two about one centre
         placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
-    balls = SphereCapsulePairs(placed, axes.frame, axes._sides)
+    balls = SphereCapsulePairs(placed, axes.frame, axes.sides)
     pairs = np.flatnonzero(balls.closed_form)
     k = len(pairs)
     written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
-    return places, axes.frame, balls._ends, balls._radius, axes._sides, pairs, *written
-
-
-def leave(rng):
-    normals, offsets = rng.choice(FACED).faces
-    k = rng.integers(0, 5)
-    return 0.05 * rng.normal(size=(k, 3)), unit(rng), normals, offsets, np.full(k, np.nan)
-
-
-def most_facing(rng):
-    return rng.choice(FACED).faces[0], unit(rng)
+    return places, axes.frame, balls._ends, balls._radius, axes.sides, pairs, *written
 
 
 def note(rng):
@@ -709,6 +743,7 @@ def raise_levels(rng):
 
 ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
+    **PATCH_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_pairs_within": touching,
@@ -765,13 +800,14 @@ ARGUMENTS = {
     "lowest": lowest,
     "stand": stand,
     "half_space_rows": half_space_rows,
+    "points_below": points_below,
+    "spread_below": spread_below,
+    "points_within": points_within_,
     "_limits_within": reached,
-    "_reach": reach,
+    "reach": reach,
     "_clear": clear,
     "_keep": keep,
     "_ball_contacts": ball_contacts,
-    "_leave": leave,
-    "_most_facing": most_facing,
     "_record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse

@@ -4,9 +4,9 @@ from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain,
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import first_of_lines_plain
-from support.plain.faces import _leave_plain, _most_facing_plain
 from support.plain.gram import gram_plain, islands_plain
-from support.plain.half_space import half_space_rows_plain
+from support.plain.half_space import half_space_rows_plain, points_below_plain
+from support.plain.hull_graph import outermost_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _limits_within_plain
@@ -16,7 +16,7 @@ from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
-from support.plain.separating_axis import _clear_plain, _keep_plain, _reach_plain
+from support.plain.separating_axis import _clear_plain, _keep_plain, reach_plain
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
@@ -42,12 +42,10 @@ PLAIN = {
     "_clear": _clear_plain,
     "first_of_lines": first_of_lines_plain,
     "_keep": _keep_plain,
-    "_leave": _leave_plain,
-    "_most_facing": _most_facing_plain,
     "_near_balls": _near_balls_plain,
     "_record_depth": _note_plain,
     "_raise_levels": _raise_levels_plain,
-    "_reach": _reach_plain,
+    "reach": reach_plain,
     "_limits_within": _limits_within_plain,
     "_solve_islands": solve_islands_plain,
     "_choose_rows": _struck_plain,
@@ -70,6 +68,8 @@ PLAIN = {
     "refine_subset": refine_subset_plain,
     "integrate": moved_plain,
     "near_triangles": near_triangles_plain,
+    "outermost": outermost_plain,
+    "points_below": points_below_plain,
     "placements": placed_plain,
     "solve_active_set": solve_active_set_plain,
     "separation_rows": pulled_plain,

@@ -5,25 +5,47 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
+from mbvi.geometry.hull_graph import outermost
+from mbvi.geometry.support_points import spread_below
 from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 
 
+def points_below_plain(
+    places: Array, body: int, numbers: Array, begin: int, end: int, first: Array, neighbour: Array,
+    start: Array, pair: int, tolerance: float, found: Array, at: int, taken: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """List the points of one shape whose gap is within a tolerance, ascending."""
+    gap, point = np.empty(end - begin), np.empty((end - begin, 3))
+    owners = np.tile([body, pair], (end - begin, 1))
+    stand_plain(places, owners, numbers[begin:end], gap, point)
+    near = begin + np.flatnonzero(gap <= tolerance)
+    found[at : at + len(near)] = near
+    if first[begin + 1] > first[begin]:
+        # of points equally low it is the one that the climb reaches
+        x, y, z = -(places[body, :3] @ numbers[begin, 12:15])
+        start[pair] = outermost.loops(numbers, begin, end, first, neighbour, x, y, z, start[pair])
+    return len(near), float(gap.min())
+
+
 def half_space_rows_plain(
-    poses: Array, columns: Array, support: Array, owners: Array, numbers: Array, tolerance: float,
-    clearance: Array, index: Array, gap: Array, point: Array, rows: Array,
+    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
+    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call."""
-    gaps, points = np.empty(len(owners)), np.empty((len(owners), 3))
-    stand_plain(poses, owners, numbers, gaps, points)
-    found, pair = np.flatnonzero(gaps <= tolerance), owners[:, 1]
-    clearance[pair] = np.inf
-    np.minimum.at(clearance, pair, gaps)
-    same = np.array_equal(index[1 : 1 + index[0]], found)
-    index[0], index[1 : 1 + len(found)] = len(found), found
-    if same:
-        gap[:], point[:] = gaps[found], points[found]
-        world = np.zeros(len(found), np.int64)
-        up = numbers[found, 12:15]
-        separation_plain(columns, support, world, owners[found, 0], point, up, rows)
-    return len(found), bool((clearance[pair] > tolerance).any()), same
+    count, any_empty = 0, False
+    for pair in pairs.tolist():
+        number, clearance[pair] = points_below_plain(
+            poses, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance, found,
+            count, taken,
+        )  # fmt: skip
+        any_empty |= number == 0
+        count += spread_below.loops(poses, body[pair], numbers, size[pair], found, count, number)
+    if not np.array_equal(found[:count], index):
+        return count, bool(any_empty), False
+    owners = np.array([body[owner], owner]).T
+    stand_plain(poses, owners, numbers[index], gap, point)
+    world = np.zeros(count, np.int64)
+    separation_plain(columns, support, world, body[owner], point, np.ascontiguousarray(numbers[index, 12:15]), rows)
+    return count, bool(any_empty), True

@@ -7,16 +7,21 @@ import numpy as np
 from mbvi.arguments import Array
 
 
-def _reach_plain(place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int) -> float:
+def reach_plain(
+    place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array,
+    start: Array, pair: int, side: int,
+) -> float:  # fmt: skip
     """Return how far a shape reaches from the world's origin along a unit vector [m]."""
     x = place[:3] @ u
     along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
-    return float(place[3] @ u + along + (points[begin:end] @ x).max())
+    start[pair, side] = begin + np.argmax(points[begin:end] @ x)
+    return float(place[3] @ u + along + points[start[pair, side]] @ x)
 
 
 def _clear_plain(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array,
-    sides: Array, axis: Array, due: Array, tolerance: float, budget: Array, asked: Array,
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, sides: Array, start: Array, axis: Array, due: Array, tolerance: float, budget: Array,
+    asked: Array,
 ) -> int:  # fmt: skip
     """Clear the pairs that their axes keep apart: the bound becomes their budget."""
     count = 0
@@ -24,9 +29,12 @@ def _clear_plain(
         a, b = sides[pair]
         where = [fixed[s] if frame[s] < 0 else _compose(places[frame[s]], fixed[s]) for s in (a, b)]
         n = axis[pair] if frame[a] < 0 else axis[pair] @ places[frame[a], :3]
-        ends = [(first_point[s], first_point[s + 1]) for s in (a, b)]
-        gap = -_reach_plain(where[1], -n, sizes[b], points, *ends[1])
-        gap -= _reach_plain(where[0], n, sizes[a], points, *ends[0])
+        gap = np.nan
+        if not np.isnan(n).any():
+            gap = 0.0
+            for k, (s, u) in enumerate(((a, n), (b, -n))):
+                ends = int(first_point[s]), int(first_point[s + 1])
+                gap -= reach_plain(where[k], u, sizes[s], points, *ends, first, neighbour, start, int(pair), k)
         if gap > tolerance:
             budget[pair] = gap
         else:
