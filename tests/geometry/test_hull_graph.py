@@ -1,0 +1,91 @@
+"""Support points by hill climbing, and the few points of a face that are kept."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+
+from mbvi.constraints import HalfSpaceContacts
+from mbvi.geometry.hull_graph import neighbours, outermost
+from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape
+from mbvi.geometry.spread import BESIDE, FEW_POINTS, spread_out
+from mbvi.projection import project
+from mbvi.system import FreeBodies
+
+
+def bodies(n):
+    return FreeBodies(np.ones(n), np.tile(np.diag([1.0, 2, 2.5]), (n, 1, 1)), np.zeros(3), tuple("abc"[:n]))
+
+
+seeds = st.integers(0, 10_000)
+
+
+def hull(rng, flat):
+    """A hull of many vertices; if flat, half of them lie in one plane."""
+    points = rng.normal(size=(200, 3)) * rng.uniform(0.1, 2.0, size=3)
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    if flat:
+        points[:, 2] = np.maximum(points[:, 2], 0.0)
+    return Hull(points)
+
+
+@given(seed=seeds, flat=st.booleans())
+def test_the_climb_ends_at_the_outermost_vertex_wherever_it_begins(seed, flat):
+    rng = np.random.default_rng(seed)
+    shape = hull(rng, flat)
+    graph = neighbours(shape.triangles, len(shape.vertices))
+    for _ in range(20):
+        n = rng.normal(size=3)
+        heights = shape.vertices @ n
+        found = outermost(shape.vertices, 0, len(heights), *graph, *n.tolist(), int(rng.integers(len(heights))))
+        assert heights[found] == pytest.approx(heights.max(), abs=1e-14)
+
+
+@given(seed=seeds, flat=st.booleans(), depth=st.sampled_from([0.0, 1e-9, 1e-3, 0.1]))
+def test_every_sunk_vertex_is_a_row_or_adds_nothing(seed, flat, depth):
+    """Of the sunk vertices those that are no rows lie beside the hull of the others by no more than the tolerance."""
+    rng = np.random.default_rng(seed)
+    shape, system = hull(rng, flat), bodies(1)
+    floor = HalfSpaceContacts(
+        system, [HalfSpace((0.0, 0.0, 1.0), 0.0)], [PlacedShape("s", shape, 1, np.eye(3), np.zeros(3))], ["s"],
+        np.zeros(1),
+    )  # fmt: skip
+    q = np.array([0.0, 0.0, 0.0, *(np.zeros(3) if flat else rng.normal(size=3)), 1.0])
+    q[3:] /= np.linalg.norm(q[3:])
+    every = floor.measure(q, np.array([0]), 0.0)
+    q[2] -= every.gap.min() + depth
+    every, rows = floor.measure(q, np.array([0]), 0.0), floor.contacts(0.0, q, 1e-9)
+    sunk = every.point[every.gap <= 1e-9]
+    assert rows.gap.min() == every.gap.min()
+    if len(sunk) <= FEW_POINTS:
+        np.testing.assert_array_equal(rows.point, sunk)
+        return
+    assert set(map(tuple, rows.point)) <= set(map(tuple, sunk))
+    for point in sunk:
+        assert beside(point[:2], rows.point[:, :2]) <= 2.0 * BESIDE * shape.bound
+
+
+def beside(point, others):
+    """How far a point is from the convex hull of others in the plane."""
+    # shares of the others that are not negative, and whose sum is one
+    shares = nnls(np.vstack([others.T, np.full(len(others), 1e3)]), np.append(point, 1e3))[0]
+    return float(np.linalg.norm(others.T @ shares - point))
+
+
+@given(seed=seeds, count=st.integers(9, 60))
+def test_rows_left_out_change_the_projected_velocity_by_no_more_than_the_tolerance(seed, count):
+    """A disk whose rim has many corners strikes the floor: a corner without a row sinks by distance times angle."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+    place = np.column_stack([np.cos(angle), np.sin(angle)])
+    chosen = np.empty(count + 1, np.int64)
+    number = spread_out(place, np.zeros(count), BESIDE, chosen)
+    assert number < count or count <= 3 * FEW_POINTS
+    # rates of the gaps: vertical speed and two angular velocities
+    J = np.column_stack([np.ones(count), place[:, 1], -place[:, 0]])
+    B = rng.normal(size=(3, 3))
+    M, x = B @ B.T + 0.1 * np.eye(3), rng.normal(size=3) - np.array([2.0, 0.0, 0.0])
+    few = project(x, M, J[chosen[:number]], 0.0).velocity
+    turning = np.linalg.norm(few[1:])
+    assert (J @ few).min() >= -BESIDE * turning - 1e-9
