@@ -183,12 +183,13 @@ class SignedDistances(Pairs):
         axes, n = self._axes, len(pairs)
         distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
         state, count = np.empty(n, np.int64), np.empty(n, np.int64)
-        search = places, *axes.shapes[:7], axes.sides, axes.start
-        distances_from_axes(*search, axes.axis, pairs, distance, normal, middle, state)
+        tables = places, *axes.shapes, axes.sides, axes.start
+        distances_from_axes(*tables, axes.axis, self._sizes[0], pairs, distance, normal, middle, state)
         if (state == FAILED).any():
             unknown = (state == FAILED).nonzero()[0]
             least = self._ask_coal(places, pairs, unknown.tolist(), distance, normal)
             enough = tolerance if rough else np.inf
+            search = places, *axes.shapes[:7], axes.sides, axes.start
             distances_from_normals(*search, pairs, unknown, least, enough, distance, normal, middle, state)
             for i in (state == FAILED).nonzero()[0].tolist():
                 distance[i], normal[i], middle[i], state[i] = self._refined_distance(pairs.item(i), places)
@@ -197,7 +198,7 @@ class SignedDistances(Pairs):
         while True:
             gap, point = np.empty(room), np.empty((room, 3))
             total = write_contacts(
-                places, *axes.shapes, axes.sides, axes.start, *self._sizes, self._flat, self._line, self._side_of_face,
+                *tables, *self._sizes, self._flat, self._line, self._side_of_face,
                 pairs, tolerance, distance, normal, middle, state, count, gap, point,
             )  # fmt: skip
             if total >= 0:

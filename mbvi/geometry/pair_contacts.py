@@ -29,6 +29,8 @@ COAL = 3
 # lengths below are relative to the bounding radius of the smaller shape
 # how far below the nearest point others are gathered, beyond the tolerance
 _DEPTH = 1e-3
+# points of a face that is parallel to another are level to within this
+_LEVEL = 1e-8
 # points whose corners are all less deep than the penetration by more than this lack the deepest one
 _CORNER = 1e-6
 # a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second;
@@ -39,42 +41,6 @@ _SAME_FACE, _EQUAL, _STAY = np.cos(1e-3), 1e-8, 3.0
 _ERROR_TOUCHING, _ERROR_APART, _FINE = 0.3, 1e-5, 1e-9
 # corners nearer to each other than this are one
 _SAME_CORNER = 1e-7
-
-
-@kernel(
-    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
-    " f8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
-)
-def distances_from_axes(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
-    neighbour: Array, sides: Array, start: Array, axis: Array, pairs: Array, distance: Array, normal: Array,
-    middle: Array, state: Array,
-) -> None:  # fmt: skip
-    """Write distance, normal and midpoint of the pairs that are apart, and the state of all.
-
-    Where shapes are apart, the separation along n has no local maximum but the greatest one, which is the distance.
-
-    Parameters
-    ----------
-    distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
-        Receive distances, unit normals and the points midway between the surfaces, which are unknown if `FLAT`.
-    """
-    world, n = np.empty((2, 4, 3)), np.empty(3)
-    for i in range(len(pairs)):
-        pair = pairs[i]
-        state[i] = FAILED
-        if axis[pair, 0] != axis[pair, 0]:
-            continue
-        for side in range(2):
-            place_shape(places, frame, fixed, sides[pair, side], world[side])
-        axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
-        found, distance[i] = refine_pair(
-            world, sizes, points, first_point, first, neighbour, sides, start, pair, n, middle[i]
-        )
-        if found != FAILED and distance[i] > 0.0:
-            state[i] = found
-            for c in range(3):
-                normal[i, c] = n[c]
 
 
 @kernel(
@@ -243,6 +209,53 @@ def _patch(
                 point[i, c] = point[chosen[i], c]
         kept = number_chosen
     return kept
+
+
+@kernel(
+    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1], i8[:,::1], i8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
+)
+def distances_from_axes(
+    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
+    neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, axis: Array,
+    bound: Array, pairs: Array, distance: Array, normal: Array, middle: Array, state: Array,
+) -> None:  # fmt: skip
+    """Write distance, normal and midpoint of the pairs that are apart, and the state of all.
+
+    Where shapes are apart, the separation along n has no local maximum but the greatest one, which is the distance.
+    Where the search ends on parallel faces or edges, that is a maximum only if these share a region.
+
+    Parameters
+    ----------
+    bound : ndarray, shape (n,)
+        Of each pair the bounding radius of the smaller shape [m].
+    distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
+        Receive distances, unit normals and the points midway between the surfaces, which are unknown if `FLAT`.
+    """
+    world, n = np.empty((2, 4, 3)), np.empty(3)
+    gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
+    for i in range(len(pairs)):
+        pair = pairs[i]
+        state[i] = FAILED
+        if axis[pair, 0] != axis[pair, 0]:
+            continue
+        for side in range(2):
+            place_shape(places, frame, fixed, sides[pair, side], world[side])
+        axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
+        found, apart = refine_pair(
+            world, sizes, points, first_point, first, neighbour, sides, start, pair, n, middle[i]
+        )
+        if found == FLAT and apart > 0.0:
+            shared = _patch(
+                world, sizes, points, first_point, first, neighbour, first_face, face, planes, sides, start, pair,
+                apart, _LEVEL * bound[pair], bound[pair], n, gaps, corners,
+            )  # fmt: skip
+            if shared == 0:
+                continue
+        if found != FAILED and apart > 0.0:
+            state[i], distance[i] = found, apart
+            for c in range(3):
+                normal[i, c] = n[c]
 
 
 @kernel("i8(f8[::1], f8[:,::1], i8, f8[::1])")

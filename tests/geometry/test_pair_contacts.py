@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
+import mbvi
 from mbvi.constraints import SignedDistances
 from mbvi.geometry.convex_polygon import common_polygon, convex_hull
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.shapes import Capsule, Cylinder, Hull, PlacedShape
 from mbvi.system import FreeBodies
 from support.distance_kernel_arguments import rotation
+from support.paths import ROBOTS
 
 seeds = st.integers(0, 10_000)
 
@@ -142,3 +144,15 @@ def test_polygons_that_only_touch_share_what_they_touch():
     assert shared([[0.5, 0.5]]) == {(0.5, 0.5)}
     assert not shared([[2, 2], [3, 2], [3, 3]])
     assert shared(square) == set(map(tuple, square.tolist()))
+
+
+def test_distances_do_not_depend_on_what_was_measured_before(rng):
+    """Links of boxes and cylinders far from where they were: the axis of the last time is far from the right one."""
+    scene = mbvi.Scene()
+    scene.add_urdf(ROBOTS / "arm/arm.urdf", base="fixed")
+    scene.add_box((0.3, 0.3, 0.3), position=(0.5, 0.0, 0.2), fixed=True)
+    problem = scene.build()
+    for _ in range(40):
+        q = problem.system.integrate(problem.q0, rng.normal(size=problem.system.nv))
+        fresh = scene.build()
+        np.testing.assert_array_equal(problem.constraints.gap(0.0, q), fresh.constraints.gap(0.0, q))

@@ -278,13 +278,13 @@ def tower_and_ball(e):
 @pytest.mark.parametrize("scheme", EVERY_SCHEME, ids=lambda s: type(s).__name__)
 def test_what_stands_still_is_measured_once_and_moves_the_same(scheme, monkeypatch):
     scene = tower_and_ball(0.0 if isinstance(scheme, mbvi.StewartTrinkle) else 0.3)
-    asked, measure = [0], SignedDistances._refined_distance
+    asked, measure = [0], SignedDistances._measure
 
-    def counted(self, *arguments):
-        asked[0] += 1
-        return measure(self, *arguments)
+    def counted(self, places, pairs, *arguments):
+        asked[0] += len(pairs)
+        return measure(self, places, pairs, *arguments)
 
-    monkeypatch.setattr(SignedDistances, "_refined_distance", counted)
+    monkeypatch.setattr(SignedDistances, "_measure", counted)
     runs, counts = [], []
     for reduce in (["rest"], []):
         asked[0] = 0

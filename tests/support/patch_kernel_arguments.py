@@ -135,7 +135,8 @@ def from_axes(rng):
     if rng.random() < 0.2:
         axes.axis[0] = np.nan
     written = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, np.int64)
-    return places, *axes.shapes[:7], axes.sides, axes.start, axes.axis, np.zeros(1, np.int64), *written
+    pairs, bound = np.zeros(1, np.int64), np.array([0.2])
+    return places, *axes.shapes, axes.sides, axes.start, axes.axis, bound, pairs, *written
 
 
 def from_normals(rng):
