@@ -97,7 +97,7 @@ def kept(problem: mbvi.Problem, scheme: Any, steps: int, step: float = STEP) -> 
         return solve(self, x, metric, J, lower, contacts)
 
     # without the fused step every projection goes through _solve
-    with mock.patch("mbvi.projection.projector.FEW", -1), mock.patch.object(Projector, "_solve", note):
+    with mock.patch("mbvi.projection.projector.MOST_FUSED", -1), mock.patch.object(Projector, "_solve", note):
         for _ in islice(mbvi.steps(problem, scheme, step=step), steps):
             pass
     return found[-KEPT:]

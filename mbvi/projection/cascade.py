@@ -8,21 +8,14 @@ import numpy as np
 
 from .active_set import GuessedSet
 from .dual_active_set import DualActiveSet
-from .nonnegative_least_squares import NonnegativeLeastSquares
+from .fused_step import FEW
 from .proxqp import RefinedProxQP
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, Solver, WarmStart
 
-# up to so many rows an answer must be at rounding to end the search; beyond, a thousandth of the allowed residual does
-FEW = 32
-# up to so many rows nonnegative least squares, a compiled dual active-set method, is faster than ProxQP
-_MOST_NONNEGATIVE = 64
 
-
-def dense_solvers(rows: int) -> Iterable[Solver]:
-    """Return the solvers for so many dense rows, the cheapest first and the most robust last."""
+def dense_solvers() -> Iterable[Solver]:
+    """Return the solvers for dense rows that the fused step left, the cheapest first and the most robust last."""
     yield GuessedSet()
-    if rows <= _MOST_NONNEGATIVE:
-        yield NonnegativeLeastSquares()
     yield RefinedProxQP()
     yield DualActiveSet()
 

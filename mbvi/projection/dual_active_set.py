@@ -1,4 +1,4 @@
-"""Dual active-set solver: adds violated rows one by one, on QR factors of the active gradients."""
+"""Dual active-set solver: adds violated rows one by one, on orthonormal factors of the active gradients."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..compiled import plain_array
+from .goldfarb_idnani import goldfarb_idnani
 from .metric import Array
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
-
-# a gradient nearer than this to the span of the active ones depends on them
-_DEPENDENT = 1e-13
 
 
 @dataclass(frozen=True)
@@ -19,8 +18,8 @@ class DualActiveSet:
 
     Every iterate solves the problem of its active rows alone. |z| grows with every added row, so that no set comes
     back and the method ends, on thin and nearly contradictory cones too. The active gradients stay independent and are
-    kept as QR factors, not as G = A' A, whose condition is the square of theirs. That makes it the most accurate
-    solver for rows that nearly depend on each other, and a slow one.
+    kept as orthonormal factors, not as G = A' A, whose condition is the square of theirs. That makes it the most
+    accurate solver for rows that nearly depend on each other.
 
     Notes
     -----
@@ -29,10 +28,10 @@ class DualActiveSet:
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return the solution, or None if the rows contradict each other; see `Solver`."""
-        return goldfarb_idnani(qp.columns, qp.d, ROUNDING)
+        return dual_active_set(qp.columns, qp.d)
 
 
-def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
+def dual_active_set(A: Array, d: Array) -> Candidate | None:
     """Solve min |z|^2, A' z >= d.
 
     Parameters
@@ -40,64 +39,20 @@ def goldfarb_idnani(A: Array, d: Array, rounding: float) -> Candidate | None:
     A : ndarray, shape (nv, m)
         Unit columns.
     d : ndarray, shape (m,)
-        Right-hand side.
-    rounding : float
-        The violation, relative to 1 + |z|, that counts as none.
+        Right-hand side, its largest entry about 1.
 
     Returns
     -------
     Candidate or None
         None if the constraints contradict each other.
     """
-    active: list[int] = []
-    u: Array = np.zeros(0)
-    z = np.zeros(len(A))
-    for _ in range(10 * len(d) + 50):
-        violation = d - A.T @ z
-        violation[active] = -np.inf
-        entering = int(np.argmax(violation))
-        if violation[entering] <= rounding * (1.0 + np.sqrt(z @ z)):
-            break
-        column = A[:, entering]
-        while True:
-            across, r = _split(A[:, active], column)
-            independent = np.sqrt(across @ across) > _DEPENDENT
-            full = (d[entering] - column @ z) / (across @ across) if independent else np.inf
-            ratios = np.where(r > 0.0, u / np.where(r > 0.0, r, 1.0), np.inf)
-            step = min(full, ratios.min(initial=np.inf))
-            if not np.isfinite(step):
-                return None
-            u = u - step * r
-            if independent:
-                z = z + step * across
-            if step == full:
-                break
-            leaving = int(np.argmin(ratios))
-            u = np.delete(u, leaving)
-            del active[leaving]
-        active.append(entering)
-        Q, R = np.linalg.qr(A[:, active])
-        y = np.linalg.solve(R.T, d[active])
-        z, u = Q @ y, np.maximum(np.linalg.solve(R, y), 0.0)
-    p = np.zeros(len(d))
-    p[active] = u
-    return Candidate(z, p)
-
-
-def _split(active: Array, column: Array) -> tuple[Array, Array]:
-    """Return the part of a column across the span of active columns, and the shares of these in the rest.
-
-    Parameters
-    ----------
-    active : ndarray, shape (nv, k)
-        Independent columns.
-    column : ndarray, shape (nv,)
-        The column that is split.
-    """
-    Q, R = np.linalg.qr(active)
-    along = Q.T @ column
-    across = column - Q @ along
-    # once more, for the rounding of the first
-    correction = Q.T @ across
-    across -= Q @ correction
-    return across, np.linalg.solve(R, along + correction) if R.size else np.zeros(0)
+    nv, m = A.shape
+    most = min(nv, m) + 1
+    S, u, z, slack = np.empty(most, np.int64), np.empty(most), np.empty(nv), np.empty(m)
+    L, Q = np.empty((most, most)), np.empty((most, nv))
+    size, _ = goldfarb_idnani(plain_array(A.T), plain_array(d), ROUNDING, 0, S, L, Q, u, z, slack)
+    if size < 0:
+        return None
+    percussion = np.zeros(m)
+    percussion[S[:size]] = u[:size]
+    return Candidate(z, percussion)

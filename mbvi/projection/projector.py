@@ -10,13 +10,13 @@ from scipy.sparse import csr_array
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
-from .cascade import FEW, dense_solvers, first_good_enough
-from .dual_active_set import DualActiveSet, goldfarb_idnani
+from .cascade import dense_solvers, first_good_enough
+from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
-from .fused_step import FusedStep
+from .fused_step import MOST_FUSED, FusedStep, contradiction
 from .metric import Array, Metric
 from .proxqp import ProxQP
-from .scaled_qp import ROUNDING, Candidate, Projection, ScaledQP, Solver
+from .scaled_qp import Candidate, Projection, ScaledQP, Solver
 from .sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
@@ -32,8 +32,8 @@ class Projector:
     """Projections one after the other, each started from the last percussions.
 
     Unless a solver is chosen, solvers are tried in order. The first answer whose KKT residual is good enough is taken
-    (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `NonnegativeLeastSquares`,
-    `RefinedProxQP`, `DualActiveSet`; the first and third serve few rows only. Sparse rows are solved by `SparsePCG`.
+    (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `RefinedProxQP`, `DualActiveSet`.
+    Sparse rows are solved by `SparsePCG`.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Projector:
         self.residual = residual
         self.solver = solver
         self._last = LastPercussions()
-        self._fused = FusedStep(self._last) if solver is None else None
+        self._fused = FusedStep(self._last, residual) if solver is None else None
 
     def project(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
@@ -59,7 +59,7 @@ class Projector:
         contacts : ndarray of int, shape (m,), optional
             The constraint of each row. Sparse rows are matched by it with the percussions of the last projection.
         """
-        if self._fused is not None and 0 < len(lower) <= FEW and isinstance(J, np.ndarray):
+        if self._fused is not None and 0 < len(lower) <= MOST_FUSED and isinstance(J, np.ndarray):
             found = self._fused.project(x, metric, J, lower)
             if found is not None:
                 return found
@@ -98,7 +98,7 @@ class Projector:
             As of a `Projection`.
         """
         m = len(e)
-        if self._fused is not None and m <= FEW and isinstance(J, np.ndarray):
+        if self._fused is not None and m <= MOST_FUSED and isinstance(J, np.ndarray):
             found = self._fused.law(v, motion, J, e)
             if found is not None:
                 return found
@@ -130,7 +130,7 @@ class Projector:
     def _solvers(self, qp: ScaledQP) -> Iterable[Solver]:
         if self.solver is not None:
             return [self.solver]
-        return [SparsePCG()] if qp.sparse else dense_solvers(len(qp.lower))
+        return [SparsePCG()] if qp.sparse else dense_solvers()
 
     def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None) -> Projection:
         """Project without the rows whose gradient is zero: J w >= lower reads 0 >= lower there."""
@@ -148,7 +148,7 @@ class Projector:
     def _failure(self, qp: ScaledQP, found: Candidate | None, residual: float) -> ProjectionError:
         problem = _problem(qp)
         if _contradictory(qp, found):
-            return InfeasibleError("no velocity w meets J w >= lower: two or more rows contradict each other", problem)
+            return contradiction(problem)
         solver = "" if self.solver is None else f" by {self.solver!r}"
         relative = qp.relative(residual)
         return ProjectionError(
@@ -176,7 +176,7 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         lower = qp.lower / qp.lengths
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
-    return len(qp.d) <= _MOST_CHECKED and goldfarb_idnani(qp.columns, qp.d, ROUNDING) is None
+    return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
 
 
 def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:

@@ -8,29 +8,31 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
+from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani, start_from
 from .metric import Array
-from .nonnegative import ROUNDING, dual_active_set, solve_equalities
+from .orthonormal_rows import solve_lower, solve_upper
+from .shared_percussions import share
 from .tree import advance_by, factor, solve
 
-# a sum J w below this share of its terms is rounding
-_LAST_DIGITS = 4e-15
-# slack, relative to the largest speed, under which a row without a percussion is tight
-_TOUCHING = 1e-9
+# a violation below this share of the sum of its terms is rounding
+ROUNDING = 1e-13
+# part of the residual that the active set is found to
+_MARGIN = 0.5
 _REFINEMENTS = 2
 
 
-@kernel("UniTuple(f8, 2)(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])")
-def scaled_dual(
-    J: Array, A: Array, x: Array, lower: Array, table: Array, G: Array, lengths: Array, d: Array
+@kernel("UniTuple(f8, 2)(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
+def scale_rows(
+    J: Array, W: Array, x: Array, lower: Array, table: Array, lengths: Array, d: Array
 ) -> tuple[float, float]:
-    """Write the dual of a projection, min u' G u / 2 - d' u over u >= 0, with rows of unit length.
+    """Scale whitened rows to unit length, and write their lengths and violations.
 
     Parameters
     ----------
-    J, A, x, lower, table
+    J, W, x, lower, table
         As of `solve_active_set`; J x is known.
-    G, lengths, d : ndarray, shapes (m, m), (m,), (m,)
-        Receive J A' of the scaled rows, their lengths in the metric, and their violations.
+    lengths, d : ndarray, shape (m,)
+        Receive the lengths in the metric and the scaled violations.
 
     Returns
     -------
@@ -42,24 +44,19 @@ def scaled_dual(
     m, n = J.shape
     largest = most_terms = 0.0
     for a in range(m):
-        for b in range(a + 1):
-            g = 0.0
-            for k in range(n):
-                g += J[a, k] * A[b, k]
-            G[a, b] = g
-        if not G[a, a] > 0.0:
+        length = 0.0
+        for k in range(n):
+            length += W[a, k] * W[a, k]
+        if not length > 0.0:
             return -1.0, 0.0
-        lengths[a] = np.sqrt(G[a, a])
-        largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / lengths[a])
+        length = np.sqrt(length)
         terms = abs(lower[a])
         for k in range(n):
+            W[a, k] /= length
             terms += abs(J[a, k] * x[k])
-        most_terms = max(most_terms, terms / lengths[a])
-        d[a] = (lower[a] - table[1, a]) / lengths[a]
-    for a in range(m):
-        for b in range(a + 1):
-            G[a, b] /= lengths[a] * lengths[b]
-            G[b, a] = G[a, b]
+        lengths[a], d[a] = length, (lower[a] - table[1, a]) / length
+        largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / length)
+        most_terms = max(most_terms, terms / length)
     return largest, most_terms
 
 
@@ -75,7 +72,7 @@ def natural_residual(
     J, A, x, lower, w, table
         As of `solve_active_set`.
     lengths, largest
-        As of `scaled_dual`.
+        As of `scale_rows`.
     u, slack : ndarray, shape (m,)
         Scaled percussions; receives the scaled slacks J w - lower.
     """
@@ -101,27 +98,57 @@ def natural_residual(
     return residual
 
 
-@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
-def solve_active_set(J: Array, A: Array, x: Array, lower: Array, last: Array, w: Array, table: Array) -> float:
-    """Write argmin |w - x|_M with J w >= lower, if the active set is found.
+@kernel("i8(f8[:,::1], f8[::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1])")
+def first_set(W: Array, d: Array, last: Array, S: Array, L: Array, Q: Array, part: Array, z: Array) -> int:
+    """Start the dual active-set method from the violated rows or from those of the last projection; return how many.
 
     Parameters
     ----------
-    J, A : ndarray, shape (m, nv)
-        Gradients, and M^-1 times each of them.
+    W, d, S, L, Q, part, z
+        As of `goldfarb_idnani`.
+    last
+        As of `solve_active_set`.
+    """
+    m = len(d)
+    chosen, differs = np.empty(m, np.bool_), False
+    for a in range(m):
+        chosen[a] = d[a] > 0.0
+    size = start_from(W, d, chosen, S, L, Q, part, z)
+    if size == 0 and len(last) == m:
+        for a in range(m):
+            differs = differs or chosen[a] != (last[a] > 0.0)
+            chosen[a] = last[a] > 0.0
+        if differs:
+            size = start_from(W, d, chosen, S, L, Q, part, z)
+    return size
+
+
+@kernel("f8(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[:,::1])")
+def solve_active_set(
+    J: Array, A: Array, W: Array, x: Array, lower: Array, last: Array, limit: float, w: Array, table: Array
+) -> float:
+    """Write argmin |w - x|_M with J w >= lower.
+
+    Parameters
+    ----------
+    J, A, W : ndarray, shape (m, nv)
+        Gradients, M^-1 times each of them, and each of them whitened; the last is scaled to unit rows.
     x, w : ndarray, shape (nv,)
         The velocity to project and the result.
     lower : ndarray, shape (m,)
         Least rates.
     last : ndarray, shape (m,) or (0,)
         Percussions of the same rows in the last projection, if any.
+    limit : float
+        The residual that is accepted; where it is below rounding, one at rounding is.
     table : ndarray, shape (3, m)
         Receives percussions, J x and J w.
 
     Returns
     -------
     float
-        The relative KKT residual of what was written, if it is at rounding; else inf, and that is no answer.
+        The relative KKT residual of what was written, if it is accepted; else inf, and that is no answer. Where rows
+        contradict each other, minus the least relative violation of some row that every velocity has.
     """
     m, n = J.shape
     violated = False
@@ -137,39 +164,44 @@ def solve_active_set(J: Array, A: Array, x: Array, lower: Array, last: Array, w:
         w[k] = x[k]
     if not violated:
         return 0.0
-    G, lengths, d, base, u, slack = np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    correction, chosen = np.empty(m), np.empty(m, np.bool_)
-    largest, most_terms = scaled_dual(J, A, x, lower, table, G, lengths, d)
+    lengths, d, u, slack = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    largest, most_terms = scale_rows(J, W, x, lower, table, lengths, d)
     if largest < 0.0:
         return np.inf
-    enough = max(ROUNDING, _LAST_DIGITS * most_terms / largest)
-    for attempt in range(3):
-        for a in range(m):
-            chosen[a], base[a] = d[a] > 0.0, 0.0
-        if attempt == 1:
-            if len(last) != m:
-                continue
+    enough = max(ROUNDING, LAST_DIGITS * most_terms / largest)
+    most = min(m, n) + 1
+    S, part, z = np.empty(most, np.int64), np.empty(most), np.empty(n)
+    L, Q, correction = np.empty((most, most)), np.empty((most, n)), np.empty(most)
+    size = first_set(W, d, last, S, L, Q, part, z)
+    tight = _MARGIN * enough * largest
+    size, contradiction = goldfarb_idnani(W, d, tight, size, S, L, Q, part, z, slack)
+    if size < 0:
+        return -contradiction / largest
+    shared = share(W, slack, tight, S, size, L, Q, z, u)
+    while True:
+        if not shared:
             for a in range(m):
-                chosen[a], base[a] = last[a] > 0.0, last[a] * lengths[a]
-        if attempt == 2 and not dual_active_set(G, d, chosen):
-            break
-        if not solve_equalities(G, d, chosen, base, u):
-            continue
+                u[a] = 0.0
+            for i in range(size):
+                u[S[i]] = part[i]
+        residual = np.inf
         for _ in range(1 + _REFINEMENTS):
             residual = natural_residual(J, A, x, lower, lengths, u, largest, slack, w, table)
             if residual <= enough:
-                alone = True
-                for a in range(m):
-                    # of tight rows without a percussion another solver chooses
-                    alone = alone and (chosen[a] or attempt < 2 or slack[a] > _TOUCHING * largest)
-                    table[0, a] = max(table[0, a], 0.0)
-                return residual if alone else np.inf
+                break
+            for i in range(size):
+                correction[i] = -slack[S[i]]
+            solve_lower(L, size, correction)
+            solve_upper(L, size, correction)
+            for i in range(size):
+                u[S[i]] += correction[i]
+        if residual <= max(enough, limit):
             for a in range(m):
-                base[a], slack[a] = 0.0, -slack[a]
-            solve_equalities(G, slack, chosen, base, correction)
-            for a in range(m):
-                u[a] += correction[a]
-    return np.inf
+                table[0, a] = max(table[0, a], 0.0)
+            return residual
+        if not shared:
+            return np.inf
+        shared = False
 
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
@@ -194,18 +226,19 @@ def newton_law(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None
 
 
 @kernel(
-    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])"
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], "
+    "f8[:,::1])"
 )
 def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    last: Array, w: Array, rates: Array,
+    last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `TreeFreeMotion`.
 
     The first arguments are those of `advance_by`, `e` and `rates` those of `newton_law`, and the others, as the result,
     those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
-    L, x, A, lower = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape), np.empty(len(J))
+    L, x, lower, A, W = np.empty(mass.shape), np.empty(len(v)), np.empty(len(J)), np.empty(J.shape), np.empty(J.shape)
     if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
     damped = False
@@ -214,6 +247,6 @@ def tree_law(
     # L is that of M already where there is no damping
     if damped and factor(mass, 0.0, damping, parent, L):
         return np.inf
-    solve(L, parent, J, A)
+    solve(L, parent, J, W, A)
     newton_law(J, v, e, lower, rates)
-    return solve_active_set(J, A, x, lower, last, w, rates)
+    return solve_active_set(J, A, W, x, lower, last, limit, w, rates)

@@ -10,11 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
+from .goldfarb_idnani import goldfarb_idnani
 from .metric import Array
-from .nonnegative import dual_active_set, solve_equalities
+from .pivoted_cholesky import pivoted_cholesky
 from .projected_pcg import dual_residual
 from .refinement import solve_island
 
+# share of the largest violation that is rounding
+_ROUNDING = 1e-13
 # rows up to which an island is solved to rounding
 _SMALL = 48
 
@@ -83,14 +86,22 @@ def solve_small_island(starts: Array, columns: Array, G: Array, d: Array, u: Arr
         Violations; receives percussions, unless the island is not solved.
     """
     n = len(d)
-    full, chosen, part = np.zeros((n, n)), np.empty(n, np.bool_), np.empty(n)
+    full, W, part, slack = np.empty((n, n)), np.empty((n, n)), np.empty(n + 1), np.empty(n)
+    S, L, Q, z, largest = np.empty(n + 1, np.int64), np.empty((n + 1, n + 1)), np.empty((n + 1, n)), np.empty(n), 0.0
     for i in range(n):
+        largest = max(largest, d[i])
+        for k in range(n):
+            full[i, k] = 0.0
         for k in range(starts[i], starts[i + 1]):
             full[i, columns[k]] = G[k]
-    if not (dual_active_set(full, d, chosen) and solve_equalities(full, d, chosen, np.zeros(n), part)):
+    pivoted_cholesky(full, W)
+    size, _ = goldfarb_idnani(W, d, _ROUNDING * largest, 0, S, L, Q, part, z, slack)
+    if size < 0:
         return np.inf
     for i in range(n):
-        u[i] = max(part[i], 0.0)
+        u[i] = 0.0
+    for i in range(size):
+        u[S[i]] = part[i]
     residual = 0.0
     for i in range(n):
         value = -d[i]

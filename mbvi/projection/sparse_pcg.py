@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cascade import FEW, dense_solvers, first_good_enough
-from .fused_step import FusedStep
+from ..errors import InfeasibleError
+from .cascade import dense_solvers, first_good_enough
+from .fused_step import MOST_FUSED, FusedStep
 from .gram import gram, islands
 from .metric import Array, DiagonalMetric
 from .scaled_qp import Candidate, ScaledQP, WarmStart
@@ -121,13 +122,17 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
     last = LastPercussions()
     # the rows that are active in the approximate answer are a good guess
     last.percussion = u[rows]
-    if len(rows) <= FEW:
-        exact = FusedStep(last).project(x, metric, J, qp.d[rows])
+    if len(rows) <= MOST_FUSED:
+        try:
+            exact = FusedStep(last, 0.1 * qp.relative_tolerance).project(x, metric, J, qp.d[rows])
+        except InfeasibleError:
+            # the residual of the whole problem says so
+            return
         if exact is not None:
             u[rows] = exact.percussion
             return
     island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
-    found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
+    found, residual = first_good_enough(island, dense_solvers(), last.start(island, None))
     # otherwise the island keeps its percussions, and the residual of the whole problem decides
     if found is not None and residual <= island.tolerance:
         u[rows] = island.result(found, residual).percussion

@@ -54,10 +54,9 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[::1])")
-def _back(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite x, shape (nv,), by (L'L)^-1 x."""
-    n = len(x)
-    for k in range(n - 1, -1, -1):
+def _whiten(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L'^-1 x."""
+    for k in range(len(x) - 1, -1, -1):
         # a gradient touches the joints that carry its bodies only
         if x[k] != 0.0:
             x[k] /= L[k, k]
@@ -65,7 +64,12 @@ def _back(L: Array, parent: Array, x: Array) -> None:
             while i >= 0:
                 x[i] -= L[k, i] * x[k]
                 i = parent[i]
-    for k in range(n):
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
+def _unwhiten(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L^-1 x."""
+    for k in range(len(x)):
         y = x[k]
         i = parent[k]
         while i >= 0:
@@ -74,14 +78,17 @@ def _back(L: Array, parent: Array, x: Array) -> None:
         x[k] = y / L[k, k]
 
 
-@kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])")
-def solve(L: Array, parent: Array, rows: Array, out: Array) -> None:
-    """Write (L'L)^-1 r for every row r, shapes (m, nv)."""
+@kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def solve(L: Array, parent: Array, rows: Array, whitened: Array, out: Array) -> None:
+    """Write L'^-1 r and (L'L)^-1 r for every row r, shapes (m, nv)."""
     m, n = rows.shape
     for a in range(m):
         for k in range(n):
-            out[a, k] = rows[a, k]
-        _back(L, parent, out[a])
+            whitened[a, k] = rows[a, k]
+        _whiten(L, parent, whitened[a])
+        for k in range(n):
+            out[a, k] = whitened[a, k]
+        _unwhiten(L, parent, out[a])
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1])")
@@ -105,7 +112,8 @@ def advance_by(
         return bad
     for k in range(n):
         out[k] = h * (torque[k] - effects[k] - damping[k] * v[k])
-    _back(L, parent, out)
+    _whiten(L, parent, out)
+    _unwhiten(L, parent, out)
     for k in range(n):
         out[k] += v[k]
     return 0
@@ -199,7 +207,7 @@ class TreeMetric:
 
     def solve_rows(self, rows: Array) -> Array:
         out = np.empty(rows.shape)
-        solve(self.lower, self.parent, rows, out)
+        solve(self.lower, self.parent, plain_array(rows), np.empty(rows.shape), out)
         return out
 
     def whiten_rows(self, rows: csr_array) -> csr_array:

@@ -13,6 +13,7 @@ from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.geometry.sphere_capsule import SphereCapsulePairs
+from mbvi.projection import DenseMetric
 from mbvi.system import ArticulatedSystem
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -141,7 +142,7 @@ def back(rng):
 def solve(rng):
     system, L = factor_of(rng)
     rows = rng.normal(size=(rng.integers(0, 6), system.nv))
-    return L, system._parent, rows, np.full(rows.shape, np.nan)
+    return L, system._parent, rows, np.full(rows.shape, np.nan), np.full(rows.shape, np.nan)
 
 
 def advance_by(rng):
@@ -150,68 +151,115 @@ def advance_by(rng):
     return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.full(len(v), np.nan)
 
 
-def scaled_cone(rng):
-    """Scaled G and missing rates that dependent rows agree on."""
-    m, n = rng.integers(1, 9, size=2)
-    J = rng.normal(size=(m, n + 1))
+def scaled_rows(rng):
+    """Rows of unit length, every other time with multiples of one of them, and what they demand of some z."""
+    m, n = (int(k) for k in rng.integers(1, 9, size=2))
+    W = rng.normal(size=(m, n + 1))
     if m > 1 and rng.random() < 0.5:
-        J[1:] = rng.choice([-1.0, 1.0], size=(m - 1, 1)) * J[rng.integers(0, m, m - 1)]
-    J /= np.linalg.norm(J, axis=1)[:, None]
-    return J @ J.T, J @ rng.normal(size=n + 1)
-
-
-def solve_equalities(rng):
-    G, d = scaled_cone(rng)
-    m = len(d)
-    chosen, base = rng.random(m) < 0.7, rng.random(m) * rng.choice([0.0, 1.0])
-    if rng.random() < 0.2:
-        # neither dependent nor independent
-        J = np.array([[1.0, 0.0], [1.0, 1e-5]])
-        G, d, chosen, base = J @ J.T, np.ones(2), np.ones(2, bool), np.zeros(2)
-    return G, d, chosen, base, np.full(len(d), np.nan)
+        W[1:] = rng.choice([-1.0, 1.0], size=(m - 1, 1)) * W[rng.integers(0, m, m - 1)]
+    W /= np.linalg.norm(W, axis=1)[:, None]
+    return W, W @ rng.normal(size=n + 1)
 
 
 def pivoted_cholesky(rng):
-    G, d, chosen, *_ = solve_equalities(rng)
-    m = len(d)
-    return G, d, chosen, np.full((m, m), np.nan), np.zeros(m), np.zeros(m, np.int64)
+    W, _ = scaled_rows(rng)
+    return W @ W.T, np.full((len(W), len(W)), np.nan)
 
 
-def nearest_solution(rng):
-    """A factor of two columns, of rows that depend on each other."""
-    size = int(rng.integers(3, 6))
-    base, y = rng.random(size), rng.normal(size=2)
-    return rng.normal(size=(size, 2)), rng.permutation(size), size, 2, base, y, np.full(size, np.nan)
+def factors(rng):
+    """Independent rows, their factors with room for one more, and a row that may depend on them."""
+    size = int(rng.integers(1, 5))
+    n = size + int(rng.integers(0, 3))
+    L, Q = np.zeros((size + 1, size + 1)), np.zeros((size + 1, n))
+    W = rng.normal(size=(size, n))
+    basis, R = np.linalg.qr(W.T)
+    L[:size, :size], Q[:size] = (R * np.sign(R.diagonal())[:, None]).T, (basis * np.sign(R.diagonal())).T
+    return W, size, L, Q
+
+
+def append_row(rng):
+    W, size, L, Q = factors(rng)
+    # one that depends on the others has no direction across
+    W = np.vstack([W, W.sum(axis=0)]) if size == W.shape[1] else rng.normal(size=(1, W.shape[1]))
+    least = 1e-4 if size == Q.shape[1] else 0.0
+    return W[-1].copy(), size, least, L, Q
+
+
+def remove_row(rng):
+    _, size, L, Q = factors(rng)
+    return size, int(rng.integers(size)), L, Q
+
+
+def solve_triangle(rng):
+    _, size, L, _ = factors(rng)
+    return L, size, rng.normal(size=size + 1)
 
 
 def solve_on_active(rng):
-    m = int(rng.integers(2, 7))
-    B = rng.normal(size=(m, m + 2))
-    order = rng.permutation(m)
-    return B @ B.T, order, int(rng.integers(m)), int(order[-1]), np.zeros((m, m)), np.zeros(m)
+    W, size, L, Q = factors(rng)
+    return rng.normal(size=size), rng.permutation(size), size, L, Q, np.zeros(size + 1), np.full(W.shape[1], np.nan)
 
 
-def dual_active_set(rng):
-    G, d = scaled_cone(rng)
+def active_set(W):
+    """What the dual active-set method writes to: rows, factors, percussions and z."""
+    most, n = min(W.shape) + 1, W.shape[1]
+    return np.zeros(most, int), np.zeros((most, most)), np.zeros((most, n)), np.zeros(most), np.zeros(n)
+
+
+def start_from(rng):
+    W, d = scaled_rows(rng)
+    return W, np.abs(d), rng.random(len(d)) < 0.5, *active_set(W)
+
+
+def first_set(rng):
+    W, d, *others = start_from(rng)
+    return W, d, percussions_before(rng, len(d)), *others[1:]
+
+
+def goldfarb_idnani(rng):
+    W, d = scaled_rows(rng)
     if rng.random() < 0.4:
         # rows may contradict each other
         d = np.abs(d)
-    return G, d, rng.random(len(d)) < 0.5
+    return W, d, 1e-13, 0, *active_set(W), np.zeros(len(d))
+
+
+def least_norm(rng):
+    """Rows that span all columns, and a sum of them; some have no part in it."""
+    rank = int(rng.integers(1, 5))
+    count = rank + int(rng.integers(0, 5))
+    B = rng.normal(size=(count + 1, rank + 1))
+    b = (rng.random(count) * (rng.random(count) < 0.7)) @ B[:count, :rank]
+    return B, count, rank, np.append(b, 0.0), np.zeros(count + 1)
+
+
+def newton_step(rng):
+    B, count, rank, b, _ = least_norm(rng)
+    return B, rng.random(len(B)), count, rank, 1e-3, np.zeros((rank, rank)), b[:rank].copy()
+
+
+def share(rng):
+    """Corners of a face, three of which are active."""
+    W = np.array([[1.0, a, b] for a in (-1, 1) for b in (-1, 1)]) + (rng.random() < 0.2) * rng.normal(size=(4, 3))
+    basis, R = np.linalg.qr(W[:3].T)
+    signs, L, Q = np.sign(R.diagonal()), np.zeros((4, 4)), np.zeros((4, 3))
+    L[:3, :3], Q[:3] = (R * signs[:, None]).T, (basis * signs).T
+    z, slack = (rng.random(4) + 0.1) @ W, np.array([0.0, 0.0, 0.0, rng.choice([0.0, 1.0])])
+    return W, slack, 1e-13, np.array([0, 1, 2, -1]), 3, L, Q, z, np.zeros(4)
 
 
 def cone(rng):
-    """Gradients and M^-1 times each, of a robot or of random numbers; a velocity before and one after the forces."""
+    """Gradients of a robot or of random numbers, and a metric; a velocity before and one after the forces."""
     if rng.random() < 0.7:
         system, q, v = moving_robot(rng)
         J, metric = contact_rows(rng, system, q), system.metric(q)
-        A = metric.solve_rows(J)
     else:
         m, n = rng.integers(1, 7, size=2)
         B, J, v = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
         if m > 1 and rng.random() < 0.5:
             J[1] = rng.choice([1.0, 2.0, -1.0]) * J[0]
-        A = np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(n), J.T).T)
-    return J, A, v, v + 1e-2 * rng.normal(size=len(v))
+        metric = DenseMetric(B @ B.T + np.eye(n))
+    return J, metric, v, v + 1e-2 * rng.normal(size=len(v))
 
 
 def restitution(rng, m):
@@ -219,21 +267,26 @@ def restitution(rng, m):
 
 
 def solve_active_set(rng):
-    J, A, v, x = cone(rng)
+    J, metric, v, x = cone(rng)
     m, n = J.shape
     lower = -restitution(rng, m) * (J @ v)
-    return J, A, x, lower, percussions_before(rng, m), np.full(n, np.nan), np.full((3, m), np.nan)
+    if m > 1 and rng.random() < 0.2:
+        # rows that contradict each other
+        J[1], lower[:2] = -J[0], 1.0
+    W = np.ascontiguousarray(metric.whiten(J.T).T)
+    last, table = percussions_before(rng, m), np.full((3, m), np.nan)
+    return J, metric.solve_rows(J), W, x, lower, last, 0.0, np.full(n, np.nan), table
 
 
-def scaled_dual(rng):
-    J, A, x, lower, *_ = solve_active_set(rng)
+def scale_rows(rng):
+    J, _, W, x, lower, *_ = solve_active_set(rng)
     m = len(J)
     table = np.array([np.zeros(m), J @ x, J @ x])
-    return J, A, x, lower, table, np.zeros((m, m)), np.ones(m), np.zeros(m)
+    return J, W, x, lower, table, np.ones(m), np.zeros(m)
 
 
 def natural_residual(rng):
-    J, A, x, lower, *_, w, table = solve_active_set(rng)
+    J, A, _, x, lower, *_, w, table = solve_active_set(rng)
     u = rng.random(len(J))
     return J, A, x, lower, rng.uniform(0.5, 2.0, size=len(J)), u, 2.0, np.zeros(len(J)), w, table
 
@@ -252,7 +305,7 @@ def tree_law(rng):
         mass[0, 0] = -1.0
     m, n = J.shape
     last = percussions_before(rng, m)
-    return mass, *others, J, restitution(rng, m), last, np.full(n, np.nan), np.full((4, m), np.nan)
+    return mass, *others, J, restitution(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
 
 
 def row(rng):
@@ -777,18 +830,26 @@ ARGUMENTS = {
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
-    "_back": back,
+    "_whiten": back,
+    "_unwhiten": back,
     "solve": solve,
     "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
-    "solve_equalities": solve_equalities,
-    "dual_active_set": dual_active_set,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
     "pivoted_cholesky": pivoted_cholesky,
-    "nearest_solution": nearest_solution,
     "solve_on_active": solve_on_active,
-    "scaled_dual": scaled_dual,
+    "append_row": append_row,
+    "remove_row": remove_row,
+    "solve_lower": solve_triangle,
+    "solve_upper": solve_triangle,
+    "start_from": start_from,
+    "first_set": first_set,
+    "goldfarb_idnani": goldfarb_idnani,
+    "newton_step": newton_step,
+    "least_norm": least_norm,
+    "share": share,
+    "scale_rows": scale_rows,
     "natural_residual": natural_residual,
     "tree_law": tree_law,
     "row": row,
@@ -814,8 +875,8 @@ ARGUMENTS = {
 IF_ACCEPTED = {
     "factor": 1,
     "advance_by": 2,
-    "solve_equalities": 1,
-    "dual_active_set": 1,
+    "goldfarb_idnani": 6,
+    "share": 1,
     "solve_active_set": 2,
     "tree_law": 2,
     "half_space_rows": 3,
@@ -832,7 +893,9 @@ def accepted(name, result):
     if name in ("factor", "advance_by"):
         return result == 0
     if name in ("solve_active_set", "tree_law"):
-        return result < np.inf
+        return 0.0 <= result < np.inf
+    if name == "goldfarb_idnani":
+        return result[0] >= 0
     return result[-1] if isinstance(result, tuple) else result
 
 
@@ -843,10 +906,10 @@ def specified(name, result, arguments):
         yes = accepted(name, result)
         if not yes:
             del arguments[-IF_ACCEPTED[name] :]
-        elif name == "dual_active_set":
-            # of dependent rows any may be chosen, but what they bring about is the same
-            G, d, chosen = arguments
-            arguments[2] = G[:, chosen] @ np.linalg.solve(G[np.ix_(chosen, chosen)], d[chosen])
+        elif name == "goldfarb_idnani":
+            # of dependent rows any may be active, but z is the same
+            del arguments[4:8]
+            return [yes, *arguments]
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
     if name == "_near_balls":
         return [result, np.sort(arguments[-1][:result])]

@@ -4,25 +4,26 @@ from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain,
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import first_of_lines_plain
+from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.gram import gram_plain, islands_plain
 from support.plain.half_space import half_space_rows_plain, points_below_plain
 from support.plain.hull_graph import outermost_plain
 from support.plain.impact_rows import _raise_levels_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain, solve_factor_plain
 from support.plain.joint_limit import _limits_within_plain
-from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
 from support.plain.pairs import filter_active_plain
 from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, reach_plain
+from support.plain.shared_percussions import least_norm_plain
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import _pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
-from support.plain.tree import _back_plain, advance_plain, factor_plain, solve_plain
+from support.plain.tree import _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
 from support.plain.triangles import near_triangles_plain
 from support.plain.turning import (
     accelerations_plain,
@@ -36,7 +37,6 @@ from support.plain.verlet_list import _near_balls_plain
 
 PLAIN = {
     "_add_scaled": _add_scaled_plain,
-    "_back": _back_plain,
     "_ball_contacts": _ball_contacts_plain,
     "_bias": _bias_plain,
     "_clear": _clear_plain,
@@ -48,6 +48,8 @@ PLAIN = {
     "reach": reach_plain,
     "_limits_within": _limits_within_plain,
     "_solve_islands": solve_islands_plain,
+    "_unwhiten": _unwhiten_plain,
+    "_whiten": _whiten_plain,
     "_choose_rows": _struck_plain,
     "half_space_rows": half_space_rows_plain,
     "_pairs_within": _pairs_within_plain,
@@ -56,13 +58,14 @@ PLAIN = {
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
-    "dual_active_set": dual_active_set_plain,
     "factor": factor_plain,
     "filter_active": filter_active_plain,
+    "goldfarb_idnani": goldfarb_idnani_plain,
     "gram": gram_plain,
     "incomplete_cholesky": incomplete_cholesky_plain,
     "islands": islands_plain,
     "newton_law": newton_law_plain,
+    "least_norm": least_norm_plain,
     "list_candidates": list_candidates_plain,
     "lowest": lowest_plain,
     "refine_subset": refine_subset_plain,
@@ -78,7 +81,6 @@ PLAIN = {
     "projected_pcg": projected_pcg_plain,
     "row": row_plain,
     "separation": separation_plain,
-    "solve_equalities": solve_equalities_plain,
     "solve": solve_plain,
     "solve_factor": solve_factor_plain,
     "stand": stand_plain,

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mbvi.arguments import Array
-from mbvi.projection.sparse_islands import _SMALL
-from support.plain.nonnegative import dual_active_set_plain, solve_equalities_plain
+from mbvi.projection.sparse_islands import _ROUNDING, _SMALL
+from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.refinement import solve_island_plain
 
 
@@ -23,10 +23,15 @@ def solve_islands_plain(
         inner.sort_indices()
         part = u[here]
         if len(here) <= _SMALL:
-            full, chosen = inner.toarray(), np.zeros(len(here), bool)
-            if dual_active_set_plain(full, d[here], chosen):
-                solve_equalities_plain(full, d[here], chosen, np.zeros(len(here)), part)
-                np.maximum(part, 0.0, out=part)
+            n, own = len(here), d[here]
+            values, vectors = np.linalg.eigh(inner.toarray())
+            W = vectors * np.sqrt(np.maximum(values, 0.0))
+            S, z, slack, solution = np.zeros(n + 1, int), np.zeros(n), np.zeros(n), np.zeros(n + 1)
+            factors = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n))
+            size, _ = goldfarb_idnani_plain(W, own, _ROUNDING * own.max(), 0, S, *factors, solution, z, slack)
+            if size >= 0:
+                part[:] = 0.0
+                part[S[:size]] = solution[:size]
         residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
         if residual > target:
             part *= carried

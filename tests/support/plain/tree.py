@@ -20,14 +20,20 @@ def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array)
     return 0
 
 
-def _back_plain(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite x, shape (nv,), by (L'L)^-1 x."""
-    x[:] = np.linalg.solve(L, np.linalg.solve(L.T, x))
+def _whiten_plain(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L'^-1 x."""
+    x[:] = np.linalg.solve(L.T, x)
 
 
-def solve_plain(L: Array, parent: Array, rows: Array, out: Array) -> None:
-    """Write (L'L)^-1 r for every row r, shapes (m, nv)."""
-    out[:] = np.linalg.solve(L, np.linalg.solve(L.T, rows.T)).T
+def _unwhiten_plain(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L^-1 x."""
+    x[:] = np.linalg.solve(L, x)
+
+
+def solve_plain(L: Array, parent: Array, rows: Array, whitened: Array, out: Array) -> None:
+    """Write L'^-1 r and (L'L)^-1 r for every row r, shapes (m, nv)."""
+    whitened[:] = np.linalg.solve(L.T, rows.T).T
+    out[:] = np.linalg.solve(L, whitened.T).T
 
 
 def advance_plain(
