@@ -1,8 +1,7 @@
 """Fits of spheres, boxes, capsules, cylinders or hulls of fewer vertices to a convex hull, within a tolerance.
 
 Every fit comes with an upper bound of the Hausdorff distance to the hull. A primitive is the mean of two of its kind:
-one that contains the hull's vertices, and a smaller one within all of the hull's faces. A hull of fewer vertices is
-scaled up about an inner point until it contains each vertex that was left out; that bounds the distance of the vertex.
+one that contains the hull's vertices, and a smaller one within all of the hull's faces.
 """
 
 from __future__ import annotations
@@ -12,12 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
+from .fewer_vertices import fewer_vertices
 from .polyhedra import Box, Hull
 from .shapes import Array, Capsule, Convex, Cylinder, Sphere
 
-# vertices added to a thinned hull at a time
-_AT_ONCE = 8
+# tolerances in sizes of the hull: the one of meshes by default, and the rounding within which a fit is exact
+_DEFAULT, _EXACT = 1e-4, 1e-9
+# sides whose normals differ by less are one side
+_SAME_NORMAL = 1e-4
 
 
 class Fit(NamedTuple):
@@ -47,13 +48,19 @@ def fit_primitive(hull: Hull, tolerance: float | None) -> Fit | None:
     hull : Hull
         The hull.
     tolerance : float or None
-        Greatest Hausdorff distance [m]. If None, it is 1e-9 of the hull's size, and only primitives are tried.
+        Greatest Hausdorff distance [m]. If None, it is 1e-4 of the hull's size, the radius about its centre of mass. If
+        0, only primitives are tried, and rounding is allowed, 1e-9 of that size.
     """
-    allowed = 1e-9 * hull.bound if tolerance is None else tolerance
+    centre = hull.mass_properties(1.0)[0]
+    size = float(np.linalg.norm(hull.vertices - centre, axis=1).max())
+    allowed = _DEFAULT * size if tolerance is None else max(tolerance, _EXACT * size)
     found = min(_primitives(hull), key=lambda one: one.distance)
     if found.distance <= allowed:
         return found
-    return None if tolerance is None else _hull_of_fewer_vertices(hull, tolerance)
+    if tolerance == 0.0:
+        return None
+    fewer = fewer_vertices(hull, allowed)
+    return None if fewer is None else Fit(fewer[0], np.eye(3), np.zeros(3), fewer[1])
 
 
 def _primitives(hull: Hull) -> Iterator[Fit]:
@@ -73,10 +80,12 @@ def _primitives(hull: Hull) -> Iterator[Fit]:
 
 
 def _sides(hull: Hull) -> tuple[Array, Array]:
-    """Return the normals of all triangles, and for each the total area of the triangles with that normal."""
+    """Return the normals of all triangles, and for each the total area of the triangles with about that normal."""
     normals, corner = hull.faces[0], hull.vertices[hull.triangles]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    return normals, (normals @ normals.T > 1.0 - 1e-9) @ area
+    cell = np.round(normals / _SAME_NORMAL).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
+    _, side = np.unique(cell, return_inverse=True)
+    return normals, np.bincount(side, area)[side]
 
 
 def _frame(axis: Array, side: Array | None = None) -> Array:
@@ -150,32 +159,3 @@ def _cylinder(hull: Hull, centre: Array, frame: Array) -> Fit:
         return _no_fit(frame, centre)
     shape = Cylinder(radius - 0.5 * shrink, 2.0 * half - shrink)
     return Fit(shape, frame, centre, float(np.sqrt(0.5)) * shrink)
-
-
-def _hull_of_fewer_vertices(hull: Hull, tolerance: float) -> Fit | None:
-    """Return a hull of the outermost vertices in 26 directions and, in turn, of the vertices farthest outside it."""
-    points = hull.vertices
-    steps = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
-    kept = np.zeros(len(points), bool)
-    kept[np.argmax(points @ steps.T, axis=0)] = True
-    while not kept.all():
-        try:
-            fewer = Hull(points[kept])
-        except InputError:
-            return None
-        far = _outside(fewer, points)
-        if far.max() <= tolerance:
-            return Fit(fewer, np.eye(3), np.zeros(3), float(far.max()))
-        worst = np.argsort(far, kind="stable")[-_AT_ONCE:]
-        kept[worst[far[worst] > tolerance]] = True
-    return None
-
-
-def _outside(hull: Hull, points: Array) -> Array:
-    """Return upper bounds of the distances of points to a hull, shape (n,)."""
-    centre = hull.mass_properties(1.0)[0]
-    _, normals, offsets = _in_frame(hull, centre, np.eye(3))
-    factor = ((points - centre) @ normals.T / offsets).max(axis=1)
-    # the hull scaled by this factor about its centre contains the point
-    excess = np.maximum(1.0 - 1.0 / np.maximum(factor, 1.0), 0.0)
-    return np.asarray(excess * np.linalg.norm(points - centre, axis=1))

@@ -83,18 +83,15 @@ class Hull(Polyhedron):
     """
 
     def __init__(self, points: Array) -> None:
-        points = np.asarray(points, dtype=float)
-        hull = _qhull(points)
+        points, hull = _qhull(np.asarray(points, dtype=float))
         directions = 1000
         while np.bincount(hull.simplices.ravel()).max() > _MOST_NEIGHBOURS:
             # Coal counts the neighbours of a vertex in one byte: keep only the outermost points in many directions
             directions //= 2
             points = points[np.unique(np.argmax(points @ _sphere_directions(directions).T, axis=0))]
-            hull = _qhull(points)
-        self.vertices = np.ascontiguousarray(points[hull.vertices])
-        number = np.full(len(points), -1)
-        number[hull.vertices] = np.arange(len(hull.vertices))
-        self.triangles = number[hull.simplices]
+            points, hull = _qhull(points)
+        self.vertices = np.ascontiguousarray(points)
+        self.triangles = hull.simplices.astype(np.int64)
         self.faces = np.ascontiguousarray(hull.equations[:, :3]), -hull.equations[:, 3]
         corner = self.vertices[self.triangles]
         outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -103,10 +100,13 @@ class Hull(Polyhedron):
 
     def coal(self, unit: float = 1.0) -> Any:
         """Return the Coal geometry, in units of `unit` [m]."""
-        points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-        points.extend(list(self.vertices / unit))
-        triangles.extend([coal.Triangle(*map(int, t)) for t in self.triangles])
-        return coal.Convex(points, triangles)
+        # a mesh accepts arrays, which Convex does not
+        mesh = coal.BVHModelOBBRSS()
+        mesh.beginModel(len(self.triangles), len(self.vertices))
+        mesh.addVertices(self.vertices / unit)
+        mesh.addTriangles(self.triangles)
+        mesh.buildConvexRepresentation(False)
+        return mesh.convex
 
     @property
     def volume(self) -> float:
@@ -130,14 +130,19 @@ class Hull(Polyhedron):
         return self.mass_properties(mass)[1]
 
 
-def _qhull(points: Array) -> Any:
+def _qhull(points: Array) -> tuple[Array, Any]:
+    """Return the vertices of a hull and the hull of these, which is again the same when it is made from them alone."""
     # only meshes need it, and its import is slow
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return ConvexHull(points)
+        hull = ConvexHull(points)
+        while len(hull.vertices) < len(points):
+            points = points[hull.vertices]
+            hull = ConvexHull(points)
     except (QhullError, ValueError) as error:
         raise InputError(f"the convex hull of {len(points)} points has no volume") from error
+    return points, hull
 
 
 def _sphere_directions(n: int) -> Array:

@@ -132,7 +132,7 @@ class Blocks:
             else:
                 body += 1
                 placed = PlacedShape(b.name, b.shape, body, np.eye(3), -b.centre, _PALETTE[k % len(_PALETTE)])
-            self.shapes.append(self.simplify(placed, b.tolerance))
+            self.shapes.append(self.simplify(placed, b.tolerance or 0.0))
         if not moving:
             return
         if "rest" in self.reduce:

@@ -230,7 +230,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "q0": item.q0.tolist(),
         "v0": item.v0.tolist(),
         "locked": item.locked,
-        "tolerance": item.tolerance,
+        "hulls_within": item.tolerance,
         "control": None if item.control is None else _source(item.control),
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
@@ -251,7 +251,9 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
     if control is None and data["control"] is not None:
         control = LostControl(str(data["control"]))
-    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, data.get("tolerance"))
+    # older files have a tolerance, which was exact where it was null
+    within = data["hulls_within"] if "hulls_within" in data else data.get("tolerance") or 0.0
+    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, within)
 
 
 def _vector(values: list[float]) -> Array:

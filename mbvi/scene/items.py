@@ -25,7 +25,7 @@ Force = Callable[[float, Array, Array], Any]
 class RobotItem:
     """A robot with its pose, its initial state and its locked joints.
 
-    `tolerance` is that of simpler shapes than its hulls.
+    `tolerance` is that of simpler shapes than its hulls [m]; None is 1e-4 of the size of each, 0 exact.
     """
 
     robot: Robot
@@ -51,7 +51,7 @@ class RobotItem:
 class BodyItem:
     """A rigid body of one shape; `centre` is its centre of mass in the shape's frame, `motion` that of a fixed one.
 
-    `tolerance` is that of a simpler shape than its hull.
+    `tolerance` is that of a simpler shape than its hull [m]; None is exact.
     """
 
     name: str

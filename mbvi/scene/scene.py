@@ -15,6 +15,7 @@ from ..arguments import (
     file_path,
     function,
     label,
+    not_negative,
     numbers_by_name,
     optional,
     positive,
@@ -36,7 +37,7 @@ from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
-from .urdf import initial_state, load_robot, set_base_velocity
+from .urdf import initial_state, load_robot, robot_name, set_base_velocity
 from .urdf_checks import check_mass_matrix
 from .walls import Walls
 
@@ -120,7 +121,10 @@ class Scene(Walls, Grains, Actions):
         locked : sequence of str, optional
             Joints that stay at their initial positions.
         tolerance : float, optional
-            As `add_mesh`, for each of its meshes [m].
+            How far its meshes may be from what touches for them [m]: a hull that is a ball, box, capsule or cylinder
+            within that touches as that, or else as the hull of as few vertices as that takes, if these are a tenth
+            fewer. By default 1e-4 of the size of each hull, its radius about its centre of mass; 0 is exact, the first
+            within 1e-9 of that size. Mass and inertia stay those of the file.
         base_velocity : array_like, shape (6,)
             Initial velocity of a free root link in the world frame: linear, of the origin of the link's frame, then
             angular [m/s, rad/s]; zero by default, and of a fixed one always.
@@ -138,13 +142,10 @@ class Scene(Walls, Grains, Actions):
         file, disabled, given = file_path(path), optional(file_path, srdf, "srdf"), optional(label, name)
         placed = {} if joints is None else numbers_by_name(joints, "joints")
         moving = {} if velocity is None else numbers_by_name(velocity, "velocity")
-        still, within = several_names(locked, "locked"), optional(positive, tolerance, "tolerance")
+        still, within = several_names(locked, "locked"), optional(not_negative, tolerance, "tolerance")
         place, turn = vector(position, "position"), rotation_matrix(rotation)
-        robot = load_robot(file, base, turn, place, given, disabled)
-        if given is None and robot.name in self._items.names():
-            given = self._items.new_name(None, robot.name)
-            robot = load_robot(file, base, turn, place, given, disabled)
-        self._items.new_name(robot.name, robot.name)
+        own = self._items.new_name(given, given or robot_name(file))
+        robot = load_robot(file, base, turn, place, own, disabled)
         q0, v0 = initial_state(robot, base, place, turn, placed, moving)
         set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
@@ -302,9 +303,10 @@ class Scene(Walls, Grains, Actions):
         ----------
         reduce : collection of str
             Which of `mbvi.REDUCTIONS` to apply, all but "pairs" by default; the motion is the same with each of them or
-            without. "joints": those whose limits leave them no range. "pairs": those that the limits of joints keep
-            apart; the search takes some 0.1 s a robot and pays in runs of minutes. "shapes": hulls that a simpler
-            shape does for, see `add_mesh`. "plane": without, a planar scene is built in space.
+            without, but for the tolerance of "shapes". "joints": those whose limits leave them no range. "pairs": those
+            that the limits of joints keep apart; the search takes some 0.1 s a robot and pays in runs of minutes.
+            "shapes": hulls that a simpler shape does for, see `add_urdf` and `add_mesh`. "plane": without, a planar
+            scene is built in space.
             "rest": free bodies at rest sleep until something touches them, and contacts of shapes that stand still
             are not measured again.
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import dist, frexp
 from pathlib import Path
+from typing import Any
 
 import coal
+import numpy as np
 import pinocchio as pin
 
-from ..geometry.shapes import Array, Convex, PlacedShape, length_unit
+from ..geometry.shapes import Array, PlacedShape
 from .reductions import Omission
 from .urdf_checks import read_xml
 
@@ -19,7 +22,10 @@ def pairs_left_out(
     model: pin.Model, shapes: list[PlacedShape], reference: Array, disabled: set[frozenset[str]]
 ) -> tuple[set[tuple[str, str]], list[Omission]]:
     """Return the pairs of a robot's own shapes that are left out, and the reasons in words."""
-    poses = [_poses(model, shapes, q) for q in (pin.neutral(model), reference)]
+    neutral = pin.neutral(model)
+    # most robots have all zeros within their limits
+    starts = [neutral] if np.array_equal(neutral, reference) else [neutral, reference]
+    overlaps = _Overlaps(shapes, [_poses(model, shapes, q) for q in starts])
     apart: set[tuple[str, str]] = set()
     adjacent, overlapping, srdf = [], [], []
     for i, a in enumerate(shapes):
@@ -33,7 +39,7 @@ def pairs_left_out(
             elif {frozenset(pair), frozenset(map(_link_of, pair))} & disabled:
                 apart.add(pair)
                 srdf.append(pair)
-            elif any(_overlap(a.shape, pose[i], b.shape, pose[j]) for pose in poses):
+            elif overlaps(i, j):
                 apart.add(pair)
                 overlapping.append(pair)
     reasons = (
@@ -70,10 +76,34 @@ def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[
     return poses
 
 
-def _overlap(a: Convex, pose_a: tuple[Array, Array], b: Convex, pose_b: tuple[Array, Array]) -> bool:
-    # Coal's tolerance is absolute
-    unit = length_unit([min(a.bound, b.bound)])
-    sides = ((shape.coal(unit), coal.Transform3s(R, p / unit)) for shape, (R, p) in ((a, pose_a), (b, pose_b)))
-    first, second = sides
-    distance = coal.distance(*first, *second, coal.DistanceRequest(), coal.DistanceResult())
-    return bool(distance <= _TOUCHING)
+class _Overlaps:
+    """Whether two shapes overlap in one of some poses; makes each shape's Coal geometry once for each unit."""
+
+    def __init__(self, shapes: list[PlacedShape], poses: list[list[tuple[Array, Array]]]) -> None:
+        self._shapes, self._poses = [s.shape for s in shapes], poses
+        self._geometry: dict[tuple[int, float], Any] = {}
+        self._transforms: dict[tuple[int, int, float], Any] = {}
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def __call__(self, i: int, j: int) -> bool:
+        bounds = self._shapes[i].bound, self._shapes[j].bound
+        # Coal's tolerance is absolute
+        unit = 2.0 ** frexp(min(bounds))[1]
+        for k, pose in enumerate(self._poses):
+            if dist(pose[i][1], pose[j][1]) > sum(bounds) + _TOUCHING * unit:
+                continue
+            sides = self._made(i, k, unit), self._made(j, k, unit)
+            self._result.clear()
+            if coal.distance(*sides[0], *sides[1], self._request, self._result) <= _TOUCHING:
+                return True
+        return False
+
+    def _made(self, number: int, k: int, unit: float) -> tuple[Any, Any]:
+        """Return a shape in a unit, and its place in one of the poses."""
+        key, place = (number, unit), (number, k, unit)
+        if key not in self._geometry:
+            self._geometry[key] = self._shapes[number].coal(unit)
+        if place not in self._transforms:
+            rotation, position = self._poses[k][number]
+            self._transforms[place] = coal.Transform3s(rotation, position / unit)
+        return self._geometry[key], self._transforms[place]

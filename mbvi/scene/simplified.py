@@ -13,14 +13,15 @@ from .reductions import Omission
 class Simplified:
     """The simpler shape of each hull, computed once, and the names of the shapes that were replaced."""
 
-    _known: dict[tuple[int, float | None], tuple[Hull, Fit | None, list[str]]] = field(default_factory=dict)
+    _known: dict[tuple[bytes, float | None], tuple[Hull, Fit | None, list[str]]] = field(default_factory=dict)
 
     def of(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
-        """Return a shape, or a simpler one that equals it within a tolerance [m]."""
+        """Return a shape, or a simpler one that equals it within a tolerance [m]; see `fit_primitive`."""
         hull = placed.shape
         if not isinstance(hull, Hull):
             return placed
-        key = id(hull), tolerance
+        # links on the left and on the right often have the same mesh
+        key = hull.vertices.tobytes(), tolerance
         if key not in self._known:
             self._known[key] = hull, fit_primitive(hull, tolerance), []
         _, found, names = self._known[key]
@@ -39,7 +40,7 @@ class Simplified:
             what = f"hull {names[0]}" + (f" and {len(names) - 1} alike" if len(names) > 1 else "")
             before, after = len(hull.vertices), len(found.shape.support_points()[0])
             kind = type(found.shape).__name__.lower()
-            by = f"a hull of {after} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
+            by = f"a hull of {after} of its {before} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
             saved = max(before - after, 0) * len(names)
             omissions.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
         return omissions

@@ -15,7 +15,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import LARGEST, made_label, shown
+from ..arguments import LARGEST, shown
 from ..errors import InputError, UrdfError
 from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from .meshes import LARGEST_LENGTH
@@ -68,8 +68,16 @@ class Robot:
     file: str = ""
 
 
+def robot_name(path: str | os.PathLike[str]) -> str:
+    """Return the name that a URDF gives its robot, or else that of the file."""
+    file = Path(path)
+    _, root = read_xml(file)
+    _check_root(root, file)
+    return root.get("name") or file.stem
+
+
 def load_robot(
-    path: str | os.PathLike[str], base: str, rotation: Array, position: Array, name: str | None, srdf: Path | None
+    path: str | os.PathLike[str], base: str, rotation: Array, position: Array, name: str, srdf: Path | None
 ) -> Robot:
     """Read a robot.
 
@@ -81,8 +89,8 @@ def load_robot(
         Whether the root link floats or is welded to the world.
     rotation, position : ndarray, shapes (3, 3) and (3,)
         Where a fixed base stands [m].
-    name : str, optional
-        Name in the scene; the URDF's own by default.
+    name : str
+        Name in the scene.
     srdf : path, optional
         File whose `disable_collisions` pairs are left out.
 
@@ -94,7 +102,6 @@ def load_robot(
     file = Path(path)
     text, root = read_xml(file)
     _check_root(root, file)
-    name = name or made_label(root.get("name") or file.stem)
     check_numbers(root, file)
     check_axes(root, file)
     check_links(root, file)

@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ...problem import BuiltScene, Problem
 from ...system import ArticulatedSystem
+from ...system.articulated import Control
 
 # mass matrix and gravity must agree to this, relative to their largest entries
 _AGREEMENT = 1e-6
@@ -80,6 +81,18 @@ class MuJoCoRobot:
         mujoco.mj_step(self.model, self.data)
         start = time.process_time()
         mujoco.mj_step(self.model, self.data, nstep=count - 1)
+        return (time.process_time() - start) / (count - 1)
+
+    def time_controlled(self, control: Control, count: int) -> float:
+        """Return the time of one step among `count` under a control of the joints, which sees a base of zeros [s]."""
+        self._reset()
+        q, v, h = np.zeros(self._source.nq), np.zeros(self._source.nv), self.model.opt.timestep
+        mujoco.mj_step(self.model, self.data)
+        start = time.process_time()
+        for k in range(1, count):
+            q[self._q_there], v[self._v_there] = self.data.qpos[self._here], self.data.qvel[self._mine]
+            self.data.qfrc_applied[:] = self._to_mujoco @ control(k * h, q, v)
+            mujoco.mj_step(self.model, self.data)
         return (time.process_time() - start) / (count - 1)
 
     def _reset(self) -> None:
