@@ -247,7 +247,7 @@ def _projected(problem: Problem, step: Step, before: Rows, floor: Array, project
         if done and (lever * (near.gap - bound) >= -tolerance).all():
             return _Projected(place, last, near, residual)
         place = system.integrate(step.q, moved)
-        near = problem.constraints.near(step.t, place, tolerance + _NEARBY * depth)
+        near = problem.constraints.active(step.t, place, tolerance + _NEARBY * depth)
         owner = match_contacts(near, before)
         bound = np.where(owner >= 0, floor[owner], 0.0)
     return None

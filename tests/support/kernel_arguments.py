@@ -290,7 +290,7 @@ def bias(rng):
 def consume_clearance(rng):
     n, nv = rng.integers(0, 5), rng.integers(1, 9)
     clearance = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
-    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance, 0.2 * rng.random()
 
 
 def list_candidates(rng):
