@@ -125,6 +125,10 @@ class AdmissibleSet(Rebuilt):
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         return concatenate(found) if found else self.empty
 
+    def travel(self, displacement: Array) -> float:
+        """Return about how far a displacement, shape (nv,), moves the bodies of constraints [m]; inf if not known."""
+        return self.cache.travel(displacement)
+
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""
         return np.concatenate([np.zeros(0), *(family.gap(t, q) for family in self.families)])

@@ -124,6 +124,15 @@ class ClearanceCache:
         self._plans: dict[int, list[_Entry]] = {}
         self._last: Array | None = None
 
+    def travel(self, displacement: Array) -> float:
+        """Return the largest displacement of a body in any family; see `AdmissibleSet.travel`.
+
+        The parts of independent velocities are added as if they were orthogonal.
+        """
+        if len(self._envelope) < len(self._entries):
+            return np.inf
+        return float(np.sqrt((self._envelope**2 @ displacement**2).max(initial=0.0)))
+
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""
         self._clearance[:] = -np.inf
