@@ -109,7 +109,7 @@ def boxes(count: int, duration: float = 1.0) -> tuple[float, float, float]:
         start = time.thread_time()
         step = next(walk)
         spent += time.thread_time() - start
-        depths.append(max(0.0, -float(problem.constraints.near(step.t, step.q, 0.0).gap.min(initial=0.0))))
+        depths.append(max(0.0, -float(problem.constraints.active(step.t, step.q, 0.0).gap.min(initial=0.0))))
     return 1e3 * spent / len(depths), max(depths), float(np.median(depths))
 
 

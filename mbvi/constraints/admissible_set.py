@@ -117,8 +117,7 @@ class AdmissibleSet(Rebuilt):
         q : ndarray, shape (nq,)
             Configuration.
         tolerance : float
-            Activation tolerance [m or rad]. If it is larger than in earlier calls, rows may be missing: call `near`
-            instead.
+            The greatest gap of a row [m]; gaps of angles are multiplied by their lever. It may differ from call to call.
         origin, moved : ndarray, shapes (nq,) and (nv,), optional
             Another configuration and the tangent vector from it to q. If `origin` is the configuration of the last
             call, the cache uses `moved` and need not compute the difference.
@@ -126,10 +125,9 @@ class AdmissibleSet(Rebuilt):
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         return concatenate(found) if found else self.empty
 
-    def near(self, t: float, q: Array, reach: float) -> Rows:
-        """Return the rows with f_a(q) <= reach, for any reach: the cache is cleared first."""
-        self.cache.forget()
-        return self.active(t, q, reach)
+    def travel(self, displacement: Array) -> float:
+        """Return about how far a displacement, shape (nv,), moves the bodies of constraints [m]; inf if not known."""
+        return self.cache.travel(displacement)
 
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""

@@ -17,8 +17,8 @@ from .rows import Array, Rows
 _MOST_CACHED = 60
 
 
-@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
-def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: Array) -> int:
+@kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8)")
+def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: Array, tolerance: float) -> int:
     """Take a displacement from the clearances of families; return a mask of those that are used up.
 
     Parameters
@@ -30,7 +30,10 @@ def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: A
     travel : ndarray, shape (n, nv)
         Sum of |moved| since each family was last updated; added to.
     clearance : ndarray, shape (n,)
-        How far each family is from closing, -inf where it must be queried in any case; subtracted from.
+        Lower bound of the gaps of each family that are not measured at every step, -inf where it must be queried in
+        any case; subtracted from [m].
+    tolerance : float
+        A bound below this is used up [m].
     """
     n, nv = envelope.shape
     exhausted = 0
@@ -41,7 +44,7 @@ def consume_clearance(moved: Array, envelope: Array, travel: Array, clearance: A
             travel[k, i] += far
             used += envelope[k, i] * far
         clearance[k] -= used
-        if not clearance[k] >= 0.0:
+        if not clearance[k] >= tolerance:
             exhausted |= 1 << k
     return exhausted
 
@@ -81,9 +84,10 @@ class _Entry:
 class ClearanceCache:
     """Skips the families that cannot have a row within the tolerance yet; each `AdmissibleSet` has one of its own.
 
-    After a query the cache knows the clearance of a family: by how much its gaps must fall before it has a row that the
-    query did not return. From one configuration to the next a gap falls by no more than envelope . |difference|, which
-    is taken from the clearance. Once the clearance is negative the family is queried again.
+    After a query the cache knows the clearance of a family: the least gap of the rows that the query did not return.
+    From one configuration to the next a gap falls by no more than envelope . |difference|, which is taken from the
+    clearance. Once the clearance is below the tolerance of a query the family is queried again. The tolerance may
+    differ from query to query.
 
     A family of pairs (`PairCandidates`) has a second level. While the other pairs have clearance left, only the
     candidates are measured, at every step. Once the least of it is used up, the travel since the last update
@@ -120,6 +124,15 @@ class ClearanceCache:
         self._plans: dict[int, list[_Entry]] = {}
         self._last: Array | None = None
 
+    def travel(self, displacement: Array) -> float:
+        """Return the largest displacement of a body in any family; see `AdmissibleSet.travel`.
+
+        The parts of independent velocities are added as if they were orthogonal.
+        """
+        if len(self._envelope) < len(self._entries):
+            return np.inf
+        return float(np.sqrt((self._envelope**2 @ displacement**2).max(initial=0.0)))
+
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""
         self._clearance[:] = -np.inf
@@ -131,7 +144,7 @@ class ClearanceCache:
         self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
     ) -> list[Rows]:
         """Return the rows within the tolerance, family by family; see `AdmissibleSet.active`."""
-        exhausted = self._consume(q, origin, moved)
+        exhausted = self._consume(q, tolerance, origin, moved)
         found = []
         mask = exhausted | self._always_query
         plan = self._plans.get(mask)
@@ -142,10 +155,10 @@ class ClearanceCache:
             if candidates is None:
                 rows = entry.query(t, q, tolerance)
                 if slot >= 0:
-                    self._clearance[slot] = entry.family.clearance()
+                    self._clearance[slot] = entry.family.clearance() + tolerance
             else:
                 if exhausted >> slot & 1:
-                    self._clearance[slot] = candidates.update(self._travels[slot], tolerance)
+                    self._clearance[slot] = candidates.update(self._travels[slot], tolerance) + tolerance
                     self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
                 rows = entry.query(q, tolerance, candidates)
                 if candidates.any_empty:
@@ -155,7 +168,7 @@ class ClearanceCache:
                 found.append(rows if entry.as_is else entry.numbered(rows))
         return found
 
-    def _consume(self, q: Array, origin: Array | None, moved: Array | None) -> int:
+    def _consume(self, q: Array, tolerance: float, origin: Array | None, moved: Array | None) -> int:
         """Take the displacement to q from the clearances; return the mask of those that are used up."""
         last = self._last
         # an array that may be written to can change later: keep a copy of it
@@ -164,4 +177,4 @@ class ClearanceCache:
             return (1 << len(self._clearance)) - 1
         if moved is None or (origin is not last and (origin is None or origin.tobytes() != last.tobytes())):
             moved = self._system.difference(last, q)
-        return consume_clearance(moved, self._envelope, self._travel, self._clearance)
+        return consume_clearance(moved, self._envelope, self._travel, self._clearance, tolerance)

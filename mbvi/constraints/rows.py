@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..compiled import kernel
 from ..system.sparse_rows import stack_rows
 
 Array = np.ndarray
@@ -83,27 +84,60 @@ def concatenate(parts: Sequence[Rows]) -> Rows:
     )
 
 
+@kernel("void(i8[::1], f8[:,::1], i8[::1], f8[:,::1], i8[::1], i8[::1])")
+def mutual_nearest(number: Array, point: Array, others: Array, places: Array, order: Array, owner: Array) -> None:
+    """Find for each contact the same one among others: of the same number, and each is the nearest to the other.
+
+    Parameters
+    ----------
+    number, others : ndarray of int, shapes (k,) and (m,)
+        Constraints of the contacts.
+    point, places : ndarray, shapes (k, 3) and (m, 3)
+        Contact points [m]; distances that are NaN, as of joint limits, count as zero.
+    order : ndarray of int, shape (m,)
+        The order in which `others` ascends.
+    owner : ndarray of int, shape (k,)
+        Receives the index of each contact among the others, -1 where it is not among them. Of several that are equally
+        near it is the last in that order.
+    """
+    k, m = len(number), len(others)
+    nearest, back = np.empty(m), np.empty(m, np.int64)
+    for j in range(m):
+        nearest[j], back[j] = np.inf, -1
+    for i in range(k):
+        first, end = 0, m
+        while first < end:
+            half = (first + end) // 2
+            if others[order[half]] < number[i]:
+                first = half + 1
+            else:
+                end = half
+        owner[i], least = -1, np.inf
+        while first < m and others[order[first]] == number[i]:
+            j, apart = order[first], 0.0
+            for axis in range(3):
+                apart += (point[i, axis] - places[j, axis]) ** 2
+            if np.isnan(apart):
+                apart = 0.0
+            if apart <= least:
+                owner[i], least = j, apart
+            if apart <= nearest[j]:
+                back[j], nearest[j] = i, apart
+            first += 1
+    for i in range(k):
+        if owner[i] >= 0 and back[owner[i]] != i:
+            owner[i] = -1
+
+
 def match_contacts(rows: Rows, others: Rows) -> Array:
     """Return for each row the index of the same contact among the others, shape (k,); -1 where there is none.
 
     Two rows are the same contact if they are of one constraint and each is the nearest to the other.
     """
-    if not others.gap.size:
-        return np.full(len(rows.gap), -1)
-    order = np.argsort(others.constraint, kind="stable")
-    first, end = (np.searchsorted(others.constraint[order], rows.constraint, side) for side in ("left", "right"))
-    count = end - first
-    row = np.repeat(np.arange(len(count)), count)
-    other = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-    shift = rows.point[row] - others.point[other]
-    # joint limits have no points: their distance is zero
-    apart = np.nan_to_num(np.vecdot(shift, shift))
-    # in order of falling distance, so that the nearest one is written last and stays
-    nearest_last = np.argsort(-apart, kind="stable")
-    row, other = row[nearest_last], other[nearest_last]
-    owner, back = np.full(len(count), -1), np.full(len(others.gap), -1)
-    owner[row], back[other] = other, row
-    return np.where((owner >= 0) & (back[owner] == np.arange(len(count))), owner, -1)
+    owner = np.empty(len(rows.gap), np.int64)
+    order = others.constraint.argsort(kind="stable")
+    mutual_nearest(rows.constraint, rows.point, others.constraint, others.point, order, owner)
+    return owner
 
 
 class Constraint(Protocol):

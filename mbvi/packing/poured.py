@@ -62,7 +62,7 @@ def poured(
         still = float(np.sqrt(3.0 * (step.v**2).mean())) < _STILL * g * unit
         if step.t > fall and (still or step.t > 10.0 * fall):
             break
-    deepest = -float(problem.constraints.near(step.t, step.q, 0.0).gap.min(initial=0.0))
+    deepest = -float(problem.constraints.active(step.t, step.q, 0.0).gap.min(initial=0.0))
     smallest = float(loose.radii.min())
     shrunk = loose.radii * (1.0 - deepest / smallest) if deepest > 0.0 else loose.radii
     return Packing(step.q.reshape(-1, 3).copy(), shrunk)

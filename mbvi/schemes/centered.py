@@ -8,8 +8,9 @@ from ..arguments import boolean
 from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import FreeMotion, Projector
 from ..system.system import Array
+from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, law
@@ -44,7 +45,8 @@ class Centered(Scheme):
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
-        ahead = problem.constraints.active(end, system.integrate(q, h * v), problem.tolerance)
+        nearby = NearbyRows(problem, end)
+        ahead = nearby.at(system.integrate(q, h * v))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
@@ -52,13 +54,28 @@ class Centered(Scheme):
             w = system.free_velocity(t, middle, force_velocity, h)
             w = w if force_velocity is v else v + (w - force_velocity)
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
-        applied = Applied(t, middle, v, h, force_velocity)
-        active = _rows_in_the_middle(problem, t, middle, ahead, half * ahead.speeds(v))
-        w, rates, residual = law(projector, v, applied.free_motion(system), active)
+        change = half * ahead.speeds(v)
+        if self.project_positions and not _bounces(problem, ahead, change):
+            active = ahead._replace(gap=ahead.gap - change)
+        else:
+            active = _rows_in_the_middle(problem, t, middle, ahead, change)
+        motion = system.free_motion(t, middle, force_velocity, h)
+        motion = motion if force_velocity is v else motion.of(v, force_velocity)
+        w, rates, residual = law(projector, v, motion, active)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
-        return (
-            project_positions(problem, applied, step, projector) if self.project_positions else advance_gaps(step, half)
-        )
+        if not self.project_positions:
+            return advance_gaps(step, half)
+        applied = Applied(t, middle, v, h, FreeMotion(motion.free, motion.metric))
+        return project_positions(problem, applied, step, projector, nearby)
+
+
+def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
+    """Return whether some row may bounce: its velocity after the law then depends on where its gradient is taken.
+
+    A row that does not bounce gets a velocity tangent to the constraint at the end of the step in any case.
+    """
+    rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
+    return bool((rebound > problem.tolerance).any() or (ahead.restitution >= 1.0).any())
 
 
 def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:

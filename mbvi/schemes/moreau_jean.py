@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ..arguments import between, boolean
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import FreeMotion, Projector
 from ..system.system import Array
+from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, law
@@ -56,8 +57,10 @@ class MoreauJean(Scheme):
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
-        w, rates, residual = law(projector, v, system.free_motion(t, middle, v, h), active)
+        motion = system.free_motion(t, middle, v, h)
+        w, rates, residual = law(projector, v, motion, active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
-            return project_positions(problem, Applied(t, middle, v, h, v), step, projector)
+            applied = Applied(t, middle, v, h, FreeMotion(motion.free, motion.metric))
+            return project_positions(problem, applied, step, projector, NearbyRows(problem, end))
         return advance_gaps(step, self.theta * h)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ..arguments import boolean
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import FreeMotion, Projector
 from ..system.system import Array
+from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, law
@@ -42,6 +43,10 @@ class Paoli(Scheme):
         active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
-        velocity, rates, residual = law(projector, v, system.free_motion(t, q, v, h), active)
+        motion = system.free_motion(t, q, v, h)
+        velocity, rates, residual = law(projector, v, motion, active)
         step = Step(t, q, velocity, active, rates, residual)
-        return project_positions(problem, Applied(t, q, v, h, v), step, projector) if self.project_positions else step
+        if not self.project_positions:
+            return step
+        applied = Applied(t, q, v, h, FreeMotion(motion.free, motion.metric))
+        return project_positions(problem, applied, step, projector, NearbyRows(problem, t))

@@ -11,10 +11,10 @@ from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, Metric, Projector, TreeFreeMotion
-from ..system import System
+from ..projection import FreeMotion, Metric, Projector
 from ..system.system import Array
-from .step import Step, advance_gaps, law
+from .nearby_rows import NearbyRows
+from .step import Step, advance_gaps
 
 # most linearisations of the constraints within a step
 _MOST_LINEARISATIONS = 20
@@ -35,21 +35,15 @@ class Applied(NamedTuple):
         Configuration, and velocity before the law.
     h : float
         Length of the step [s].
-    force_velocity : ndarray, shape (nv,)
-        Velocity at which the forces were evaluated.
+    motion : FreeMotion
+        Free motion of v.
     """
 
     t: float
     q: Array
     v: Array
     h: float
-    force_velocity: Array
-
-    def free_motion(self, system: System) -> FreeMotion | TreeFreeMotion:
-        """Return the free motion of v under the forces at `force_velocity`."""
-        at = self.force_velocity
-        free_motion = system.free_motion(self.t, self.q, at, self.h)
-        return free_motion if at is self.v else free_motion.of(self.v, at)
+    motion: FreeMotion
 
 
 class _Projected(NamedTuple):
@@ -73,7 +67,7 @@ class _Projected(NamedTuple):
     residual: float
 
 
-def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector) -> Step:
+def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step:
     """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
 
     A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
@@ -95,6 +89,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         The step before position projection; its gaps are those where the law was applied.
     projector : Projector
         Solves the projections.
+    nearby : NearbyRows
+        The rows at the end of the step, as far as they are known.
 
     Returns
     -------
@@ -106,21 +102,24 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     Positions are not projected in a step where 20 linearisations do not suffice, as between polyhedra whose nearest
     features change, or where contacts contradict each other. The run records that penetration.
     """
-    system, drift = problem.system, step.t - applied.t
+    system, drift, slack = problem.system, step.t - applied.t, np.zeros(len(step.active.gap))
     for _ in range(_MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
             break
         # where the law acts at the end of the step, the active rows there are those of the law
-        before = problem.constraints.active(step.t, step.q, problem.tolerance) if drift else rows
+        before = nearby.at(step.q) if drift else rows
         # for each row the row of the law at the same contact, -1 where there is none
         owner = match_contacts(before, rows)
-        floor = np.where((owner >= 0) & closed[owner], 0.0, np.minimum(before.gap, 0.0))
+        lengths = problem.constraints.levers(before.constraint) * before.gap
+        # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
+        sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
+        floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
         # the largest distance by which a closed contact must move out
-        depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max(initial=0.0))
+        depth = -float(lengths[sunk].min(initial=0.0))
         if depth <= problem.tolerance:
             break
-        projected = _projected(problem, step, before, floor, projector)
+        projected = _projected(problem, applied, step, before, floor, depth, projector, nearby)
         if projected is None:
             break
         owner = match_contacts(projected.near, rows)
@@ -128,16 +127,30 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             return _with_tangent_velocity(
                 problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
             )
-        rows = concatenate([rows, take(projected.near, owner < 0)])
-        w, rates, residual = _law(problem, applied, rows, projector)
-        q = system.integrate(applied.q, drift * w) if drift else step.q
-        step = Step(step.t, q, w, rows, rates, residual)
+        joined = take(projected.near, owner < 0)
+        rows = concatenate([rows, joined])
+        # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
+        opened = np.zeros(len(joined.gap))
+        if drift:
+            moved = drift * step.v + projected.displacement
+            opened = np.maximum(joined.gap - joined.jacobian @ moved, 0.0) / drift
+            rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
+        slack = np.concatenate([slack, opened])
+        lower = np.minimum(-rows.restitution * rows.speeds(applied.v), -slack)
+        step = _with_bounds(applied, step, rows, lower, projector)
+        if drift:
+            step = step._replace(q=system.integrate(applied.q, drift * step.v))
     return advance_gaps(step, drift)
 
 
-def _law(problem: Problem, applied: Applied, rows: Rows, projector: Projector) -> tuple[Array, Array, float]:
-    """Apply the law where the scheme applied it, with these rows."""
-    return law(projector, applied.v, applied.free_motion(problem.system), rows)
+def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector) -> Step:
+    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps."""
+    free = applied.motion.free
+    if rows.rate is not None:
+        lower = lower - rows.rate
+    w, percussion, residual = projector.project(free, applied.motion.metric, rows.jacobian, lower)
+    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
+    return Step(step.t, step.q, w, rows, rates, residual)
 
 
 def _with_tangent_velocity(
@@ -156,18 +169,13 @@ def _with_tangent_velocity(
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
     rows = concatenate([near, take(rows, unmatched)]) if unmatched.any() else near
-    free_motion = applied.free_motion(problem.system)
-    free, before = free_motion.free, rows.speeds(applied.v)
-    lower = -rows.restitution * before
+    lower = -rows.restitution * rows.speeds(applied.v)
     # a gap that the projection left open may close until the next law: otherwise its body would fall freely
     may_close = closed[owner] | (step.percussion[owner] == 0.0)
     opened = np.flatnonzero(may_close & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
     lower[opened] = -near.gap[opened] / (applied.h - (step.t - applied.t))
-    if rows.rate is not None:
-        lower -= rows.rate
-    w, percussion, residual = projector.project(free, free_motion.metric, rows.jacobian, lower)
-    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), before])
-    return Step(step.t, projected.q, w, rows, rates, max(residual, projected.residual))
+    step = _with_bounds(applied, step, rows, lower, projector)
+    return step._replace(q=projected.q, residual=max(step.residual, projected.residual))
 
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
@@ -177,7 +185,7 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     rise, gap = h * lever * step.after, lever * rows.gap
     closed = np.abs(rise) <= problem.tolerance
     # at e = 1 every contact that rises bounces
-    rises = (rise > problem.tolerance) & (rows.restitution < 1.0)
+    rises = (rise > problem.tolerance) & (rows.restitution < 1.0) & (step.percussion > 0.0)
     if rises.any():
         place = problem.system.integrate(applied.q, h * step.v)
         # the lowest gap of each contact after a whole step at the velocity after the law
@@ -188,9 +196,10 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
         # to project a contact of a body that bounces at another contact would make the body rock
-        metric, J = problem.system.metric(applied.q), rows.jacobian
+        metric, J = applied.motion.metric, rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
-        closed[closed] = ~_coupled(metric, J, closed, bounces)
+        if bounces.any():
+            closed[closed] = ~_coupled(metric, J, closed, bounces)
     return closed
 
 
@@ -213,7 +222,16 @@ def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -
     return found
 
 
-def _projected(problem: Problem, step: Step, before: Rows, floor: Array, projector: Projector) -> _Projected | None:
+def _projected(
+    problem: Problem,
+    applied: Applied,
+    step: Step,
+    before: Rows,
+    floor: Array,
+    depth: float,
+    projector: Projector,
+    nearby: NearbyRows,
+) -> _Projected | None:
     """Return the nearest configuration in which no gap is below its lower bound; None if the iteration fails.
 
     Parameters
@@ -224,30 +242,32 @@ def _projected(problem: Problem, step: Step, before: Rows, floor: Array, project
         The active rows there.
     floor : ndarray, shape (k,)
         Lower bounds of their gaps; that of rows that become active during the projection is 0.
+    depth : float
+        The largest distance by which a gap must rise [m].
+    nearby : NearbyRows
+        The rows at the end of the step, as far as they are known.
 
     Notes
     -----
-    All near rows are linearised again at the configuration of the last projection. The iteration ends when the gaps of
-    all rows with a positive percussion equal their lower bounds to within the activation tolerance. Equality matters: a
-    contact whose gap remained open would not be active, and its body would fall.
+    The rows are taken again at the configuration of each projection. The iteration ends when no gap there is below its
+    lower bound, and those of all rows with a positive percussion equal it, to within the activation tolerance.
+    Equality matters: a contact whose gap remained open would not be active, and its body would fall.
     """
     system, tolerance = problem.system, problem.tolerance
-    metric, still = system.metric(step.q), np.zeros(system.nv)
-    depth = float((problem.constraints.levers(before.constraint) * (floor - before.gap)).max())
-    place, moved, near, bound = step.q, still, before, floor
+    moved = still = np.zeros(system.nv)
+    near, bound = before, floor
     for _ in range(_MOST_LINEARISATIONS):
         lower = near.jacobian @ moved + bound - near.gap
-        last = moved
         try:
-            moved, percussion, residual = projector.project(still, metric, near.jacobian, lower)
+            moved, percussion, residual = projector.project(still, applied.motion.metric, near.jacobian, lower)
         except ProjectionError:
             return None
-        lever = problem.constraints.levers(near.constraint)
-        done = (lever * np.abs(near.jacobian @ (moved - last)) <= tolerance)[percussion > 0.0].all()
-        if done and (lever * (near.gap - bound) >= -tolerance).all():
-            return _Projected(place, last, near, residual)
-        place = system.integrate(step.q, moved)
-        near = problem.constraints.near(step.t, place, tolerance + _NEARBY * depth)
-        owner = match_contacts(near, before)
+        place, last = system.integrate(step.q, moved), near
+        near = nearby.at(place, _NEARBY * depth)
+        owner, pushed = match_contacts(near, before), match_contacts(near, last)
         bound = np.where(owner >= 0, floor[owner], 0.0)
+        excess = problem.constraints.levers(near.constraint) * (near.gap - bound)
+        pushed = (pushed >= 0) & (percussion[pushed] > 0.0)
+        if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
+            return _Projected(place, moved, near, residual)
     return None

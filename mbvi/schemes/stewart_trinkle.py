@@ -56,7 +56,7 @@ class StewartTrinkle(Scheme):
         free_motion = system.free_motion(t, q, v, h)
         # rows to walls with a prescribed motion are linearised in the middle of the step
         rows = _at_earlier_time(
-            problem.constraints.near(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
+            problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         for retry in range(_MOST_RETRIES + 1):
             displacing, corrected = _end_velocity(problem, rows, h, projector, free_motion)
@@ -64,7 +64,7 @@ class StewartTrinkle(Scheme):
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
-            at_end = problem.constraints.near(end, place, deepest)
+            at_end = problem.constraints.active(end, place, deepest)
             deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
             missed = ~_is_among(at_end.constraint, rows.constraint) | deep
             if retry == _MOST_RETRIES or not missed.any():

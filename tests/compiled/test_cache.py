@@ -136,7 +136,7 @@ scene = mbvi.Scene()
 scene.add_halfspace((0, 0, 1))
 scene.add_urdf({str(ROBOTS / "hopper/hopper.urdf")!r}, position=(0, 0, 2))
 problem = scene.build()
-print(problem.constraints.near(0.0, problem.q0, 10.0).jacobian[:, 2].max())
+print(problem.constraints.active(0.0, problem.q0, 10.0).jacobian[:, 2].max())
 """
     before, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
     file = package / "system/articulated.py"

@@ -157,7 +157,7 @@ def test_sparse_rows_are_the_full_ones(rng):
     """Rows of boxes and spheres together, by finite differences of the gaps along the retraction."""
     problem = scene_of_many(rng, 10, 25)
     system, q = problem.system, problem.q0
-    rows = problem.constraints.near(0.0, q, 0.15)
+    rows = problem.constraints.active(0.0, q, 0.15)
     assert system.sparse
     assert len(rows.gap) > 40
     assert rows.jacobian.nnz <= 12 * len(rows.gap)
@@ -168,7 +168,7 @@ def test_sparse_rows_are_the_full_ones(rng):
     ]
     assert len(smooth) > 30
     for direction in rng.normal(size=(5, system.nv)):
-        ends = [problem.constraints.near(0.0, system.integrate(q, s * small * direction), 0.16) for s in (-1.0, 1.0)]
+        ends = [problem.constraints.active(0.0, system.integrate(q, s * small * direction), 0.16) for s in (-1.0, 1.0)]
         keys = [[(int(n), *np.round(p, 4)) for n, p in zip(r.constraint, r.point, strict=True)] for r in (rows, *ends)]
         compared = 0
         for k in smooth:

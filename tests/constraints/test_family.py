@@ -162,7 +162,7 @@ def same(found, expected):
 @given(seed=st.integers(0, 10_000), length=st.floats(1e-3, 0.5))
 @settings(max_examples=40, deadline=None)
 def test_a_cached_family_gives_the_rows_of_one_that_is_queried_at_every_step(seed, length):
-    rng, count, tolerance = np.random.default_rng(seed), 4, 1e-2
+    rng, count = np.random.default_rng(seed), 4
     system = points(PointsInSphere(count), np.ones(3 * count), np.zeros(3 * count), count=count).system
     families = PointsInSphere(count), PointsInSphere(count, cached=False)
     # a second family before each shifts their numbers
@@ -173,6 +173,8 @@ def test_a_cached_family_gives_the_rows_of_one_that_is_queried_at_every_step(see
     for _ in range(120):
         moved = length * rng.normal(size=3 * count) - 0.02 * q
         origin, q = q, q + moved
+        # it may differ from query to query, and be negative
+        tolerance = rng.choice([1e-2, 0.1, -1e-2])
         rows = cached.active(0.0, q, tolerance, origin, moved)
         same(rows, uncached.active(0.0, q, tolerance))
         assert set(rows.restitution) <= {0.5, 0.7}
@@ -195,8 +197,9 @@ def test_the_cache_changes_no_row_of_a_robot_on_a_random_path(robot, rng):
         drift = 0.95 * drift + 0.01 * rng.normal(size=system.nv)
         drift[2] = -0.5 * (system.placements(q, np.array([1]))[0, 3, 2] - 0.3) * 0.1
         q = system.integrate(q, drift)
-        rows = known.active(0.0, q, 1e-3)
-        expected = AdmissibleSet(system, known.constraints, problem.restitution).active(0.0, q, 1e-3)
+        tolerance = rng.choice([1e-3, 1.1e-2, 0.0])
+        rows = known.active(0.0, q, tolerance)
+        expected = AdmissibleSet(system, known.constraints, problem.restitution).active(0.0, q, tolerance)
         same((rows.constraint, rows.gap, rows.jacobian), (expected.constraint, expected.gap, expected.jacobian))
         found |= {known.name(k).split()[-1] for k in rows.constraint.tolist()}
     assert {"limit", "halfspace"} <= found or {"limit", "floor"} <= found or len(found) > 1

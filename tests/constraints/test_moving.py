@@ -324,7 +324,7 @@ def test_many_boxes_meet_moving_ones_as_few_do():
             scene.add_box((4.8, 3.8, 0.2), position=(*corner, 0), name=f"blade{k}", motion=motion)
         scene.add_boxes(places[chosen], (0.5, 0.5, 0.4), mass=1.0, rotations=turns[chosen])
         problem = scene.build()
-        rows = problem.constraints.near(t, problem.q0, 0.25)
+        rows = problem.constraints.active(t, problem.q0, 0.25)
         found = {}
         for k in np.argsort(-rows.gap):
             first, second = problem.constraints.name(int(rows.constraint[k])).split(" | ")

@@ -151,7 +151,7 @@ def test_what_a_lever_strikes_by_a_hair_is_seen_too(tmp_path):
     # where it would touch the beam's upper face there
     above = 0.97 * np.tan(angle) + 0.06 / np.cos(angle)
     problem, step = struck(above - 1e-5)
-    rows = problem.constraints.near(step.t, step.q, 1e-6)
+    rows = problem.constraints.active(step.t, step.q, 1e-6)
     (gap,) = (f for a, f in zip(rows.constraint, rows.gap, strict=True) if "target" in problem.constraints.name(a))
     assert gap == pytest.approx(0.0, abs=1e-9)
     assert step.v[-1] > 1e-3
@@ -173,7 +173,7 @@ def test_boxes_that_tumble_onto_each_other_stay_out_of_each_other(seed):
     problem = tumbling(24, seed)
     allowed, found = 1e-3 * problem.length, []
     for step in mbvi.steps(problem, mbvi.StewartTrinkle(), step=H):
-        gap = problem.constraints.near(step.t, step.q, 0.0).gap
+        gap = problem.constraints.active(step.t, step.q, 0.0).gap
         depth = max(0.0, -float(gap.min(initial=0.0)))
         # and the record says how deep they are, to what the projection's residual leaves
         assert max(0.0, -float(step.active.gap.min(initial=0.0))) == pytest.approx(depth, abs=1e-3 * allowed)

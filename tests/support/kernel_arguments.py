@@ -344,7 +344,7 @@ def bias(rng):
 def consume_clearance(rng):
     n, nv = rng.integers(0, 5), rng.integers(1, 9)
     clearance = rng.choice([-np.inf, 0.1, 1.0, np.inf], size=n)
-    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance
+    return rng.normal(size=nv), rng.random((n, nv)), rng.random((n, nv)), clearance, 0.2 * rng.random()
 
 
 def list_candidates(rng):
@@ -358,6 +358,15 @@ def filter_active(rng):
     pair = np.repeat(np.arange(5), rng.integers(0, 4, size=5))
     gap = rng.normal(size=len(pair))
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
+
+
+def contacts_at_two_configurations(rng):
+    """Contacts of a few constraints at points of a grid, where many are equally near; some have no points."""
+    k, m = rng.integers(0, 9, size=2)
+    number, others = rng.integers(0, 4, size=k), rng.integers(0, 4, size=m)
+    point, places = (rng.integers(0, 3, size=(n, 3)).astype(float) for n in (k, m))
+    point[number == 0], places[others == 0] = np.nan, np.nan
+    return number, point, others, places, others.argsort(kind="stable"), np.full(k, -7)
 
 
 def shapes_on_walls(rng):
@@ -857,6 +866,7 @@ ARGUMENTS = {
     "_bias": bias,
     "consume_clearance": consume_clearance,
     "list_candidates": list_candidates,
+    "mutual_nearest": contacts_at_two_configurations,
     "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,

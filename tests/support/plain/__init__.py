@@ -18,6 +18,7 @@ from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, reach_plain
 from support.plain.shared_percussions import least_norm_plain
+from support.plain.rows import mutual_nearest_plain
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
@@ -64,6 +65,7 @@ PLAIN = {
     "gram": gram_plain,
     "incomplete_cholesky": incomplete_cholesky_plain,
     "islands": islands_plain,
+    "mutual_nearest": mutual_nearest_plain,
     "newton_law": newton_law_plain,
     "least_norm": least_norm_plain,
     "list_candidates": list_candidates_plain,
