@@ -13,6 +13,7 @@ from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.system import ArticulatedSystem
+from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
@@ -709,6 +710,7 @@ def raise_levels(rng):
 
 ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
+    **CLOSED_FORM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_pairs_within": touching,
