@@ -102,6 +102,8 @@ class PrimitivePairs:
     ----------
     form : ndarray of int, shape (n,)
         The closed form of each pair, `NONE` if it has none.
+    smooth : ndarray of bool, shape (n,)
+        Which pairs have a continuous gradient: sphere and sphere, sphere and capsule.
     last : ndarray of int, shape (n,)
         As of `primitive_contacts`: where both of two parallel faces may give the normal, that of the last time does.
     """
@@ -109,7 +111,9 @@ class PrimitivePairs:
     def __init__(self, shapes: Sequence[PlacedShape], supports: tuple[Array, ...], sides: Array) -> None:
         self._frame, self._fixed, self._sizes = supports[:3]
         self._sides = sides
-        self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides], dtype=np.int64)
+        self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
+        self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
+        self.smooth &= np.array([isinstance(s.shape, Sphere | Capsule) for s in shapes])[sides].all(axis=1)
         self.last = np.zeros(len(sides), np.int64)
         self._room = self._rows(_MOST)
 

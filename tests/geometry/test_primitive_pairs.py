@@ -421,11 +421,13 @@ def test_which_pairs_have_a_closed_form():
     ]  # fmt: skip
     placed = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate(shapes)]
     sides = np.array([(a, b) for a in range(7) for b in range(7)])
-    form = PrimitivePairs(placed, SeparatingAxes(placed, sides).supports, sides).form.reshape(7, 7)
+    pairs = PrimitivePairs(placed, SeparatingAxes(placed, sides).supports, sides)
     expected = np.full((7, 7), NONE)
     expected[2:4, 2:4] = BOXES
     expected[:5, :2], expected[:2, :5] = SECOND_BALL, FIRST_BALL
-    np.testing.assert_array_equal(form, expected)
+    np.testing.assert_array_equal(pairs.form.reshape(7, 7), expected)
+    expected[:], expected[:3, :3], expected[2, 2] = False, True, False
+    np.testing.assert_array_equal(pairs.smooth.reshape(7, 7), expected)
 
 
 @every_pair
