@@ -15,6 +15,7 @@ from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, H
 from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.projection import DenseMetric
 from mbvi.system import ArticulatedSystem
+from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
@@ -806,6 +807,7 @@ def raise_levels(rng):
 ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
+    **CLOSED_FORM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_pairs_within": touching,
