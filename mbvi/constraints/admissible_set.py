@@ -117,7 +117,7 @@ class AdmissibleSet(Rebuilt):
         q : ndarray, shape (nq,)
             Configuration.
         tolerance : float
-            The greatest gap of a row [m]; gaps of angles are multiplied by their lever. It may differ from call to call.
+            The greatest gap of a row [m]; gaps of angles are multiplied by their lever. It may differ between calls.
         origin, moved : ndarray, shapes (nq,) and (nv,), optional
             Another configuration and the tangent vector from it to q. If `origin` is the configuration of the last
             call, the cache uses `moved` and need not compute the difference.

@@ -70,7 +70,8 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             [np.array(s.shape.size) / 2 if isinstance(s.shape, Box) and not s.body else [np.inf] * 3 for s in shapes]
         )
         self._neighbours = VerletList(self._bound)
-        self._geometry: dict[tuple[int, float], Any] = {}
+        # Coal's hulls are expensive to build: one for each shape serves all lists
+        self._geometries: dict[Any, Any] = {}
         self._unit = length_unit(self._bound.tolist())
         self._inner = np.array([s.shape.inner for s in shapes])
         # computed when first needed
@@ -137,7 +138,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             second,
             i * len(self._shapes) + j,
             e,
-            self._geometry,
+            self._geometries,
             self._line,
             self._at_rest,
             self._unit,
@@ -209,24 +210,17 @@ class _ListedPairs(SignedDistances):
         second: Sequence[PlacedShape],
         numbers: Array,
         restitution: Array,
-        geometry: dict[tuple[int, float], Any],
+        geometries: dict[Any, Any],
         line: Array | None,
         at_rest: bool,
         unit: float,
     ) -> None:
-        self._numbers, self._known = numbers, geometry
+        self._numbers = numbers
         names = [f"{a.name} | {b.name}" for a, b in zip(first, second, strict=True)]
-        super().__init__(system, first, second, names, restitution, line, at_rest, unit)
+        super().__init__(system, first, second, names, restitution, line, at_rest, unit, geometries)
 
     def _set_reach(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
         """Set no bounds: without clearances they are not read."""
-
-    def _coal(self, placed: PlacedShape, unit: float) -> Any:
-        # Coal's hulls are expensive to build: one for each shape serves all lists
-        key = id(placed.shape), unit
-        if key not in self._known:
-            self._known[key] = placed.shape.coal(unit)
-        return self._known[key]
 
     def _constants_of(self, pair: Array) -> tuple[Array, Array, Array, Array]:
         return self._numbers[pair], self._first_body[pair], self._second_body[pair], self.restitution[pair]

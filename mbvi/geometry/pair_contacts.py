@@ -20,12 +20,11 @@ from .collinear import first_of_lines
 from .contact_patch import MOST_GATHERED, facing, leave, near_corners, near_vertices
 from .convex_polygon import common_polygon, convex_hull
 from .normal_search import dot
-from .refined_distance import FAILED, FLAT, refine_pair
+from .refined_distance import COAL, FAILED, FLAT, refine_pair
 from .separating_axis import axis_in_world, pair_separation, place_shape
 from .spread import BESIDE, FEW_POINTS, spread_out
 from .support_points import within_plane
 
-COAL = 3
 # lengths below are relative to the bounding radius of the smaller shape
 # how far below the nearest point others are gathered, beyond the tolerance
 _DEPTH = 1e-3
@@ -256,6 +255,32 @@ def distances_from_axes(
             state[i], distance[i] = found, apart
             for c in range(3):
                 normal[i, c] = n[c]
+
+
+@kernel("i8(i8[::1], f8[:,::1], f8[::1], i8[::1])")
+def keep_one_of_each_line(pair: Array, point: Array, line: Array, kept: Array) -> int:
+    """List the first of the contact points of each pair on each line along a direction; return how many.
+
+    Parameters
+    ----------
+    pair, point : ndarray, shapes (k,) and (k, 3)
+        The contacts, pair after pair.
+    line : ndarray, shape (3,)
+        The unit direction.
+    kept : ndarray of int, shape (k,)
+        Receives which contacts are kept, in its first places.
+    """
+    begin, total, some = 0, 0, np.empty(len(pair), np.int64)
+    while begin < len(pair):
+        end = begin
+        while end < len(pair) and pair[end] == pair[begin]:
+            end += 1
+        number = first_of_lines(point[begin:end], line, some)
+        for i in range(number):
+            kept[total + i] = begin + some[i]
+        total += number
+        begin = end
+    return total
 
 
 @kernel("i8(f8[::1], f8[:,::1], i8, f8[::1])")

@@ -41,6 +41,8 @@ _GATHERED, _MOST_GATHERS = 40, 6
 _ROUNDED = 2.0**20
 # results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
+# stands for a distance and a normal that are Coal's own
+COAL = 3
 
 
 @kernel("i8(f8[:,::1], i8, i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8, i8, i8[::1])")

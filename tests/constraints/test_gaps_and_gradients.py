@@ -11,6 +11,7 @@ import pytest
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
 from mbvi.geometry.polyhedron_overlap import overlap
+from mbvi.geometry.primitive_pairs import NONE
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 from support.paths import ROBOTS
@@ -93,7 +94,11 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
 
 def measured(contacts, q):
     places = contacts.system.placements(q, contacts._axes.bodies)
-    return contacts._refined_distance(0, places)
+    if contacts._closed.form[0] != NONE:
+        # without the patch
+        _, gap, point, normal = contacts._closed.contacts(places, np.array([0]), -np.inf)
+        return gap[0], normal[0], point[0]
+    return contacts._coal.measure(places, 0)[:3]
 
 
 def coal_distance(contacts, q):
@@ -102,7 +107,7 @@ def coal_distance(contacts, q):
 
 def nearest_gradient(contacts, system, q):
     """The gradient at the witness points Coal gives, whatever the patch of two flat faces says."""
-    _, normal, middle, _ = measured(contacts, q)
+    _, normal, middle = measured(contacts, q)
     return system.separation_rows(q, np.array([1]), np.array([2]), middle[None], normal[None])
 
 

@@ -12,7 +12,6 @@ from mbvi.constraints.half_space import points_within
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.geometry.sphere_capsule import SphereCapsulePairs
 from mbvi.projection import DenseMetric
 from mbvi.system import ArticulatedSystem
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
@@ -499,19 +498,6 @@ def keep(rng):
     return places, axes.frame, axes.sides, axes.axis, pairs, unit(rng, len(pairs))
 
 
-def ball_contacts(rng):
-    round_ = [Sphere(0.2), Sphere(0.1), Capsule(0.1, 0.4), Capsule(0.05, 0.0), Capsule(0.3, 0.1)]
-    placed, axes, places = shape_pairs(rng, round_)
-    if rng.random() < 0.3:
-        # two about one centre
-        placed[1] = PlacedShape("same", placed[1].shape, placed[0].body, placed[1].rotation, placed[0].position)
-    balls = SphereCapsulePairs(placed, axes.frame, axes.sides)
-    pairs = np.flatnonzero(balls.closed_form)
-    k = len(pairs)
-    written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
-    return places, axes.frame, balls._ends, balls._radius, axes.sides, pairs, *written
-
-
 def note(rng):
     m, n = rng.integers(0, 6), 4
     percussion = rng.random(m) * (rng.random(m) < 0.5)
@@ -880,7 +866,6 @@ ARGUMENTS = {
     "reach": reach,
     "_clear": clear,
     "_keep": keep,
-    "_ball_contacts": ball_contacts,
     "_record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse

@@ -4,8 +4,7 @@ import numpy as np
 
 from mbvi.geometry.contact_patch import MOST_GATHERED
 from mbvi.geometry.convex_polygon import convex_hull
-from mbvi.geometry.pair_contacts import COAL
-from mbvi.geometry.refined_distance import FAILED, UNIQUE, refined
+from mbvi.geometry.refined_distance import COAL, FAILED, UNIQUE, refined
 from mbvi.geometry.shapes import HalfSpace, Hull
 from support.distance_kernel_arguments import axes_of, unit, world_of
 
@@ -166,6 +165,11 @@ def walls_of(rng, shapes):
     ]
 
 
+def lines_of_pairs(rng):
+    _, point, count, line = one_of_lines(rng)
+    return np.sort(rng.integers(0, 3, size=count)), point, line, np.full(count, -1)
+
+
 PATCH_ARGUMENTS = {
     "_beyond": lambda rng: (rng.normal(size=(4, 2)), 0, int(rng.integers(4)), *rng.normal(size=2).tolist()),
     "convex_hull": hull,
@@ -184,6 +188,7 @@ PATCH_ARGUMENTS = {
     "_choose_normal": choose_normal,
     "_patch": patch,
     "_one_of_each_line": one_of_lines,
+    "keep_one_of_each_line": lines_of_pairs,
     "distances_from_axes": from_axes,
     "distances_from_normals": from_normals,
     "write_contacts": contacts,

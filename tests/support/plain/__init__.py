@@ -16,11 +16,10 @@ from support.plain.projected_pcg import projected_pcg_plain
 from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
+from support.plain.rows import mutual_nearest_plain
 from support.plain.separating_axis import _clear_plain, _keep_plain, reach_plain
 from support.plain.shared_percussions import least_norm_plain
-from support.plain.rows import mutual_nearest_plain
 from support.plain.sparse_islands import solve_islands_plain
-from support.plain.sphere_capsule import _ball_contacts_plain
 from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import _pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
@@ -38,7 +37,6 @@ from support.plain.verlet_list import _near_balls_plain
 
 PLAIN = {
     "_add_scaled": _add_scaled_plain,
-    "_ball_contacts": _ball_contacts_plain,
     "_bias": _bias_plain,
     "_clear": _clear_plain,
     "first_of_lines": first_of_lines_plain,
