@@ -14,6 +14,7 @@ from ..arguments import Array
 from ..compiled import kernel
 from .ball_contact import ball_contact
 from .box_box import box_contacts
+from .separating_axis import Shapes
 from .shape_cores import place_cores
 from .shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 
@@ -93,8 +94,8 @@ class PrimitivePairs:
     ----------
     shapes : sequence of PlacedShape
         The shapes.
-    supports : tuple of ndarray
-        `supports` of `SeparatingAxes` of these shapes.
+    tables : Shapes
+        Their arrays.
     sides : ndarray of int, shape (n, 2)
         The two shapes of each pair.
 
@@ -108,8 +109,8 @@ class PrimitivePairs:
         As of `primitive_contacts`: where both of two parallel faces may give the normal, that of the last time does.
     """
 
-    def __init__(self, shapes: Sequence[PlacedShape], supports: tuple[Array, ...], sides: Array) -> None:
-        self._frame, self._fixed, self._sizes = supports[:3]
+    def __init__(self, shapes: Sequence[PlacedShape], tables: Shapes, sides: Array) -> None:
+        self._frame, self._fixed, self._sizes = tables[:3]
         self._sides = sides
         self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
         self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
-from mbvi.geometry.refined_distance import FAILED, refined, separated
+from mbvi.geometry.refined_distance import FAILED, refined
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from support.distance_kernel_arguments import separated
 
 KINDS = {
     "box": lambda r: Box((r(), r(), r())),
@@ -43,7 +44,7 @@ class Measured:
         self.sides = np.arange(len(shapes)).reshape(-1, 2)
         self.axes = SeparatingAxes(placed, self.sides)
         self.places = np.array([np.vstack([R.T, x]) for _, _, *both in poses for R, x in both])
-        self.pairs = PrimitivePairs(placed, self.axes.supports, self.sides)
+        self.pairs = PrimitivePairs(placed, self.axes.shapes, self.sides)
         self.pair, self.gap, self.point, self.normal = self.measure(tolerance)
 
     def measure(self, tolerance):
@@ -59,12 +60,12 @@ class Measured:
         return gap.min(), normal[gap.argmin()]
 
     def separation(self, k, normal):
-        return separated(self.axes, self.places, self.sides[k], normal)
+        return separated(self.axes, self.places, k, normal)
 
     def searched(self, k, start):
         """The signed distance that the general search finds from a direction."""
         normal = start / np.linalg.norm(start)
-        result, distance, _ = refined(self.axes, self.places, self.sides[k], normal)
+        result, distance, _ = refined(self.axes, self.places, k, normal)
         return -np.inf if result == FAILED else distance
 
 
@@ -225,7 +226,7 @@ def test_lengths_of_a_power_of_two_give_the_same_bytes(seed, exponent):
     first, second = PAIRS[rng.integers(len(PAIRS))]
     found = Measured(poses(first, second, 1, seed), np.inf)
     s, again = 2.0**exponent, Measured(found.poses, np.inf)
-    _, fixed, sizes = again.axes.supports[:3]
+    _, fixed, sizes = again.axes.shapes[:3]
     again.pairs._fixed, again.pairs._sizes = fixed * np.array([1.0, 1.0, 1.0, s])[:, None], s * sizes
     again.places = again.places * np.array([1.0, 1.0, 1.0, s])[:, None]
     again.pairs.last[:] = 0
@@ -405,7 +406,7 @@ def test_shapes_of_the_world_and_on_bodies(rng):
     placed = [PlacedShape("a", a, 0, *where), PlacedShape("b", b, 1, *on_body)]
     sides, body = np.array([[0, 1], [1, 0]]), (rotation(rng), rng.normal(size=3))
     axes = SeparatingAxes(placed, sides)
-    pairs = PrimitivePairs(placed, axes.supports, sides)
+    pairs = PrimitivePairs(placed, axes.shapes, sides)
     pair, gap, point, normal = pairs.contacts(np.array([np.vstack([body[0].T, body[1]])]), np.array([0, 1]), -np.inf)
     expected = Measured([(a, b, where, (body[0] @ on_body[0], body[0] @ on_body[1] + body[1]))])
     assert pair.tolist() == [0, 1]
@@ -421,7 +422,7 @@ def test_which_pairs_have_a_closed_form():
     ]  # fmt: skip
     placed = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate(shapes)]
     sides = np.array([(a, b) for a in range(7) for b in range(7)])
-    pairs = PrimitivePairs(placed, SeparatingAxes(placed, sides).supports, sides)
+    pairs = PrimitivePairs(placed, SeparatingAxes(placed, sides).shapes, sides)
     expected = np.full((7, 7), NONE)
     expected[2:4, 2:4] = BOXES
     expected[:5, :2], expected[:2, :5] = SECOND_BALL, FIRST_BALL

@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 
 from mbvi.geometry import refined_distance
 from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined
-from mbvi.geometry.separating_axis import SeparatingAxes, pair_separation
+from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
-from support.distance_kernel_arguments import SHAPES, rotation, unit
+from support.distance_kernel_arguments import SHAPES, rotation, separated, unit
 from support.plain.separating_axis import _compose, reach_plain
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]
@@ -23,12 +23,6 @@ def placed(a, b, where_a, where_b):
     shapes = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
     places = np.array([np.vstack([R.T, p]) for R, p in (where_a, where_b)])
     return SeparatingAxes(shapes, BODIES[None]), places
-
-
-def separated(axes, places, n):
-    """The separation of the only pair along a unit vector."""
-    world = np.array([_compose(place, fixed) for place, fixed in zip(places, axes.shapes.fixed, strict=True)])
-    return pair_separation(world, *axes.shapes[2:7], axes.sides, axes.start, 0, n)
 
 
 def touching(a, b, rng, gap):
@@ -47,7 +41,7 @@ def largest(axes, places, start):
 
     def lost(u):
         n = u / np.linalg.norm(u)
-        return -separated(axes, places, n)
+        return -separated(axes, places, 0, n)
 
     best = min((start + 0.3 * d for d in DIRECTIONS), key=lost)
     return -lost(best)
@@ -63,21 +57,21 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
     for _ in range(3):
         axes, places, towards = touching(a, b, rng, gap)
         normal = minimize(
-            lambda u, axes=axes, places=places: -separated(axes, places, u / np.linalg.norm(u)), towards,
+            lambda u, axes=axes, places=places: -separated(axes, places, 0, u / np.linalg.norm(u)), towards,
             method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9},
         ).x  # fmt: skip
         normal /= np.linalg.norm(normal)
-        given_d = separated(axes, places, normal)
+        given_d = separated(axes, places, 0, normal)
         result, distance, point = refined(axes, places, 0, normal)
         if result == FAILED:
             continue
         found += 1
         assert distance >= given_d - 1e-12
-        assert separated(axes, places, normal) == pytest.approx(distance, abs=1e-14)
+        assert separated(axes, places, 0, normal) == pytest.approx(distance, abs=1e-14)
         for size in 10.0 ** -np.arange(2, 9):
             for _ in range(5):
                 other = normal + size * rng.normal(size=3)
-                assert separated(axes, places, other / np.linalg.norm(other)) <= distance + 1e-14
+                assert separated(axes, places, 0, other / np.linalg.norm(other)) <= distance + 1e-14
         if result == UNIQUE:
             # half the distance from either surface, along the normal
             for side, sign in ((0, 1.0), (1, -1.0)):

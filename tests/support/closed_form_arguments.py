@@ -23,8 +23,8 @@ def pairs_of(rng, shapes):
     sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
     axes = SeparatingAxes(placed, sides)
     places = np.array([np.vstack([np.eye(3), 0.05 * rng.normal(size=3)]) for _ in axes.bodies])
-    pairs = PrimitivePairs(placed, axes.supports, sides)
-    return (places, *axes.supports[:3], sides), pairs, np.flatnonzero(pairs.form != NONE)
+    pairs = PrimitivePairs(placed, axes.shapes, sides)
+    return (places, *axes.shapes[:3], sides), pairs, np.flatnonzero(pairs.form != NONE)
 
 
 def cores(rng, shapes=BOXES_AND_CAPSULES, normal=True):

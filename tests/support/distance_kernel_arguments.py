@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.geometry import kinks, refined_distance
+from mbvi.geometry import kinks, refined_distance, separating_axis
 from mbvi.geometry import normal_search as search
 from mbvi.geometry.separating_axis import SeparatingAxes, place_shape
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
@@ -44,6 +44,14 @@ def world_of(axes, places):
     for side in (0, 1):
         place_shape(places, axes.frame, axes.shapes.fixed, side, world[side])
     return world
+
+
+def separated(axes, places, pair, n):
+    """The separation of a pair of shapes along a unit vector."""
+    world, shapes = np.empty((2, 4, 3)), axes.shapes
+    for side in (0, 1):
+        place_shape(places, axes.frame, shapes.fixed, int(axes.sides[pair, side]), world[side])
+    return separating_axis.pair_separation(world, *shapes[2:7], axes.sides, axes.start, pair, n)
 
 
 def supports(rng):
