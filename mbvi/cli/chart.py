@@ -42,7 +42,7 @@ def chart(
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
     """Chart error against CPU time and against step."""
-    from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_BODIES
+    from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
     from ..studies.chart.records import write_csv
     from ..studies.engines import PEERS
 
@@ -56,7 +56,7 @@ def chart(
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)
-    left_out = {(name, SchemeName.event_driven) for name in MANY_BODIES}
+    left_out = {(name, SchemeName.event_driven) for name in MANY_CONSTRAINTS}
     tasks = [
         (name, words[word].make())
         for name in chosen
@@ -67,7 +67,7 @@ def chart(
     if peers:
         records += _peers(chosen, e)
     if not records:
-        raise InputError("nothing to chart: EventDriven is not run on many spheres; choose another scheme")
+        raise InputError("nothing to chart: EventDriven is not run on many constraints; choose another scheme")
     write_csv(records, out.with_suffix(".csv"))
     _write_picture(records, out)
     _print_summary(records, out)

@@ -58,7 +58,9 @@ def _needed(hull: Hull) -> Array:
     area = np.cross(b - a, c - a)
     corner = triangles.ravel()
     total = np.stack([np.bincount(corner, np.repeat(x, 3), len(points)) for x in area.T], axis=1)
-    normal = total / np.linalg.norm(total, axis=1)[:, None]
+    # a vertex whose triangles have no area has NaN, and is not needed
+    with np.errstate(invalid="ignore"):
+        normal = total / np.linalg.norm(total, axis=1)[:, None]
     # each edge is a side of two triangles, once in each direction
     other = np.roll(triangles, -1, axis=1).ravel()
     gap = np.full(len(points), np.inf)

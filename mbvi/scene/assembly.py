@@ -260,7 +260,7 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) ->
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
-    omitted = (*blocks.omitted, *blocks.simplified.omitted(), *collinear_points(builder.collinear_points))
+    omitted = (*blocks.simplified.added_to(blocks.omitted), *collinear_points(builder.collinear_points))
     acted = actuated(blocks, system, blocks.length)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
     return Problem(acted, constraints, q0, v0, restitution=items.restitution, length=blocks.length, scene=scene)

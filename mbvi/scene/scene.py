@@ -121,10 +121,8 @@ class Scene(Walls, Grains, Actions):
         locked : sequence of str, optional
             Joints that stay at their initial positions.
         tolerance : float, optional
-            How far its meshes may be from what touches for them [m]: a hull that is a ball, box, capsule or cylinder
-            within that touches as that, or else as the hull of as few vertices as that takes, if these are a tenth
-            fewer. By default 1e-4 of the size of each hull, its radius about its centre of mass; 0 is exact, the first
-            within 1e-9 of that size. Mass and inertia stay those of the file.
+            As `add_mesh`, for the hull of each mesh [m]; by default 1e-4 of its size, the radius about its centre
+            of mass. 0 is exact: only a primitive within 1e-9 of that size replaces a hull.
         base_velocity : array_like, shape (6,)
             Initial velocity of a free root link in the world frame: linear, of the origin of the link's frame, then
             angular [m/s, rad/s]; zero by default, and of a fixed one always.
@@ -266,8 +264,8 @@ class Scene(Walls, Grains, Actions):
 
         `position` and `rotation` are those of the file's frame; q holds the centre of mass. `scale` multiplies the
         file's coordinates [m per unit]. A hull that is a ball, box, capsule or cylinder within `tolerance` [m] touches
-        as that, or else as the hull of as few vertices as that takes; by default the first within 1e-9 of its size.
-        Mass and inertia stay the hull's.
+        as that, or else as a hull of some of its vertices, if nine tenths of them suffice. By default only the
+        first, within 1e-9 of its size. Mass and inertia stay the hull's.
         """
         file = file_path(path)
         hull = Hull(scaled(mesh_of(file)[0], scale))

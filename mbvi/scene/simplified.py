@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from ..geometry.fit_primitive import Fit, fit_primitive
@@ -31,19 +32,25 @@ class Simplified:
         rotation, position = placed.rotation @ found.rotation, placed.rotation @ found.position + placed.position
         return replace(placed, shape=found.shape, rotation=rotation, position=position)
 
-    def omitted(self) -> list[Omission]:
-        """Return the omissions due to simpler shapes."""
-        omissions = []
+    def added_to(self, omitted: Sequence[Omission]) -> list[Omission]:
+        """Return omissions with those of simpler shapes; a mesh that was replaced by its hull keeps its one line."""
+        meshes = {one.what for one in omitted if one.what.startswith("mesh ")}
+        lines: dict[str, Omission] = {}
+        more = []
         for hull, found, names in self._known.values():
             if found is None:
                 continue
-            what = f"hull {names[0]}" + (f" and {len(names) - 1} alike" if len(names) > 1 else "")
             before, after = len(hull.vertices), len(found.shape.support_points()[0])
-            kind = type(found.shape).__name__.lower()
-            by = f"a hull of {after} of its {before} vertices" if isinstance(found.shape, Hull) else f"a {kind}"
-            saved = max(before - after, 0) * len(names)
-            omissions.append(Omission(what, f"replaced by {by}, {_up(found.distance)} m away at most", vertices=saved))
-        return omissions
+            is_hull, saved = isinstance(found.shape, Hull), max(before - after, 0)
+            by = f"a hull of {after} vertices" if is_hull else f"a {type(found.shape).__name__.lower()}"
+            far = f"{_up(found.distance)} m"
+            why = f"replaced by {by}, {far} from its convex hull of {before} vertices at most"
+            lines |= {f"mesh {name}": Omission(f"mesh {name}", why, vertices=saved) for name in names}
+            rest = [name for name in names if f"mesh {name}" not in meshes]
+            if rest:
+                what = f"hull {rest[0]}" + (f" and {len(rest) - 1} alike" if len(rest) > 1 else "")
+                more.append(Omission(what, f"replaced by {by}, {far} away at most", vertices=saved * len(rest)))
+        return [*(lines.get(one.what, one) for one in omitted), *more]
 
 
 def _up(distance: float) -> str:

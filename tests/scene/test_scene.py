@@ -176,7 +176,7 @@ def test_a_mesh_becomes_its_convex_hull(tmp_path):
     geometry = f'<mesh filename="{path.name}" scale="0.1 0.1 0.1"/>'
     robot = mbvi.Scene()
     robot.add_urdf(urdf(tmp_path, geometry=geometry), base="fixed")
-    assert "mesh arm/upper: replaced by its convex hull of 8 vertices" in robot.build().report()
+    assert "mesh arm/upper: replaced by its convex hull of 8 vertices" in robot.build(()).report()
 
 
 @pytest.mark.parametrize(

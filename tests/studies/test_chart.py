@@ -12,7 +12,7 @@ import pytest
 import mbvi
 from mbvi import reference
 from mbvi.cli.main import main
-from mbvi.studies.chart.cases import CASES, DEFAULT_CASES, MANY_BODIES
+from mbvi.studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
 from mbvi.studies.chart.costs import ROUNDING, cost, slope, table
 from mbvi.studies.chart.errors import errors, fitted_order, sampled_errors
 from mbvi.studies.chart.picture import draw
@@ -109,7 +109,7 @@ def test_a_slope_is_that_of_the_points_above_rounding(records):
 def test_every_reference_can_be_charted_under_its_name():
     assert all(make(1.0).name == name for name, make in reference.MAKERS.items())
     assert {*reference.MAKERS} <= set(CASES)
-    assert {*DEFAULT_CASES, *MANY_BODIES} <= set(CASES)
+    assert {*DEFAULT_CASES, *MANY_CONSTRAINTS} <= set(CASES)
 
 
 def test_many_spheres_are_what_they_say():
@@ -120,6 +120,16 @@ def test_many_spheres_are_what_they_say():
     (found,) = sweep(dataclasses.replace(case, duration=0.05), mbvi.Paoli(), (1e-2,), repeats=1)
     # in flight
     assert found.error < 1e-8 * 216 * 98.1 and math.isnan(found.q)
+
+
+def test_a_falling_robot_is_charted_by_its_penetration():
+    case = CASES["anymal falling"](0.0)
+    assert case.problem.system.nv == 18 and case.restitution == 0.0
+    coarse, fine = sweep(dataclasses.replace(case, duration=0.1), mbvi.Paoli(), (4e-3, 1e-3), repeats=1)
+    # feet land at the speed of a fall of 2 cm, and sink in by what a step takes them at most
+    for found in (coarse, fine):
+        assert 0.0 < found.error < found.step * np.sqrt(2 * 9.81 * 0.02)
+        assert found.error == found.penetration and math.isnan(found.q)
 
 
 @pytest.fixture

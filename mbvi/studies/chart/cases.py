@@ -1,4 +1,4 @@
-"""Cases of a chart, by name: problems with exact solutions, a robot, many spheres."""
+"""Cases of a chart, by name: problems with exact solutions, robots, many spheres."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from ...reference.solution import Reference
 from ...run.simulate import simulate
 from ...scene import Scene
 from ...schemes import EventDriven
+from ..published_robots import PUBLISHED, published_robot
 from ..shipped import cube_of_spheres, robot_path
 from .sweep import Case
 
 _ROBOT_TOLERANCE = 1e-11
 _TILT = Rotation.from_euler("xyz", [0.08, 0.12, 0.0]).as_matrix()
-# few steps, because a step of a pile costs tens of milliseconds [s]
+# few steps, because a step of a pile costs tens of milliseconds, and one of a robot's hulls some [s]
 _FEW = tuple((1e-2 * 10.0 ** -np.linspace(0.03, 0.53, 3)).tolist())
+_OF_ROBOTS = tuple((1e-2 * 10.0 ** -np.linspace(0.53, 1.03, 3)).tolist())
 
 
 def quadruped_landing(e: float) -> Case:
@@ -54,6 +56,12 @@ def pile(e: float) -> Case:
     return Case("pile", cube_of_spheres(0.0, 0.65), 0.7, "nothing penetrates", None, "penetration", _FEW)
 
 
+def falling(robot: str, e: float) -> Case:
+    """Return a published robot that falls from 2 cm; known is that nothing penetrates."""
+    problem = published_robot(robot, 0.02, e)
+    return Case(f"{robot} falling", problem, 0.5, "nothing penetrates", None, "penetration", _OF_ROBOTS)
+
+
 def _exact(make: Callable[[float], Reference], e: float) -> Case:
     return Case.of(make(e))
 
@@ -64,8 +72,9 @@ CASES: dict[str, Callable[[float], Case]] = {
     "quadruped landing": quadruped_landing,
     "elastic 666": elastic_666,
     "pile": pile,
+    **{f"{robot} falling": partial(falling, robot) for robot in PUBLISHED},
 }
 # charted by default, one of each kind
 DEFAULT_CASES = ("bouncing ball", "double pendulum", "tumbling body", "quadruped landing")
 # cases that EventDriven is not made for
-MANY_BODIES = ("elastic 666", "pile")
+MANY_CONSTRAINTS = ("elastic 666", "pile", *(f"{robot} falling" for robot in PUBLISHED))
