@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
+from .goldfarb_idnani import LAST_DIGITS
 from .metric import Array
 from .orthonormal_rows import append_row, solve_lower, solve_upper
 
 # a row nearer than this to the span of the tight ones depends on them; one farther than the second widens the span
 _DEPENDENT, _INDEPENDENT = 1e-12, 1e-4
-# share of the right-hand side that is rounding, least pivot, and limits of steps and of halvings
-_ROUNDING, _LEAST, _MOST_STEPS, _MOST_HALVINGS = 1e-14, 1e-14, 50, 30
+# least pivot, and limits of steps and of halvings
+_LEAST, _MOST_STEPS, _MOST_HALVINGS = 1e-14, 50, 30
 # diagonal added after the first step, relative to the error
 _DAMPING = 1e-2
 
@@ -68,7 +69,7 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
     """
     N, y, step, right = np.empty((rank, rank)), np.empty(rank), np.empty(rank), np.empty(rank)
     tried, gradient = np.empty(count), np.empty(rank)
-    value = size = shift = 0.0
+    value = size = shift = rounding = off = trial = 0.0
     for i in range(rank):
         y[i], right[i] = 0.0, b[i]
         size = max(size, abs(b[i]))
@@ -83,7 +84,7 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
         for i in range(rank):
             slope -= right[i] * step[i]
         for _ in range(_MOST_HALVINGS):
-            trial = off = 0.0
+            trial = off = terms = 0.0
             for i in range(rank):
                 trial -= b[i] * (y[i] + length * step[i])
                 gradient[i] = b[i]
@@ -92,12 +93,14 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
                 for i in range(rank):
                     s += B[a, i] * (y[i] + length * step[i])
                 tried[a] = max(s, 0.0)
+                terms += tried[a]
                 trial += 0.5 * tried[a] * tried[a]
                 for i in range(rank):
                     gradient[i] -= B[a, i] * tried[a]
             for i in range(rank):
                 off = max(off, abs(gradient[i]))
-            if off <= _ROUNDING * size or trial <= value + 1e-4 * length * slope:
+            rounding = LAST_DIGITS * (size + terms)
+            if off <= rounding or trial <= value + 1e-4 * length * slope:
                 break
             length *= 0.5
         for i in range(rank):
@@ -105,7 +108,7 @@ def least_norm(B: Array, count: int, rank: int, b: Array, u: Array) -> bool:
             right[i] = gradient[i]
         for a in range(count):
             u[a] = tried[a]
-        if off <= _ROUNDING * size:
+        if off <= rounding:
             return True
         value, shift = trial, _DAMPING * off / size
     return False
