@@ -16,6 +16,9 @@ from .given import as_family
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate
 
+# number of constraints up to which each has its lever in an array
+_MOST_LEVERS = 100_000
+
 
 class AdmissibleSet(Rebuilt):
     """The stack of constraint families.
@@ -64,6 +67,8 @@ class AdmissibleSet(Rebuilt):
             if np.any(family.lever != 1.0):
                 before = np.ones(start - len(self.lever))
                 self.lever = np.concatenate([self.lever, before, np.full(family.size, family.lever)])
+        if self.lever.size and len(self) <= _MOST_LEVERS:
+            self.lever = np.concatenate([self.lever, np.ones(len(self) - len(self.lever))])
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
@@ -99,6 +104,9 @@ class AdmissibleSet(Rebuilt):
         """Return the factors by which gaps of some constraints become lengths, shape (k,), or 1 for all."""
         if not self.lever.size:
             return 1.0
+        if len(self.lever) == len(self):
+            levers: Array = self.lever.take(numbers)
+            return levers
         return np.where(numbers < len(self.lever), self.lever.take(numbers, mode="clip"), 1.0)
 
     def numbered(self) -> list[tuple[ConstraintFamily, int, float]]:
@@ -117,7 +125,7 @@ class AdmissibleSet(Rebuilt):
         q : ndarray, shape (nq,)
             Configuration.
         tolerance : float
-            The greatest gap of a row [m]; gaps of angles are multiplied by their lever. It may differ between calls.
+            The greatest gap of a row [m]; gaps of angles are multiplied by their lever. Calls may differ in it.
         origin, moved : ndarray, shapes (nq,) and (nv,), optional
             Another configuration and the tangent vector from it to q. If `origin` is the configuration of the last
             call, the cache uses `moved` and need not compute the difference.
@@ -126,8 +134,16 @@ class AdmissibleSet(Rebuilt):
         return concatenate(found) if found else self.empty
 
     def travel(self, displacement: Array) -> float:
-        """Return about how far a displacement, shape (nv,), moves the bodies of constraints [m]; inf if not known."""
+        """Return about how far a displacement, shape (nv,), moves the bodies of the constraints [m].
+
+        Constraints of which `knows_travel` is not true are left out.
+        """
         return self.cache.travel(displacement)
+
+    @property
+    def knows_travel(self) -> bool:
+        """Whether every family states how far a displacement moves its bodies."""
+        return self.cache.knows_travel
 
     def gap(self, t: float, q: Array) -> Array:
         """Return every f_a(q), stacked, shape (m,) [m or rad]."""

@@ -104,6 +104,7 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
+    `knows_travel` is whether each family has an envelope.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
@@ -116,6 +117,8 @@ class ClearanceCache:
             if envelope is not None:
                 envelopes.append(envelope)
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
+        self._squares = self._envelope**2
+        self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
         self._travels = list(self._travel)
         # mask of the families whose candidates are measured at every step
@@ -129,9 +132,7 @@ class ClearanceCache:
 
         The parts of independent velocities are added as if they were orthogonal.
         """
-        if len(self._envelope) < len(self._entries):
-            return np.inf
-        return float(np.sqrt((self._envelope**2 @ displacement**2).max(initial=0.0)))
+        return float((self._squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""

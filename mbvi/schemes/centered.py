@@ -8,7 +8,7 @@ from ..arguments import boolean
 from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
-from ..projection import FreeMotion, Projector
+from ..projection import Projector
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
@@ -65,7 +65,7 @@ class Centered(Scheme):
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
         if not self.project_positions:
             return advance_gaps(step, half)
-        applied = Applied(t, middle, v, h, FreeMotion(motion.free, motion.metric))
+        applied = Applied(t, middle, v, h, motion)
         return project_positions(problem, applied, step, projector, nearby)
 
 
@@ -74,6 +74,8 @@ def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
 
     A row that does not bounce gets a velocity tangent to the constraint at the end of the step in any case.
     """
+    if not ahead.restitution.any():
+        return False
     rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
     return bool((rebound > problem.tolerance).any() or (ahead.restitution >= 1.0).any())
 

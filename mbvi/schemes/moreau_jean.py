@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..arguments import between, boolean
 from ..problem import Problem
-from ..projection import FreeMotion, Projector
+from ..projection import Projector
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
@@ -61,6 +61,6 @@ class MoreauJean(Scheme):
         w, rates, residual = law(projector, v, motion, active)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
-            applied = Applied(t, middle, v, h, FreeMotion(motion.free, motion.metric))
+            applied = Applied(t, middle, v, h, motion)
             return project_positions(problem, applied, step, projector, NearbyRows(problem, end))
         return advance_gaps(step, self.theta * h)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..constraints import Rows
 from ..constraints.rows import take
 from ..problem import Problem
@@ -26,8 +24,7 @@ class NearbyRows:
 
     def __init__(self, problem: Problem, t: float) -> None:
         self._problem, self._t = problem, t
-        known = problem.constraints.travel(np.zeros(problem.system.nv)) == 0.0
-        self._reach = float(np.sqrt(2.0 * problem.tolerance * problem.length)) if known else 0.0
+        self._reach = (2.0 * problem.tolerance * problem.length) ** 0.5 if problem.constraints.knows_travel else 0.0
         # the last search: the rows, where, and their largest gap less the tolerance
         self._rows: Rows | None = None
         self._q: Array | None = None
@@ -35,20 +32,23 @@ class NearbyRows:
 
     def at(self, q: Array, margin: float = 0.0) -> Rows:
         """Return the rows at q with a gap of at most the activation tolerance and a margin [m]."""
-        constraints, tolerance = self._problem.constraints, self._problem.tolerance
-        rows = self._moved(q, margin)
-        if rows is None:
-            self._q, self._margin = q, margin + 2.0 * self._reach
-            self._rows = rows = constraints.active(self._t, q, tolerance + self._margin)
-        near = constraints.levers(rows.constraint) * rows.gap <= tolerance + margin
+        known = self.known_at(q, margin)
+        if known is not None:
+            return known
+        self._q, self._margin = q, margin + 2.0 * self._reach
+        self._rows = self._problem.constraints.active(self._t, q, self._problem.tolerance + self._margin)
+        return self._within(self._rows, margin)
+
+    def _within(self, rows: Rows, margin: float) -> Rows:
+        near = self._problem.constraints.levers(rows.constraint) * rows.gap <= self._problem.tolerance + margin
         return rows if near.all() else take(rows, near)
 
-    def _moved(self, q: Array, margin: float) -> Rows | None:
-        """Return the rows of the last search with their gaps at q to first order; None if they must be searched."""
+    def known_at(self, q: Array, margin: float = 0.0) -> Rows | None:
+        """Return the same from the last search, with gaps to first order; None if the rows must be searched again."""
         if self._rows is None or self._q is None or self._reach == 0.0:
             return None
         displacement = self._problem.system.difference(self._q, q)
         travel = self._problem.constraints.travel(displacement)
         if travel > self._reach or margin + travel > self._margin:
             return None
-        return self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement)
+        return self._within(self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement), margin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..arguments import boolean
 from ..problem import Problem
-from ..projection import FreeMotion, Projector
+from ..projection import Projector
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
@@ -48,5 +48,5 @@ class Paoli(Scheme):
         step = Step(t, q, velocity, active, rates, residual)
         if not self.project_positions:
             return step
-        applied = Applied(t, q, v, h, FreeMotion(motion.free, motion.metric))
+        applied = Applied(t, q, v, h, motion)
         return project_positions(problem, applied, step, projector, NearbyRows(problem, t))

@@ -11,7 +11,7 @@ from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, Metric, Projector
+from ..projection import FreeMotion, Metric, Projector, TreeFreeMotion
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .step import Step, advance_gaps
@@ -35,7 +35,7 @@ class Applied(NamedTuple):
         Configuration, and velocity before the law.
     h : float
         Length of the step [s].
-    motion : FreeMotion
+    motion : FreeMotion or TreeFreeMotion
         Free motion of v.
     """
 
@@ -43,7 +43,12 @@ class Applied(NamedTuple):
     q: Array
     v: Array
     h: float
-    motion: FreeMotion
+    motion: FreeMotion | TreeFreeMotion
+
+    def kept(self) -> Applied:
+        """Return the same, with a free motion that stays valid when the system is evaluated elsewhere."""
+        motion = self.motion
+        return self if isinstance(motion, FreeMotion) else self._replace(motion=FreeMotion(motion.free, motion.metric))
 
 
 class _Projected(NamedTuple):
@@ -108,7 +113,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if not closed.any():
             break
         # where the law acts at the end of the step, the active rows there are those of the law
-        before = nearby.at(step.q) if drift else rows
+        if drift:
+            known = nearby.known_at(step.q)
+            applied = applied if known is not None else applied.kept()
+            before = nearby.at(step.q) if known is None else known
+        else:
+            before = rows
         # for each row the row of the law at the same contact, -1 where there is none
         owner = match_contacts(before, rows)
         lengths = problem.constraints.levers(before.constraint) * before.gap
@@ -119,6 +129,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         depth = -float(lengths[sunk].min(initial=0.0))
         if depth <= problem.tolerance:
             break
+        applied = applied.kept()
         projected = _projected(problem, applied, step, before, floor, depth, projector, nearby)
         if projected is None:
             break
@@ -182,8 +193,12 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     """Return which rows of the law are closed contacts, shape (k,); see `project_positions`."""
     rows, h = step.active, applied.h
     lever = problem.constraints.levers(rows.constraint)
-    rise, gap = h * lever * step.after, lever * rows.gap
+    rise = h * lever * step.after
     closed = np.abs(rise) <= problem.tolerance
+    if not rows.restitution.any():
+        # without restitution a contact bears load and does not rise, or it leaves
+        return np.asarray(closed)
+    gap = lever * rows.gap
     # at e = 1 every contact that rises bounces
     rises = (rise > problem.tolerance) & (rows.restitution < 1.0) & (step.percussion > 0.0)
     if rises.any():
