@@ -14,8 +14,7 @@ import pinocchio as pin
 
 import mbvi
 from mbvi.compiled import kernel as compiled
-from mbvi.constraints.signed_distance import SignedDistances
-from mbvi.geometry.patches import PatchFinder
+from mbvi.geometry.coal_distance import CoalDistances
 
 LAYERS = ("Pinocchio", "Coal", "kernels", "Python")
 
@@ -99,7 +98,7 @@ def _timed(watch: Stopwatch) -> Iterator[None]:
     compiled.compile_all()
     owners = [(pin, "Pinocchio", name) for name in _PINOCCHIO]
     # including the Python code that passes shapes and results
-    owners += [(SignedDistances, "Coal", "_measure"), (PatchFinder, "Coal", "find")]
+    owners += [(CoalDistances, "Coal", "approximate"), (CoalDistances, "Coal", "measure")]
     with ExitStack() as stack:
         for owner, layer, name in owners:
             stack.enter_context(mock.patch.object(owner, name, watch.wrap(layer, getattr(owner, name))))
