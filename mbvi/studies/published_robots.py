@@ -6,7 +6,6 @@ import sysconfig
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..constraints import HalfSpaceContacts
 from ..errors import InputError
 from ..scene import Scene
 
@@ -75,7 +74,7 @@ def published_robot(
     problem = scene.build()
     if not robot.free:
         return problem
-    (floor,) = (family for family in problem.constraints.families if isinstance(family, HalfSpaceContacts))
-    q = problem.q0.copy()
-    q[2] += height - float(floor.gap(problem.t0, q).min())
+    q, rows = problem.q0.copy(), problem.constraints
+    floor = [k for k in range(len(rows)) if rows.name(k).endswith(" | floor")]
+    q[2] += height - float(rows.gap(problem.t0, q)[floor].min())
     return problem.at(q, problem.v0, check=True)
