@@ -74,7 +74,7 @@ def published_robot(
     problem = scene.build()
     if not robot.free:
         return problem
-    floor = next(family for family in problem.constraints.families if family.name(0).endswith(" | floor"))
-    q = problem.q0.copy()
-    q[2] += height - float(floor.gap(problem.t0, q).min())
+    q, rows = problem.q0.copy(), problem.constraints
+    floor = [k for k in range(len(rows)) if rows.name(k).endswith(" | floor")]
+    q[2] += height - float(rows.gap(problem.t0, q)[floor].min())
     return problem.at(q, problem.v0, check=True)
