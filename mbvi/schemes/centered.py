@@ -45,7 +45,7 @@ class Centered(Scheme):
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
-        nearby = NearbyRows(problem, end)
+        nearby = NearbyRows(problem, end, linear=self.project_positions)
         ahead = nearby.at(system.integrate(q, h * v))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated

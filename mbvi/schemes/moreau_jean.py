@@ -62,5 +62,5 @@ class MoreauJean(Scheme):
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
         if self.project_positions:
             applied = Applied(t, middle, v, h, motion)
-            return project_positions(problem, applied, step, projector, NearbyRows(problem, end))
+            return project_positions(problem, applied, step, projector, NearbyRows(problem, end, linear=False))
         return advance_gaps(step, self.theta * h)

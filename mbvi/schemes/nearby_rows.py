@@ -8,11 +8,16 @@ from ..problem import Problem
 from ..system.system import Array
 
 
+# second-order part of a gap that is left out, in lengths of the scene
+_SECOND_ORDER = 1e-6
+
+
 class NearbyRows:
     """The rows at one time, searched again only where their gaps are no longer linear in the displacement.
 
-    The second-order part of a gap is about displacement^2 / (2 length). It is within the activation tolerance up to the
-    displacement `reach`. A search covers a margin, so that rows which come near by such displacements are known too.
+    The second-order part of a gap is about displacement^2 / (2 length). Up to the displacement `reach` it is at most
+    1e-6 of the scene's length, and far below the activation tolerance where bodies come to rest. A search covers a
+    margin, so that rows which come near by such displacements are known too.
 
     Parameters
     ----------
@@ -20,11 +25,15 @@ class NearbyRows:
         Its constraints are searched.
     t : float
         Time [s].
+    linear : bool
+        Whether gaps are taken to first order at all; otherwise every configuration is searched.
     """
 
-    def __init__(self, problem: Problem, t: float) -> None:
+    def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
         self._problem, self._t = problem, t
-        self._reach = (2.0 * problem.tolerance * problem.length) ** 0.5 if problem.constraints.knows_travel else 0.0
+        self._reach = (
+            (2.0 * _SECOND_ORDER) ** 0.5 * problem.length if linear and problem.constraints.knows_travel else 0.0
+        )
         # the last search: the rows, where, and their largest gap less the tolerance
         self._rows: Rows | None = None
         self._q: Array | None = None

@@ -49,4 +49,4 @@ class Paoli(Scheme):
         if not self.project_positions:
             return step
         applied = Applied(t, q, v, h, motion)
-        return project_positions(problem, applied, step, projector, NearbyRows(problem, t))
+        return project_positions(problem, applied, step, projector, NearbyRows(problem, t, linear=False))
