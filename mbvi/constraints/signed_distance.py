@@ -71,7 +71,6 @@ class SignedDistances(Pairs):
         self._closed = PrimitivePairs(shapes, self._axes.shapes, self._axes.sides)
         self._coal = CoalDistances(shapes, self._axes, self.names, {} if geometries is None else geometries)
         self._flat = np.array([not (shapes[a].shape.smooth or shapes[b].shape.smooth) for a, b in sides], dtype=bool)
-        self._side_of_face = np.full(len(sides), -1)
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
         self._bounds = np.empty(len(sides))
@@ -174,7 +173,7 @@ class SignedDistances(Pairs):
         while True:
             gap, point = np.empty(room), np.empty((room, 3))
             total = write_contacts(
-                *tables, sizes.bound, sizes.unit, self._flat, self._line, self._side_of_face, pairs, tolerance,
+                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance,
                 distance, normal, middle, state, count, gap, point,
             )  # fmt: skip
             if total >= 0:

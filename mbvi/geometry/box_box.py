@@ -32,8 +32,8 @@ from .shape_cores import (
 _ROUNDING = 1e-12
 # lengths below are relative to the bounding radius of the smaller shape
 # a face normal replaces the normal within the angle of this cosine, if the separation along it is less by no more than
-# the second; that of the last step's face by no more than the third
-_SAME_FACE, _EQUAL, _KEPT = cos(1e-3), 1e-8, 1e-6
+# the second
+_SAME_FACE, _EQUAL = cos(1e-3), 1e-8
 # how far a corner of the patch may be above the deepest point, and how near two corners may be to count as one
 _PATCH_DEPTH, _SAME_CORNER = 0.02, 1e-7
 # a patch whose corners are all less deep than the signed distance by more than this lacks the deepest point
@@ -88,18 +88,18 @@ def core_distance(cores: Array, slack: float, polygon: Array) -> tuple[float, in
     return distance, NO_AXIS, 0
 
 
-@kernel("i8(f8[:,:,::1], f8, f8, i8)")
-def preferred_face(cores: Array, distance: float, bound: float, last: int) -> int:
-    """Return the code of a face whose normal replaces the normal, or `NO_AXIS`; `last` as of `box_contacts`.
+@kernel("i8(f8[:,:,::1], f8, f8)")
+def preferred_face(cores: Array, distance: float, bound: float) -> int:
+    """Return the code of a face whose normal replaces the normal, or `NO_AXIS`.
 
-    Where faces touch, rounding decides which of their normals separates most; a fixed choice makes rows steady.
+    Where faces touch, rounding decides which of their normals separates most. The face of the first shape goes first,
+    by a margin far above rounding: rows are steady, and do not depend on earlier calls.
     """
-    for attempt in range(3):
-        side = last - 1 if attempt == 0 else attempt - 1
-        if side >= 0 and cores[side, HALF, 0] > 0.0:
+    for side in range(2):
+        if cores[side, HALF, 0] > 0.0:
             k = facing_axis(cores, side)
             sign = 1.0 if cores[side, NORMAL, k] >= 0.0 else -1.0
-            least = distance - (_KEPT if attempt == 0 else _EQUAL) * bound
+            least = distance - _EQUAL * bound
             if sign * cores[side, NORMAL, k] > _SAME_FACE and face_separation(cores, side, k, sign) >= least:
                 return 3 * side + k
     return NO_AXIS
@@ -130,8 +130,8 @@ def write_middle(cores: Array, found: Array, row: int) -> None:
             found[row, 1 + c] += 0.5 * x * cores[0, PLACE + i, c]
 
 
-@kernel("Tuple((i8, i8))(f8[:,:,::1], f8, i8, f8[:,:,::1], f8[:,::1])")
-def box_contacts(cores: Array, tolerance: float, last: int, polygon: Array, found: Array) -> tuple[int, int]:
+@kernel("i8(f8[:,:,::1], f8, f8[:,:,::1], f8[:,::1])")
+def box_contacts(cores: Array, tolerance: float, polygon: Array, found: Array) -> int:
     """Write the contacts of two shapes, each a box or a capsule.
 
     Parameters
@@ -140,8 +140,6 @@ def box_contacts(cores: Array, tolerance: float, last: int, polygon: Array, foun
         The shapes: rows HALF, BALL and PLACE are given.
     tolerance : float
         Gap at and below which the patch is wanted [m].
-    last : int
-        The side on whose face the normal was at the last step, 1 or 2; 0 if it was not a face's.
     polygon : ndarray, shape (2, 32, 3)
         Scratch.
     found : ndarray, shape (33, 7)
@@ -149,8 +147,8 @@ def box_contacts(cores: Array, tolerance: float, last: int, polygon: Array, foun
 
     Returns
     -------
-    count, last : int
-        How many contacts there are, and the side for the next step.
+    int
+        How many contacts there are.
     """
     relate(cores)
     extent = 0.0
@@ -167,15 +165,15 @@ def box_contacts(cores: Array, tolerance: float, last: int, polygon: Array, foun
     found[0, 0] = distance - radii
     if distance - radii > tolerance:
         write_normal(cores, side, found, 0)
-        return 1, last
+        return 1
     bound = min(bounding_radius(cores, 0), bounding_radius(cores, 1))
-    face = preferred_face(cores, distance, bound, last)
+    face = preferred_face(cores, distance, bound)
     reference = face // 3 if face != NO_AXIS else reference_side(cores)
     if face != NO_AXIS and face != code:
         face_normal(cores, reference, face % 3, 1.0 if cores[reference, NORMAL, face % 3] >= 0.0 else -1.0)
     write_normal(cores, max(reference, 0), found, 0)
     if reference < 0:
-        return 1, 0
+        return 1
     if face == NO_AXIS or face != code:
         corners = clip_faces(cores, reference, slack, polygon)
     corners = keep_low(polygon, corners, distance + _PATCH_DEPTH * bound, _SAME_CORNER * bound)
@@ -191,4 +189,4 @@ def box_contacts(cores: Array, tolerance: float, last: int, polygon: Array, foun
         found[first + corner, 0] = polygon[0, corner, 2] - radii
         for c in range(3):
             found[first + corner, 4 + c] = found[0, 4 + c]
-    return first + corners, face // 3 + 1 if face != NO_AXIS else 0
+    return first + corners

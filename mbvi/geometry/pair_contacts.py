@@ -32,9 +32,8 @@ _DEPTH = 1e-3
 _LEVEL = 1e-8
 # points whose corners are all less deep than the penetration by more than this lack the deepest one
 _CORNER = 1e-6
-# a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second;
-# the face of the last call may differ by more
-_SAME_FACE, _EQUAL, _STAY = np.cos(1e-3), 1e-8, 3.0
+# a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second
+_SAME_FACE, _EQUAL = np.cos(1e-3), 1e-8
 # bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad],
 # and Coal's tolerance
 _ERROR_TOUCHING, _ERROR_APART, _FINE = 0.3, 1e-5, 1e-9
@@ -86,18 +85,18 @@ def distances_from_normals(
 
 @kernel(
     "void(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
-    " i8[:,::1], i8, f8, f8, f8, i8, i8[::1], f8[::1])"
+    " i8[:,::1], i8, f8, f8, f8, i8, f8[::1])"
 )
 def _choose_normal(
     world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, first_face: Array,
     face: Array, planes: Array, sides: Array, start: Array, pair: int, distance: float, bound: float, unit: float,
-    state: int, side_of: Array, n: Array,
+    state: int, n: Array,
 ) -> None:  # fmt: skip
     """Replace the normal of a pair by that of a face, if the separation along it is the distance.
 
-    Where two faces touch, rounding decides which of their normals n is; a fixed choice makes rows steady. It is the
-    face of the first shape, or that of the last call, kept in `side_of[pair]`. Coal's own normal is replaced by that of
-    the nearest face within the error of Coal, which grows as the distance vanishes.
+    Where two faces touch, rounding decides which of their normals n is. The face of the first shape goes first, by a
+    margin far above rounding: rows are steady, and do not depend on earlier calls. Coal's own normal is replaced by
+    that of the nearest face within the error of Coal, which grows as the distance vanishes.
     """
     found, chosen, back, along = np.empty((2, 3)), -1, np.empty(3), np.empty(2)
     for side in range(2):
@@ -116,16 +115,13 @@ def _choose_normal(
             if along[side] > closest:
                 closest, chosen = along[side], side
     else:
-        for turn in range(2):
-            side = turn if side_of[pair] != 1 else 1 - turn
+        for side in range(2):
             if chosen < 0 and along[side] > _SAME_FACE:
                 apart = pair_separation(
                     world, sizes, points, first_point, first, neighbour, sides, start, pair, found[side]
                 )
-                stays = _STAY if side_of[pair] == side else 1.0
-                if apart >= distance - stays * _EQUAL * bound:
+                if apart >= distance - _EQUAL * bound:
                     chosen = side
-    side_of[pair] = chosen
     if chosen >= 0:
         for c in range(3):
             n[c] = found[chosen, c]
@@ -297,13 +293,13 @@ def _one_of_each_line(gap: Array, point: Array, count: int, line: Array) -> int:
 
 @kernel(
     "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
-    " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], i8[::1], i8[::1], f8, f8[::1], f8[:,::1],"
+    " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], i8[::1], f8, f8[::1], f8[:,::1],"
     " f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1])"
 )
 def write_contacts(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
     neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, bound: Array,
-    unit: Array, flat_pair: Array, line: Array, side_of: Array, pairs: Array, tolerance: float, distance: Array,
+    unit: Array, flat_pair: Array, line: Array, pairs: Array, tolerance: float, distance: Array,
     normal: Array, middle: Array, state: Array, count: Array, gap: Array, point: Array,
 ) -> int:  # fmt: skip
     """Write the contact points of some pairs, pair after pair.
@@ -316,8 +312,6 @@ def write_contacts(
         Whether the two shapes of a pair can share more than one point.
     line : ndarray, shape (3,)
         Of contact points on one line along this direction the first is kept; zero if all are.
-    side_of : ndarray of int, shape (n,)
-        The side of each pair whose face gave the last normal, -1 for none; written.
     tolerance : float
         The distance up to which all points of contact are wanted [m]; beyond it, the nearest one.
     distance, normal, middle, state : ndarray, shapes (p,), (p, 3), (p, 3), (p,)
@@ -344,7 +338,7 @@ def write_contacts(
             if near:
                 _choose_normal(
                     world, sizes, points, first_point, first, neighbour, first_face, face, planes, sides, start, pair,
-                    distance[i], bound[pair], unit[pair], state[i], side_of, normal[i],
+                    distance[i], bound[pair], unit[pair], state[i], normal[i],
                 )  # fmt: skip
         if (near or not known) and flat:
             depth = max(tolerance - distance[i], 0.0) if near else 0.0

@@ -25,12 +25,12 @@ _MOST = 9
 
 
 @kernel(
-    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], i8[:,::1], i8[::1], i8[::1], f8, i8[::1], i8[::1], f8[::1],"
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], i8[:,::1], i8[::1], i8[::1], f8, i8[::1], f8[::1],"
     " f8[:,::1], f8[:,::1])"
 )
 def primitive_contacts(
     places: Array, frame: Array, fixed: Array, sizes: Array, sides: Array, form: Array, measured: Array,
-    tolerance: float, last: Array, pair: Array, gap: Array, point: Array, normal: Array,
+    tolerance: float, pair: Array, gap: Array, point: Array, normal: Array,
 ) -> int:  # fmt: skip
     """Write the contacts of pairs that have a closed form, pair after pair; return how many there are.
 
@@ -50,9 +50,6 @@ def primitive_contacts(
         The pairs to measure.
     tolerance : float
         Gap at and below which a pair gets its patch; others get their nearest point only [m].
-    last : ndarray of int, shape (n,)
-        The side on whose face the normal of each pair was, 1 or 2, or 0; updated. It goes before the other where both
-        separate about as much.
     pair, gap, point, normal : ndarray, shapes (m,), (m,), (m, 3), (m, 3)
         Receive the contacts: the pair, the gap [m], the point midway between the surfaces, the unit normal from the
         first shape to the second.
@@ -63,7 +60,7 @@ def primitive_contacts(
         place_cores(places, frame, fixed, sizes, sides, number, cores)
         contacts = 1
         if form[number] == BOXES:
-            contacts, last[number] = box_contacts(cores, tolerance, last[number], polygon, found)
+            contacts = box_contacts(cores, tolerance, polygon, found)
         else:
             ball_contact(cores, 0 if form[number] == FIRST_BALL else 1, found)
         for row in range(contacts):
@@ -105,8 +102,6 @@ class PrimitivePairs:
         The closed form of each pair, `NONE` if it has none.
     smooth : ndarray of bool, shape (n,)
         Which pairs have a continuous gradient: sphere and sphere, sphere and capsule.
-    last : ndarray of int, shape (n,)
-        As of `primitive_contacts`: where both of two parallel faces may give the normal, that of the last time does.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], tables: Shapes, sides: Array) -> None:
@@ -115,7 +110,6 @@ class PrimitivePairs:
         self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
         self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
         self.smooth &= np.array([isinstance(s.shape, Sphere | Capsule) for s in shapes])[sides].all(axis=1)
-        self.last = np.zeros(len(sides), np.int64)
         self._room = self._rows(_MOST)
 
     def contacts(self, places: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
@@ -138,7 +132,7 @@ class PrimitivePairs:
             Gap [m], point midway between the surfaces, unit normal from first to second; the least gap of a pair is
             its signed distance.
         """
-        shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs, tolerance, self.last
+        shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs, tolerance
         count = primitive_contacts(*shared, *self._room)
         if count > len(self._room[0]):
             self._room = self._rows(2 * count)

@@ -286,7 +286,8 @@ def refine_pair(
     of_first = np.empty(max(first_point[a + 1] - first_point[a], 1), np.int64)
     of_second = np.empty(max(first_point[b + 1] - first_point[b], 1), np.int64)
     whole = first[first_point[a] + 1] == first[first_point[a]] and first[first_point[b] + 1] == first[first_point[b]]
-    found, apart, repeated = FAILED, 0.0, False
+    rounded = np.empty(3)
+    rounded[0] = np.nan
     for _ in range(_MOST_GATHERS):
         m = _around(
             points, first_point[a], first_point[a + 1], first, neighbour, world[0], n, 1.0, start[pair, 0], of_first
@@ -301,12 +302,16 @@ def refine_pair(
         if not whole:
             full = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
         if full >= apart - ROUNDING * (size + abs(apart)):
-            if repeated:
-                return found, apart
-            # the search is repeated from a rounded normal: the last digits then do not depend on where it began
-            repeated = True
+            # the search is repeated from its result, rounded: the last digits then do not depend on where it began
+            same = True
             for c in range(3):
-                n[c] = np.round(n[c] * _ROUNDED) / _ROUNDED
+                x = np.round(n[c] * _ROUNDED) / _ROUNDED
+                same = same and x == rounded[c]
+                rounded[c] = x
+            if same:
+                return found, apart
+            for c in range(3):
+                n[c] = rounded[c]
             normalise(n)
     return FAILED, 0.0
 

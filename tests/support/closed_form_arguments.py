@@ -82,7 +82,7 @@ def contacts(rng):
     arguments, pairs, known = pairs_of(rng, ALL)
     room, tolerance = int(rng.choice([3, 9 * len(known)])), float(rng.choice([-np.inf, 0.01, np.inf]))
     rows = np.full(room, -1), np.full(room, np.nan), np.full((room, 3), np.nan), np.full((room, 3), np.nan)
-    return *arguments, pairs.form, known, tolerance, rng.integers(3, size=len(pairs.form)), *rows
+    return *arguments, pairs.form, known, tolerance, *rows
 
 
 def placing(rng):
@@ -114,11 +114,11 @@ CLOSED_FORM_ARGUMENTS = {
     "clip_faces": lambda rng: (*of_side(rng), 1e-12, np.zeros((2, 32, 3))),
     "write_corner": corner,
     "core_distance": lambda rng: (cores(rng, normal=False), 1e-12, np.zeros((2, 32, 3))),
-    "preferred_face": lambda rng: (cores(rng), -1.0, 0.2, int(rng.integers(3))),
+    "preferred_face": lambda rng: (cores(rng), -1.0, 0.2),
     "reference_side": lambda rng: (cores(rng),),
     "write_middle": lambda rng: (cores(rng), np.zeros((5, 7)), int(rng.integers(5))),
     "box_contacts": lambda rng: (
-        cores(rng, normal=False), float(rng.choice([-np.inf, np.inf])), int(rng.integers(3)), np.zeros((2, 32, 3)),
+        cores(rng, normal=False), float(rng.choice([-np.inf, np.inf])), np.zeros((2, 32, 3)),
         np.zeros((33, 7)),
     ),
     "out_of_core": lambda rng: point_beside(rng, False),

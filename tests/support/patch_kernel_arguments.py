@@ -117,7 +117,7 @@ def known_pair(rng):
 def choose_normal(rng):
     axes, _, world, distance, normal, _, result = known_pair(rng)
     state = int(rng.choice([result, COAL]))
-    rest = axes.sides, axes.start, 0, distance, 0.2, 0.25, state, np.array([int(rng.integers(-1, 2))]), normal
+    rest = axes.sides, axes.start, 0, distance, 0.2, 0.25, state, normal
     return world, *axes.shapes[2:], *rest
 
 
@@ -151,7 +151,7 @@ def contacts(rng):
     room = int(rng.choice([0, 60]))
     found = np.array([distance]), normal[None].copy(), middle[None].copy(), np.array([result])
     return (
-        places, *axes.shapes, axes.sides, axes.start, np.array([0.2]), np.array([0.25]), flat, line, np.array([-1]),
+        places, *axes.shapes, axes.sides, axes.start, np.array([0.2]), np.array([0.25]), flat, line,
         np.zeros(1, np.int64), float(rng.choice([distance - 1.0, distance + 1e-9, distance + 0.1])), *found,
         np.zeros(1, np.int64), np.zeros(room), np.zeros((room, 3)),
     )  # fmt: skip
