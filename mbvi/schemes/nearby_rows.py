@@ -7,7 +7,6 @@ from ..constraints.rows import take
 from ..problem import Problem
 from ..system.system import Array
 
-
 # second-order part of a gap that is left out, in lengths of the scene
 _SECOND_ORDER = 1e-6
 
