@@ -23,6 +23,8 @@ _SIZE = 0.1
 # largest size that a body counts as having, in radii of the ball that fits into its thickest shape: steps must be short
 # enough that nothing passes through flat bodies
 _FLAT = 5.0
+# least size that a link counts as having, in median sizes of the links of its mechanism
+_SMALL_LINK = 1.0 / 3.0
 # length of the differences that give modes, in lengths of the scene and radians, and the most velocities of a system
 # whose modes are computed
 _DIFFERENCE, _MOST_MODES = 1e-6, 200
@@ -170,7 +172,7 @@ def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
 
 
 def _travel_steps(problem: Problem, duration: float) -> list[tuple[float, str]]:
-    """Return for each body the steps in which it travels and falls by a part of its size."""
+    """Return for each body the steps in which it travels and falls by a part of its size; see `_sizes`."""
     system = problem.system
     if problem.scene is None:
         # without shapes the whole system counts as one body
@@ -186,12 +188,28 @@ def _travel_steps(problem: Problem, duration: float) -> list[tuple[float, str]]:
     largest = [max(shapes, key=lambda s: s.shape.bound) for shapes in bodies.values()]
     rates, found = np.abs(problem.v0), []
     forced = np.abs(system.added_acceleration(problem.t0, problem.q0, problem.v0))
-    for shapes, shape, drop in zip(bodies.values(), largest, _fall_heights(problem, largest, g), strict=True):
+    sizes = _sizes(system, bodies)
+    for size, shape, drop in zip(sizes, largest, _fall_heights(problem, largest, g), strict=True):
         reach = system.reach(shape.body, shape.position, shape.shape.bound)
         speed, pull = float(reach @ rates), g + float(reach @ forced)
-        size = min(shape.shape.bound, _FLAT * max(s.shape.inner for s in shapes))
         found += _body_steps(shape.name, size, speed + min(np.sqrt(2.0 * g * drop), g * duration), pull)
     return found
+
+
+def _sizes(system: System, bodies: dict[int, list[PlacedShape]]) -> Array:
+    """Return the size of each body by its shapes; that of a link is at least a third of the median of its mechanism.
+
+    A step that a finger alone asks for would not make the motion of its robot more accurate.
+    """
+    numbers = np.array(list(bodies), dtype=np.int64)
+    sizes = np.array(
+        [min(max(s.shape.bound for s in one), _FLAT * max(s.shape.inner for s in one)) for one in bodies.values()]
+    )
+    for part in located_parts(system):
+        own = (numbers > part.body) & (numbers < part.body + len(part.system.bodies))
+        if own.any() and not part.system.free_bodies:
+            sizes[own] = np.maximum(sizes[own], _SMALL_LINK * np.median(sizes[own]))
+    return sizes
 
 
 def _body_steps(name: str, size: float, speed: float, pull: float) -> list[tuple[float, str]]:

@@ -26,7 +26,8 @@ class Centered(Scheme):
     Parameters
     ----------
     project_positions : bool
-        Project closed contacts out of penetration after the step. Off by default: it costs more contact detections.
+        Project closed contacts out of penetration after the step. Then J is taken at the end of the step where no row
+        can bounce, because the velocity is made tangent to the constraints there. Off by default.
 
     Notes
     -----
@@ -34,7 +35,8 @@ class Centered(Scheme):
     constraints at once by one projection. An impact happens up to half a step too early or too late. Its penetration,
     or the gap it leaves at e = 0, is therefore at most h |v-| / 2. On concave walls penetration adds up unless
     positions are projected. A step evaluates M once, and g once or, where g changes with v, twice. It evaluates the
-    gaps once in free flight, and with active constraints twice, at the end and in the middle of the step.
+    gaps once in free flight, and with active constraints twice, at the end and in the middle of the step. With
+    projected positions it evaluates them once more only where bodies have moved too far for gaps to be linear.
     """
 
     timing = Timing(jump=0.5)

@@ -92,6 +92,12 @@ def test_a_robot_is_judged_by_its_links(swing):
         assert 1e-4 <= step <= 5e-3
 
 
+def test_a_small_link_asks_for_no_shorter_step_than_its_robot():
+    """The fingers of a Panda are 17 mm in size: by them alone the step would be less than half of this."""
+    step, _ = time_step(robot(real_robot("panda_description/urdf/panda.urdf")), 1.0)
+    assert step == 5e-4
+
+
 def test_a_control_may_switch_and_is_stepped(swing):
     scheme, step, reason = default_scheme(robot(swing, control=lambda t, q, v: -np.sign(v)), 1.0)
     assert isinstance(scheme, mbvi.Centered) and "the control of swing may switch" in reason
