@@ -15,6 +15,9 @@ from .rows import Array, Rows
 
 # families with a bit of their own in a mask; all others are queried at every step
 _MOST_CACHED = 60
+# queries in a row in which some candidate had no row, after which candidates are listed again: to list them costs more
+# than to look at a few of them in vain
+_IDLE = 8
 
 
 @kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8)")
@@ -58,10 +61,12 @@ class _Entry:
         Its row in the arrays of the cache; -1 for a family that is queried at every step.
     candidates : PairCandidates or None
         Of a family of pairs.
+    idle : int
+        How many queries in a row had a candidate without a row.
     """
 
     def __init__(self, family: ConstraintFamily, start: int, e: float, slot: int) -> None:
-        self.family, self.slot = family, slot
+        self.family, self.slot, self.idle = family, slot, 0
         self.candidates: PairCandidates | None = None if slot < 0 else family.pair_candidates()
         self.query: Any = family.contacts if self.candidates is None else family.contacts_among
         self._start, self._e, self._own_e = start, e, not np.isnan(family.restitution).any()
@@ -162,9 +167,10 @@ class ClearanceCache:
                     self._clearance[slot] = candidates.update(self._travels[slot], tolerance) + tolerance
                     self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
                 rows = entry.query(q, tolerance, candidates)
-                if candidates.any_empty:
-                    # a candidate without a row may be skipped at the next step: list the candidates again
-                    self._clearance[slot] = -np.inf
+                entry.idle = entry.idle + 1 if candidates.any_empty else 0
+                if entry.idle == _IDLE:
+                    # a candidate without a row may be skipped: list the candidates again at the next query
+                    self._clearance[slot], entry.idle = -np.inf, 0
             if rows is not None:
                 found.append(rows if entry.as_is else entry.numbered(rows))
         return found
