@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.coal_distance import BELOW, CoalDistances
+from ..geometry.coal_distance import CoalDistances
 from ..geometry.pair_contacts import distances_from_axes, distances_from_normals, keep_one_of_each_line, write_contacts
 from ..geometry.primitive_pairs import NONE, PrimitivePairs
 from ..geometry.refined_distance import FAILED
@@ -155,27 +155,25 @@ class SignedDistances(Pairs):
         """Return the contacts of some pairs that have no closed form."""
         axes, sizes, n = self._axes, self._coal, len(pairs)
         distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
-        state, count = np.empty(n, np.int64), np.empty(n, np.int64)
+        state, count, unknown = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+        found = distance, normal, middle, state
         tables = places, *axes.shapes, axes.sides, axes.start
-        distances_from_axes(*tables, axes.axis, sizes.bound, pairs, distance, normal, middle, state)
-        unknown = (state == FAILED).nonzero()[0]
-        if unknown.size:
+        failed = distances_from_axes(*tables, sizes.bound, axes.axis, pairs, *found, unknown)
+        if failed:
+            unknown = unknown[:failed]
             for i in unknown.tolist():
-                distance[i] = self._coal.approximate(places, pairs.item(i), normal[i])
-            distances_from_normals(
-                places, *axes.shapes[:7], axes.sides, axes.start, pairs, unknown, BELOW * sizes.bound[pairs[unknown]],
-                tolerance if rough else np.inf, distance, normal, middle, state,
-            )  # fmt: skip
-            for i in (state == FAILED).nonzero()[0].tolist():
-                distance[i], normal[i], middle[i], state[i] = self._coal.measure(places, pairs.item(i))
+                distance[i] = sizes.approximate(places, pairs.item(i), normal[i])
+            search, enough = (*tables[:8], *tables[11:]), tolerance if rough else np.inf
+            failed = distances_from_normals(*search, sizes.bound, pairs, unknown, enough, *found)
+        for i in (state == FAILED).nonzero()[0].tolist() if failed else ():
+            distance[i], normal[i], middle[i], state[i] = sizes.measure(places, pairs.item(i))
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:
             gap, point = np.empty(room), np.empty((room, 3))
             total = write_contacts(
-                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance,
-                distance, normal, middle, state, count, gap, point,
-            )  # fmt: skip
+                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance, *found, count, gap, point
+            )
             if total >= 0:
                 break
             room *= 4

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import MbviError
+from .pair_contacts import BELOW
 from .polyhedra import Polyhedron
 from .polyhedron_overlap import overlap
 from .refined_distance import COAL, FAILED, refined
@@ -27,8 +28,6 @@ _FINE, _ROBUST = 1e-9, 1e-6
 # lengths below are relative to the bounding radius of the smaller shape
 # how much deeper the fine answer may be than the robust one
 _AGREEMENT = 1e-4
-# by how much a refined distance may be below Coal's
-BELOW = 1e-5
 
 
 class CoalDistances:

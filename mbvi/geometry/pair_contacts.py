@@ -37,50 +37,61 @@ _SAME_FACE, _EQUAL = np.cos(1e-3), 1e-8
 # bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad],
 # and Coal's tolerance
 _ERROR_TOUCHING, _ERROR_APART, _FINE = 0.3, 1e-5, 1e-9
+# by how much a refined distance may be below Coal's
+BELOW = 1e-5
 # corners nearer to each other than this are one
 _SAME_CORNER = 1e-7
 
 
 @kernel(
-    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
-    " i8[::1], i8[::1], f8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
+    " f8[::1], i8[::1], i8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
 )
 def distances_from_normals(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
-    neighbour: Array, sides: Array, start: Array, pairs: Array, asked: Array, error: Array, enough: float,
+    neighbour: Array, sides: Array, start: Array, bound: Array, pairs: Array, asked: Array, enough: float,
     distance: Array, normal: Array, middle: Array, state: Array,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Refine approximate distances and normals of some pairs.
 
     Parameters
     ----------
+    bound : ndarray, shape (n,)
+        Of each pair the bounding radius of the smaller shape [m].
     asked : ndarray of int, shape (a,)
         The places in `pairs` of those that are meant.
-    error : ndarray, shape (a,)
-        By how much a refined distance may be below the approximate one [m]; if it is more, the state is `FAILED`.
     enough : float
-        Of a distance beyond it a lower bound is enough, less the error [m]; its midpoint is not computed.
+        Of a distance beyond it a lower bound is enough [m]; its midpoint is not computed.
     distance, normal : ndarray, shapes (p,), (p, 3)
         Approximate; receive the refined ones where these are found.
     middle : ndarray, shape (p, 3)
         Receives the points midway between the surfaces, which are unknown if `FLAT`.
+
+    Returns
+    -------
+    int
+        How many of them still have the state `FAILED`: their refined distance is too far below the approximate one.
     """
-    world, n, point = np.empty((2, 4, 3)), np.empty(3), np.empty(3)
+    world, n, point, failed = np.empty((2, 4, 3)), np.empty(3), np.empty(3), 0
     for j in range(len(asked)):
         i = asked[j]
         pair = pairs[i]
-        if distance[i] > enough + 2.0 * error[j]:
-            distance[i], state[i] = distance[i] - error[j], COAL
+        error = BELOW * bound[pair]
+        if distance[i] > enough + 2.0 * error:
+            distance[i], state[i] = distance[i] - error, COAL
             continue
         for side in range(2):
             place_shape(places, frame, fixed, sides[pair, side], world[side])
         for c in range(3):
             n[c] = normal[i, c]
         found, exact = refine_pair(world, sizes, points, first_point, first, neighbour, sides, start, pair, n, point)
-        if found != FAILED and exact >= distance[i] - error[j]:
+        if found != FAILED and exact >= distance[i] - error:
             distance[i], state[i] = exact, found
             for c in range(3):
                 normal[i, c], middle[i, c] = n[c], point[c]
+        else:
+            failed += 1
+    return failed
 
 
 @kernel(
@@ -207,18 +218,19 @@ def _patch(
 
 
 @kernel(
-    "void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
-    " f8[:,::1], i8[:,::1], i8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])"
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[:,::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1])"
 )
 def distances_from_axes(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
-    neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, axis: Array,
-    bound: Array, pairs: Array, distance: Array, normal: Array, middle: Array, state: Array,
-) -> None:  # fmt: skip
+    neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, bound: Array,
+    axis: Array, pairs: Array, distance: Array, normal: Array, middle: Array, state: Array, unknown: Array,
+) -> int:  # fmt: skip
     """Write distance, normal and midpoint of the pairs that are apart, and the state of all.
 
     Where shapes are apart, the separation along n has no local maximum but the greatest one, which is the distance.
-    Where the search ends on parallel faces or edges, that is a maximum only if these share a region.
+    Where the search ends on parallel faces or edges, that is a maximum only if these share a region. Pairs that their
+    axes do not separate are not searched.
 
     Parameters
     ----------
@@ -226,31 +238,43 @@ def distances_from_axes(
         Of each pair the bounding radius of the smaller shape [m].
     distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
         Receive distances, unit normals and the points midway between the surfaces, which are unknown if `FLAT`.
+    unknown : ndarray of int, shape (p,)
+        Receives in its first places those of `pairs` whose state is `FAILED`.
+
+    Returns
+    -------
+    int
+        How many these are.
     """
-    world, n = np.empty((2, 4, 3)), np.empty(3)
+    world, n, failed = np.empty((2, 4, 3)), np.empty(3), 0
     gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
     for i in range(len(pairs)):
         pair = pairs[i]
-        state[i] = FAILED
-        if axis[pair, 0] != axis[pair, 0]:
-            continue
-        for side in range(2):
-            place_shape(places, frame, fixed, sides[pair, side], world[side])
-        axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
-        found, apart = refine_pair(
-            world, sizes, points, first_point, first, neighbour, sides, start, pair, n, middle[i]
-        )
+        state[i], found, apart = FAILED, FAILED, 0.0
+        if axis[pair, 0] == axis[pair, 0]:
+            for side in range(2):
+                place_shape(places, frame, fixed, sides[pair, side], world[side])
+            axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
+            apart = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+        if apart > 0.0:
+            found, apart = refine_pair(
+                world, sizes, points, first_point, first, neighbour, sides, start, pair, n, middle[i]
+            )
         if found == FLAT and apart > 0.0:
             shared = _patch(
                 world, sizes, points, first_point, first, neighbour, first_face, face, planes, sides, start, pair,
                 apart, _LEVEL * bound[pair], bound[pair], n, gaps, corners,
             )  # fmt: skip
             if shared == 0:
-                continue
+                found = FAILED
         if found != FAILED and apart > 0.0:
             state[i], distance[i] = found, apart
             for c in range(3):
                 normal[i, c] = n[c]
+        else:
+            unknown[failed] = i
+            failed += 1
+    return failed
 
 
 @kernel("i8(i8[::1], f8[:,::1], f8[::1], i8[::1])")

@@ -135,14 +135,14 @@ def from_axes(rng):
         axes.axis[0] = np.nan
     written = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, np.int64)
     pairs, bound = np.zeros(1, np.int64), np.array([0.2])
-    return places, *axes.shapes, axes.sides, axes.start, axes.axis, bound, pairs, *written
+    return places, *axes.shapes, axes.sides, axes.start, bound, axes.axis, pairs, *written, np.full(1, -1)
 
 
 def from_normals(rng):
     axes, places, _, distance, normal, *_ = known_pair(rng)
     pairs, enough = np.zeros(1, np.int64), float(rng.choice([-1.0, np.inf]))
     known = np.array([distance]), normal[None].copy(), np.zeros((1, 3)), np.full(1, FAILED)
-    return places, *axes.shapes[:7], axes.sides, axes.start, pairs, pairs, np.array([1e-5]), enough, *known
+    return places, *axes.shapes[:7], axes.sides, axes.start, np.array([0.2]), pairs, pairs, enough, *known
 
 
 def contacts(rng):
