@@ -1,8 +1,8 @@
 """Robots move as they did before there were compiled kernels.
 
 `data/states_before_kernels.npz` holds q and v, one after the other, after 100 steps of h = 1e-3 of every run here. It
-was computed by the version without compiled kernels; Talos's, whose own links touch edge to edge, with plain numpy
-forms since crossing edges touch where they are deepest.
+was computed by the version without compiled kernels. Talos's shins touch each other in its last steps: at e = 0.5 its
+states are those since every corner of what two overlapping links share is a contact point; before, one of two was.
 """
 
 import numpy as np

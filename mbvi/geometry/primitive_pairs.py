@@ -72,6 +72,29 @@ def primitive_contacts(
     return count
 
 
+@kernel(
+    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], i8[:,::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1],"
+    " f8[:,::1])"
+)
+def ball_contacts(
+    places: Array, frame: Array, fixed: Array, sizes: Array, sides: Array, form: Array, measured: Array,
+    pair: Array, gap: Array, point: Array, normal: Array,
+) -> int:  # fmt: skip
+    """Write the contacts of pairs of which one shape is a sphere; as `primitive_contacts`, which takes long to compile.
+
+    Each pair has one contact, for which there must be room.
+    """
+    cores, found = np.empty((2, 12, 3)), np.empty((1, 7))
+    for row in range(len(measured)):
+        number = measured[row]
+        place_cores(places, frame, fixed, sizes, sides, number, cores)
+        ball_contact(cores, 0 if form[number] == FIRST_BALL else 1, found)
+        pair[row], gap[row] = number, found[0, 0]
+        for c in range(3):
+            point[row, c], normal[row, c] = found[0, 1 + c], found[0, 4 + c]
+    return len(measured)
+
+
 def closed_form(first: PlacedShape, second: PlacedShape) -> int:
     """Return the code of the closed form of two shapes, `NONE` if there is none."""
     shapes = first.shape, second.shape
@@ -110,6 +133,7 @@ class PrimitivePairs:
         self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
         self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
         self.smooth &= np.array([isinstance(s.shape, Sphere | Capsule) for s in shapes])[sides].all(axis=1)
+        self._only_balls = not (self.form == BOXES).any()
         self._room = self._rows(_MOST)
 
     def contacts(self, places: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
@@ -132,11 +156,16 @@ class PrimitivePairs:
             Gap [m], point midway between the surfaces, unit normal from first to second; the least gap of a pair is
             its signed distance.
         """
-        shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs, tolerance
-        count = primitive_contacts(*shared, *self._room)
-        if count > len(self._room[0]):
-            self._room = self._rows(2 * count)
-            primitive_contacts(*shared, *self._room)
+        shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs
+        if len(self._room[0]) < len(pairs):
+            self._room = self._rows(2 * len(pairs))
+        if self._only_balls:
+            count = ball_contacts(*shared, *self._room)
+        else:
+            count = primitive_contacts(*shared, tolerance, *self._room)
+            if count > len(self._room[0]):
+                self._room = self._rows(2 * count)
+                primitive_contacts(*shared, tolerance, *self._room)
         pair, gap, point, normal = self._room
         return pair[:count].copy(), gap[:count].copy(), point[:count].copy(), normal[:count].copy()
 

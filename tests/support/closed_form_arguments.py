@@ -3,7 +3,7 @@
 import numpy as np
 
 from mbvi.geometry import box_box, box_patch, shape_cores
-from mbvi.geometry.primitive_pairs import BOXES, NONE, PrimitivePairs
+from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from support.distance_kernel_arguments import rotation, unit
@@ -85,6 +85,21 @@ def contacts(rng):
     return *arguments, pairs.form, known, tolerance, *rows
 
 
+def balls(rng):
+    arguments, pairs, known = pairs_of(rng, ALL)
+    known = known[np.isin(pairs.form[known], (FIRST_BALL, SECOND_BALL))]
+    k = len(known)
+    return (
+        *arguments,
+        pairs.form,
+        known,
+        np.full(k, -1),
+        np.full(k, np.nan),
+        np.full((k, 3), np.nan),
+        np.full((k, 3), np.nan),
+    )
+
+
 def placing(rng):
     arguments, _, known = pairs_of(rng, ALL)
     return *arguments, int(rng.choice(known)), np.zeros((2, 12, 3))
@@ -125,4 +140,5 @@ CLOSED_FORM_ARGUMENTS = {
     "out_of_cylinder_core": lambda rng: point_beside(rng, True),
     "ball_contact": lambda rng: (*ball_and_other(rng), np.zeros((1, 7))),
     "primitive_contacts": contacts,
+    "ball_contacts": balls,
 }  # fmt: skip
