@@ -76,7 +76,8 @@ class SignedDistances(Pairs):
         self._bounds = np.empty(len(sides))
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth
-        self._is_smooth = self.smooth.tolist().__getitem__
+        self._some_smooth, self._is_smooth = bool(self.smooth.any()), self.smooth.tolist().__getitem__
+        self._some_closed = bool((self._closed.form != NONE).any())
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
@@ -118,9 +119,9 @@ class SignedDistances(Pairs):
 
     def _measure_all(self, places: Array, pairs: Array, tolerance: float, rough: bool = False) -> Contacts:
         """Return the contacts of some pairs; if `rough`, gaps beyond the tolerance are lower bounds."""
-        if not self._at_rest or all(map(self._is_smooth, pairs.tolist())):
+        if not self._at_rest or (self._some_smooth and all(map(self._is_smooth, pairs.tolist()))):
             return self._measure(places, pairs, tolerance, rough)
-        places = np.round(places * self._grid)
+        places = np.rint(places * self._grid)
         places *= self._cell
         # for the world the last placement is taken, which does no harm
         where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._axes.sides[pairs]]].tobytes()
@@ -130,6 +131,8 @@ class SignedDistances(Pairs):
 
     def _measure(self, places: Array, pairs: Array, tolerance: float, rough: bool) -> Contacts:
         """Return the contacts of some pairs, in closed form where there is one; see `_measure_all`."""
+        if not self._some_closed:
+            return self._search(places, pairs, tolerance, rough)
         closed = self._closed.form[pairs] != NONE
         if not closed.any():
             return self._search(places, pairs, tolerance, rough)
@@ -155,7 +158,7 @@ class SignedDistances(Pairs):
         """Return the contacts of some pairs that have no closed form."""
         axes, sizes, n = self._axes, self._coal, len(pairs)
         distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
-        state, count, unknown = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+        state, unknown = np.empty(n, np.int64), np.empty(n, np.int64)
         found = distance, normal, middle, state
         tables = places, *axes.shapes, axes.sides, axes.start
         failed = distances_from_axes(*tables, sizes.bound, axes.axis, pairs, *found, unknown)
@@ -170,11 +173,10 @@ class SignedDistances(Pairs):
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:
-            gap, point = np.empty(room), np.empty((room, 3))
+            rows = np.empty(room, np.int64), np.empty(room), np.empty((room, 3)), np.empty((room, 3))
             total = write_contacts(
-                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance, *found, count, gap, point
+                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance, *found, *rows
             )
             if total >= 0:
-                break
+                return Contacts(*(part[:total] for part in rows))
             room *= 4
-        return Contacts(np.repeat(pairs, count), gap[:total], point[:total], np.repeat(normal, count, axis=0))

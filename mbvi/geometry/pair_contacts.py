@@ -318,13 +318,13 @@ def _one_of_each_line(gap: Array, point: Array, count: int, line: Array) -> int:
 @kernel(
     "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
     " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], i8[::1], f8, f8[::1], f8[:,::1],"
-    " f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1])"
+    " f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
 )
 def write_contacts(
     places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
     neighbour: Array, first_face: Array, face: Array, planes: Array, sides: Array, start: Array, bound: Array,
     unit: Array, flat_pair: Array, line: Array, pairs: Array, tolerance: float, distance: Array,
-    normal: Array, middle: Array, state: Array, count: Array, gap: Array, point: Array,
+    normal: Array, middle: Array, state: Array, owner: Array, gap: Array, point: Array, normals: Array,
 ) -> int:  # fmt: skip
     """Write the contact points of some pairs, pair after pair.
 
@@ -341,10 +341,8 @@ def write_contacts(
     distance, normal, middle, state : ndarray, shapes (p,), (p, 3), (p, 3), (p,)
         Of these pairs. `normal` receives the normals of faces, and `middle`, where it is `FLAT`, the middle of the
         region that the shapes share.
-    count : ndarray of int, shape (p,)
-        Receives how many contact points each pair has.
-    gap, point : ndarray, shapes (r,) and (r, 3)
-        Receive gaps, and points midway between the surfaces.
+    owner, gap, point, normals : ndarray, shapes (r,), (r,), (r, 3), (r, 3)
+        Receive the pair, the gap, the point midway between the surfaces, and the normal of each contact point.
 
     Returns
     -------
@@ -402,5 +400,8 @@ def write_contacts(
             for c in range(3):
                 point[total, c] = corners[j, c]
             total += 1
-        count[i] = total - first_row
+        for row in range(first_row, total):
+            owner[row] = pair
+            for c in range(3):
+                normals[row, c] = normal[i, c]
     return total

@@ -153,7 +153,7 @@ def contacts(rng):
     return (
         places, *axes.shapes, axes.sides, axes.start, np.array([0.2]), np.array([0.25]), flat, line,
         np.zeros(1, np.int64), float(rng.choice([distance - 1.0, distance + 1e-9, distance + 0.1])), *found,
-        np.zeros(1, np.int64), np.zeros(room), np.zeros((room, 3)),
+        np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 3)),
     )  # fmt: skip
 
 
