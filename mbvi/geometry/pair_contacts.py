@@ -139,6 +139,69 @@ def _choose_normal(
 
 
 @kernel(
+    "i8(f8[:,::1], f8[::1], f8[:,::1], i8, i8, i8[::1], i8[::1], i8, f8[::1], f8[::1], f8[::1], f8, f8, f8[:,::1],"
+    " i8[::1], f8[:,::1])"
+)
+def _outline(
+    place: Array, sizes: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array, start: int,
+    out: Array, along: Array, across: Array, depth: float, bound: float, found: Array, vertices: Array, corners: Array,
+) -> int:  # fmt: skip
+    """Write the convex polygon of the points of a shape that are nearest to another, seen along the normal.
+
+    Parameters
+    ----------
+    out, along, across : ndarray, shape (3,)
+        The outward normal, and the two directions of the polygon's plane.
+    depth, bound : float
+        How far below the outermost point others are gathered, and a bounding radius [m].
+    found, vertices : ndarray, shapes (g, 3) and (g,)
+        Receive these points, and of a hull their numbers; `vertices[0]` is -1 for another shape.
+    corners : ndarray, shape (2 g, 2)
+        Receives the corners.
+
+    Returns
+    -------
+    int
+        How many corners there are; the points of a hull are counted by those of `vertices` before the first -1.
+    """
+    flat = np.empty((len(found), 2))
+    if end - begin > 1:
+        count = near_vertices(place, points, begin, end, first, neighbour, start, out, depth, found, vertices)
+        if count < len(vertices):
+            vertices[count] = -1
+    else:
+        count = near_corners(place, sizes, out, depth, found)
+        vertices[0] = -1
+    for i in range(count):
+        flat[i, 0], flat[i, 1] = dot(found[i], along), dot(found[i], across)
+    return convex_hull(flat, count, bound, corners)
+
+
+@kernel("i8(f8[:,::1], f8[::1], f8[:,::1], i8, f8, f8)")
+def _few(common: Array, gap: Array, point: Array, count: int, tolerance: float, bound: float) -> int:
+    """Keep few of many corners of a region: of those within the tolerance the ones that `spread_out` chooses."""
+    if count <= FEW_POINTS:
+        return count
+    chosen, near = np.empty(count + 1, np.int64), 0
+    for turn in range(2):
+        if turn == 0:
+            for i in range(count):
+                if gap[i] <= tolerance:
+                    chosen[near] = i
+                    near += 1
+        elif near > FEW_POINTS:
+            near = spread_out(common[:near], gap[:near], BESIDE * bound, chosen)
+        for i in range(near):
+            k = chosen[i]
+            gap[i], common[i, 0], common[i, 1] = gap[k], common[k, 0], common[k, 1]
+            for c in range(3):
+                point[i, c] = point[k, c]
+        if near <= FEW_POINTS:
+            break
+    return near if near > 0 else count
+
+
+@kernel(
     "i8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
     " i8[:,::1], i8, f8, f8, f8, f8[::1], f8[::1], f8[:,::1])"
 )
@@ -157,38 +220,30 @@ def _patch(
     n : ndarray, shape (3,)
         The normal from the first shape to the second.
     gap, point : ndarray, shapes (2 g,) and (2 g, 3) with g = 2 `MOST_GATHERED`
-        Receive gaps, and points midway between the surfaces.
+        Receive gaps, and points midway between the surfaces; `point[0]` also where the shapes share no region.
     """
     along, across, out, middle = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     within_plane(n, along, across)
-    found, place = np.empty((MOST_GATHERED, 3)), np.empty((MOST_GATHERED, 2))
-    vertices, hulls = np.empty((2, MOST_GATHERED), np.int64), np.empty((2, 2 * MOST_GATHERED, 2))
-    number, corners = np.empty(2, np.int64), np.empty(2, np.int64)
-    height = 0.0
+    found, vertices = np.empty((2, MOST_GATHERED, 3)), np.empty((2, MOST_GATHERED), np.int64)
+    hulls, corners, number = np.empty((2, 2 * MOST_GATHERED, 2)), np.empty(2, np.int64), np.empty(2, np.int64)
     for side in range(2):
         s = sides[pair, side]
         for c in range(3):
             out[c] = n[c] if side == 0 else -n[c]
-        begin, number[side] = first_point[s], 0
-        if first_face[begin + 1] > first_face[begin]:
-            count = near_vertices(
-                world[side], points, begin, first_point[s + 1], first, neighbour, start[pair, side], out, depth, found,
-                vertices[side],
-            )  # fmt: skip
-            number[side] = count
-        else:
-            count = near_corners(world[side], sizes[s], out, depth, found)
-        if side == 0:
-            # midway between the surfaces; the point counts where the shapes share no region
-            height = dot(found[0], n) + 0.5 * distance
-            for c in range(3):
-                point[0, c] = found[0, c] + 0.5 * distance * n[c]
-        for i in range(count):
-            place[i, 0], place[i, 1] = dot(found[i], along), dot(found[i], across)
-        corners[side] = convex_hull(place, count, bound, hulls[side])
+        corners[side] = _outline(
+            world[side], sizes[s], points, first_point[s], first_point[s + 1], first, neighbour, start[pair, side], out,
+            along, across, depth, bound, found[side], vertices[side], hulls[side],
+        )  # fmt: skip
+        number[side] = 0
+        while number[side] < MOST_GATHERED and vertices[side, number[side]] >= 0:
+            number[side] += 1
+    # midway between the surfaces
+    height = dot(found[0, 0], n) + 0.5 * distance
+    for c in range(3):
+        point[0, c] = found[0, 0, c] + 0.5 * distance * n[c]
     common, scratch = np.empty((len(gap), 2)), np.empty((len(gap), 2))
     count = common_polygon(hulls[0], corners[0], hulls[1], corners[1], bound, common, scratch)
-    kept = 0
+    kept, a, b = 0, sides[pair, 0], sides[pair, 1]
     for i in range(count):
         same = False
         for j in range(kept):
@@ -199,22 +254,13 @@ def _patch(
         for c in range(3):
             middle[c] = common[i, 0] * along[c] + common[i, 1] * across[c] + height * n[c]
             out[c] = -n[c]
-        a, b = sides[pair, 0], sides[pair, 1]
         up = leave(world[0], sizes[a], vertices[0], number[0], first_face, face, planes, middle, n)
         down = leave(world[1], sizes[b], vertices[1], number[1], first_face, face, planes, middle, out)
         gap[kept] = -(up + down)
         for c in range(3):
             point[kept, c] = middle[c] + 0.5 * (up - down) * n[c]
         kept += 1
-    if kept > FEW_POINTS:
-        chosen = np.empty(kept + 1, np.int64)
-        number_chosen = spread_out(common[:kept], gap[:kept], BESIDE * bound, chosen)
-        for i in range(number_chosen):
-            gap[i] = gap[chosen[i]]
-            for c in range(3):
-                point[i, c] = point[chosen[i], c]
-        kept = number_chosen
-    return kept
+    return _few(common, gap, point, kept, distance + depth - _DEPTH * bound, bound)
 
 
 @kernel(
@@ -315,6 +361,18 @@ def _one_of_each_line(gap: Array, point: Array, count: int, line: Array) -> int:
     return number
 
 
+@kernel("void(f8[::1], f8[:,::1], i8, f8, f8[::1])")
+def _middle_of(gap: Array, point: Array, count: int, tolerance: float, middle: Array) -> None:
+    """Write the mean of the points whose gap is within a tolerance; of none the first point."""
+    share = 0.0
+    for j in range(max(count, 1)):
+        if count == 0 or gap[j] <= tolerance:
+            share += 1.0
+            for c in range(3):
+                before = middle[c] if share > 1.0 else 0.0
+                middle[c] = before + (point[j, c] - before) / share
+
+
 @kernel(
     "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1],"
     " f8[:,::1], i8[:,::1], i8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], i8[::1], f8, f8[::1], f8[:,::1],"
@@ -375,13 +433,7 @@ def write_contacts(
             deepest = min(deepest, gaps[j])
         if flat and not known:
             # any point of the shared region is as near; its middle moves steadily
-            share = 0.0
-            for j in range(max(number, 1)):
-                if number == 0 or gaps[j] <= deepest + _CORNER * bound[pair]:
-                    share += 1.0
-                    for c in range(3):
-                        before = middle[i, c] if share > 1.0 else 0.0
-                        middle[i, c] = before + (corners[j, c] - before) / share
+            _middle_of(gaps, corners, number, deepest + _CORNER * bound[pair], middle[i])
         if not near:
             number, deepest = 0, np.inf
         if number and dot(line, line) > 0.0:

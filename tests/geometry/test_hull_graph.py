@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import nnls
 
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.geometry.hull_graph import neighbours, outermost
@@ -12,6 +11,7 @@ from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape
 from mbvi.geometry.spread import BESIDE, FEW_POINTS, spread_out
 from mbvi.projection import project
 from mbvi.system import FreeBodies
+from support.comparisons import beside
 
 
 def bodies(n):
@@ -64,13 +64,6 @@ def test_every_sunk_vertex_is_a_row_or_adds_nothing(seed, flat, depth):
     assert set(map(tuple, rows.point)) <= set(map(tuple, sunk))
     for point in sunk:
         assert beside(point[:2], rows.point[:, :2]) <= 2.0 * BESIDE * shape.bound
-
-
-def beside(point, others):
-    """How far a point is from the convex hull of others in the plane."""
-    # shares of the others that are not negative, and whose sum is one
-    shares = nnls(np.vstack([others.T, np.full(len(others), 1e3)]), np.append(point, 1e3))[0]
-    return float(np.linalg.norm(others.T @ shares - point))
 
 
 @given(seed=seeds, count=st.integers(9, 60))

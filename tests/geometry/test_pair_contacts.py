@@ -13,8 +13,9 @@ import mbvi
 from mbvi.constraints import SignedDistances
 from mbvi.geometry.convex_polygon import common_polygon, convex_hull
 from mbvi.geometry.polyhedron_overlap import overlap
-from mbvi.geometry.shapes import Capsule, Cylinder, Hull, PlacedShape
+from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
 from mbvi.system import FreeBodies
+from support.comparisons import beside
 from support.distance_kernel_arguments import rotation
 from support.paths import ROBOTS
 
@@ -115,6 +116,23 @@ def test_overlapping_hulls_keep_their_deepest_point(seed):
     found = contacts.measure(q, np.array([0]), 0.0)
     assert found.gap.min() == pytest.approx(depth, abs=1e-6)
     np.testing.assert_allclose(found.normal[0], normal, atol=2e-3)
+
+
+@pytest.mark.parametrize("tilt", [1e-3, 1e-2, 0.05])
+def test_of_many_corners_the_sunk_ones_are_kept(tilt):
+    """A tilted wheel is sunk with part of its rim: rows above the table must not stand for corners below."""
+    angle = np.sort(np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 40))
+    rim = np.column_stack([np.cos(angle), np.sin(angle)])
+    contacts = pair(Box((6.0, 6.0, 1.0)), prism(rim, 0.5))
+    turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    q = np.array([*pose(np.zeros(3), np.eye(3)), *pose(np.array([0.0, 0.0, 0.5 + 0.5 * np.sin(tilt)]), turn)])
+    found = contacts.contacts(0.0, q, 1e-9)
+    corners = np.column_stack([rim, np.zeros(len(rim))]) @ turn.T + q[7:10] - [0.0, 0.0, 0.5]
+    sunk = corners[corners[:, 2] < 0.0]
+    assert 8 < len(sunk) < 40 and len(found.gap) < len(sunk)
+    assert found.gap.min() == pytest.approx(sunk[:, 2].min(), abs=1e-9)
+    for corner in sunk:
+        assert beside(corner[:2], found.point[:, :2]) <= 0.03
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-6])

@@ -6,7 +6,7 @@ from mbvi.geometry.contact_patch import MOST_GATHERED
 from mbvi.geometry.convex_polygon import convex_hull
 from mbvi.geometry.refined_distance import COAL, FAILED, UNIQUE, refined
 from mbvi.geometry.shapes import HalfSpace, Hull
-from support.distance_kernel_arguments import axes_of, unit, world_of
+from support.distance_kernel_arguments import axes_of, rotation, unit, world_of
 
 # a disk of many vertices, all of which can lie in one plane
 ANGLES = np.sort(np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, 30))
@@ -114,6 +114,22 @@ def known_pair(rng):
             return axes, places, world, distance, normal, middle if result == UNIQUE else np.zeros(3), result
 
 
+def outline(rng):
+    tables, side, place, ends = shape(rng)
+    axes, start = rotation(rng), int(rng.integers(*ends))
+    depth, found = float(rng.choice([1e-9, 0.1])), np.zeros((MOST_GATHERED, 3))
+    return (
+        place, tables.sizes[side].copy(), tables.points, *ends, tables.first, tables.neighbour, start, *axes.copy(),
+        depth, 0.2, found, np.full(MOST_GATHERED, -1), np.zeros((2 * MOST_GATHERED, 2)),
+    )  # fmt: skip
+
+
+def few(rng):
+    place = points(rng)
+    k = len(place)
+    return place, rng.normal(size=k), rng.normal(size=(k, 3)), k, float(rng.choice([-9.0, 0.0, 9.0])), 1.0
+
+
 def choose_normal(rng):
     axes, _, world, distance, normal, _, result = known_pair(rng)
     state = int(rng.choice([result, COAL]))
@@ -187,6 +203,9 @@ PATCH_ARGUMENTS = {
     "facing": facing,
     "_choose_normal": choose_normal,
     "_patch": patch,
+    "_outline": outline,
+    "_few": few,
+    "_middle_of": lambda rng: (rng.normal(size=4), rng.normal(size=(4, 3)), int(rng.integers(5)), 0.3, np.zeros(3)),
     "_one_of_each_line": one_of_lines,
     "keep_one_of_each_line": lines_of_pairs,
     "distances_from_axes": from_axes,
