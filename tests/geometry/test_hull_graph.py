@@ -63,7 +63,7 @@ def test_every_sunk_vertex_is_a_row_or_adds_nothing(seed, flat, depth):
         return
     assert set(map(tuple, rows.point)) <= set(map(tuple, sunk))
     for point in sunk:
-        assert beside(point[:2], rows.point[:, :2]) <= 2.0 * BESIDE * shape.bound
+        assert beside(point[:2], rows.point[:, :2]) <= 0.02 * shape.bound
 
 
 @given(seed=seeds, count=st.integers(9, 60))
@@ -81,4 +81,4 @@ def test_rows_left_out_change_the_projected_velocity_by_no_more_than_the_toleran
     M, x = B @ B.T + 0.1 * np.eye(3), rng.normal(size=3) - np.array([2.0, 0.0, 0.0])
     few = project(x, M, J[chosen[:number]], 0.0).velocity
     turning = np.linalg.norm(few[1:])
-    assert (J @ few).min() >= -BESIDE * turning - 1e-9
+    assert (J @ few).min() >= -0.01 * turning - 1e-9
