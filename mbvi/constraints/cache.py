@@ -16,7 +16,7 @@ from .rows import Array, Rows
 # families with a bit of their own in a mask; all others are queried at every step
 _MOST_CACHED = 60
 # queries in a row in which some candidate had no row, after which candidates are listed again: to list them costs more
-# than to look at a few of them in vain
+# than to measure a few that have no row
 _IDLE = 8
 
 

@@ -1,7 +1,7 @@
 """Distances of pairs of convex shapes by Coal, refined to rounding where that succeeds.
 
 Coal's tolerances are absolute: it gets each shape in the unit of its pair, a power of two about as large as the pair.
-Functors and geometries are made when a pair is first asked for.
+Functors and geometries are made when the distance of a pair is first computed.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ _DIRECTIONS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z 
 def fewer_vertices(hull: Hull, tolerance: float) -> tuple[Hull, float] | None:
     """Return a hull of some of a hull's vertices, and an upper bound of the Hausdorff distance of the two [m].
 
-    It starts from the vertices that the tolerance [m] does not let go, and the outermost ones in 26 directions. Then of
+    It starts from the vertices that the tolerance [m] asks for, and the outermost ones in 26 directions. Then of
     the vertices beyond the tolerance the farthest over each face is added, until there are none.
 
     Returns
