@@ -109,7 +109,7 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `knows_travel` is whether each family has an envelope.
+    `squares` (n, nv) are those of the envelope, for `travel`; `knows_travel` is whether each family has an envelope.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
@@ -122,7 +122,7 @@ class ClearanceCache:
             if envelope is not None:
                 envelopes.append(envelope)
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
-        self._squares = self._envelope**2
+        self.squares = self._envelope**2
         self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
         self._travels = list(self._travel)
@@ -137,7 +137,7 @@ class ClearanceCache:
 
         The parts of independent velocities are added as if they were orthogonal.
         """
-        return float((self._squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
+        return float((self.squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""

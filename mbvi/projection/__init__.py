@@ -3,6 +3,7 @@
 from .active_set import ActiveSet
 from .dual_active_set import DualActiveSet
 from .free_motion import FreeMotion
+from .fused_step import LinearGaps
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
 from .projector import ChosenSolver, Projector, checked_solver
@@ -20,6 +21,7 @@ __all__ = [
     "DiagonalMetric",
     "DualActiveSet",
     "FreeMotion",
+    "LinearGaps",
     "Metric",
     "Projection",
     "Projector",

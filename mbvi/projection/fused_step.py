@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,15 +10,80 @@ from ..compiled import plain_array
 from ..errors import InfeasibleError
 from .free_motion import FreeMotion
 from .metric import Array, Metric
+from .raise_gaps import PROJECTED, UNDECIDED, find_sunk, largest_travel, settle_positions
 from .robot_step import newton_law, solve_active_set, tree_law
 from .scaled_qp import Projection
-from .tree import TreeFreeMotion
+from .tree import TreeFreeMotion, TreeMetric, solve
 from .warm_start import LastPercussions
 
 # up to so many rows an answer must be at rounding to end the search; beyond, a thousandth of the allowed residual does
 FEW = 32
 # most rows of the fused step
 MOST_FUSED = 1000
+
+
+class LinearGaps(NamedTuple):
+    """Rows whose gaps are linear near a configuration, with the velocities and lengths of a step.
+
+    Attributes
+    ----------
+    number, point, jacobian, gap, lever, e
+        Of each row its constraint, contact point, gradient, gap, the factor that makes a length of it, and restitution.
+    squares : ndarray, shape (families, nv)
+        As of `ClearanceCache.travel`.
+    v : ndarray, shape (nv,)
+        The velocity before the law.
+    h, drift : float
+        Length of the step, and the time from the law to its end [s].
+    tolerance : float
+        Activation tolerance [m].
+    reach, margin : float
+        Travel up to which gaps are linear, and how far beyond the tolerance the rows are known [m].
+    """
+
+    number: Array
+    point: Array
+    jacobian: Array
+    gap: Array
+    lever: Array
+    e: Array
+    squares: Array
+    v: Array
+    h: float
+    drift: float
+    tolerance: float
+    reach: float
+    margin: float
+
+
+class Settled(NamedTuple):
+    """What `FusedStep.settle` returns, of all rows of a `LinearGaps`.
+
+    Attributes
+    ----------
+    gap, e : ndarray, shape (m,)
+        Gaps at the end of the step, and restitution; that of closed contacts that were raised is 0.
+    law, near : ndarray of bool, shape (m,)
+        The rows of the law, and those of the position projection.
+    rates : ndarray, shape (4, m)
+        Of the law's rows; as of `Step`.
+    w, tangent : ndarray, shape (nv,)
+        The velocity after the law, and that after the position projection.
+    moved : ndarray, shape (nv,), or None
+        The displacement that removes penetration; None if there is none to remove.
+    residual : float
+        The relative KKT residual; -1 where nothing was projected.
+    """
+
+    gap: Array
+    e: Array
+    law: Array
+    near: Array
+    rates: Array
+    w: Array
+    tangent: Array
+    moved: Array | None
+    residual: float
 
 
 class FusedStep:
@@ -77,9 +142,55 @@ class FusedStep:
         last.percussion, last.keys = rates[0], None
         return velocity, rates, found
 
+    def settle(
+        self, motion: TreeFreeMotion | FreeMotion, gaps: LinearGaps, w: Array, displacement: Array, law: Array,
+        rates: Array,
+    ) -> Settled | None:  # fmt: skip
+        """Project closed contacts out of penetration, or return None if that takes more; see `settle_positions`.
+
+        Parameters
+        ----------
+        motion
+            The free motion.
+        gaps : LinearGaps
+            The rows; not changed.
+        w : ndarray, shape (nv,)
+            The velocity after the law.
+        displacement : ndarray, shape (nv,)
+            From where the gaps are known to the end of the step.
+        law : ndarray of bool, shape (m,)
+            The rows of the law.
+        rates : ndarray, shape (4, number of rows of the law)
+            Their percussions and rates.
+        """
+        J, v, m = plain_array(gaps.jacobian), plain_array(gaps.v), len(gaps.gap)
+        w, law, near, gap, e = w.copy(), law.copy(), np.zeros(m, bool), gaps.gap.copy(), gaps.e.copy()
+        moved, tangent, known, end = np.empty(len(w)), np.empty(len(w)), np.zeros((4, m)), np.empty(m)
+        known[:, law] = rates
+        if largest_travel(gaps.squares, displacement) > gaps.reach:
+            return None
+        depth = find_sunk(
+            gaps.number, gaps.point, J, gap, gaps.lever, e, displacement, law, known, gaps.h, gaps.drift,
+            gaps.tolerance, np.empty(m, bool), end, np.empty(m), near,
+        )  # fmt: skip
+        if depth == 0.0:
+            return Settled(end, e, law, near, known, w, w, None, -1.0)
+        if depth < 0.0:
+            return None
+        A, W = _solved(motion.metric, J)
+        code, residual = settle_positions(
+            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.squares, plain_array(motion.free), v, w,
+            displacement, law, near, known, moved, tangent, gaps.h, gaps.drift, gaps.tolerance, gaps.reach, gaps.margin,
+            self._limit(m),
+        )  # fmt: skip
+        if code == UNDECIDED:
+            return None
+        if residual >= 0.0:
+            self._last.percussion, self._last.keys = known[0, law], None
+        return Settled(gap, e, law, near, known, w, tangent, moved if code == PROJECTED else None, residual)
+
     def _solve(self, x: Array, metric: Metric, J: Array, lower: Array, velocity: Array, rates: Array) -> float:
-        W = plain_array(metric.whiten(J.T).T)
-        A = plain_array(metric.unwhiten(W.T).T)
+        A, W = _solved(metric, J)
         return solve_active_set(J, A, W, x, lower, self._last.percussion, self._limit(len(lower)), velocity, rates)
 
     def _limit(self, rows: int) -> float:
@@ -93,6 +204,16 @@ class FusedStep:
     def _check(self, found: float, x: Array, metric: Metric, J: Array, lower: Array) -> None:
         if found < -self._residual:
             raise contradiction({"x": x, "M": metric.dense(), "J": J, "lower": lower})
+
+
+def _solved(metric: Metric, J: Array) -> tuple[Array, Array]:
+    """Return M^-1 times each row of J, and each row whitened, shapes (m, nv)."""
+    if type(metric) is TreeMetric:
+        A, W = np.empty(J.shape), np.empty(J.shape)
+        solve(metric.lower, metric.parent, J, W, A)
+        return A, W
+    W = plain_array(metric.whiten(J.T).T)
+    return plain_array(metric.unwhiten(W.T).T), W
 
 
 def contradiction(problem: dict[str, Any]) -> InfeasibleError:

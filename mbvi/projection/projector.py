@@ -13,7 +13,7 @@ from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
-from .fused_step import MOST_FUSED, FusedStep, contradiction
+from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
 from .proxqp import ProxQP
 from .scaled_qp import Candidate, Projection, ScaledQP, Solver
@@ -107,6 +107,20 @@ class Projector:
         velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
+
+    def settle(
+        self,
+        motion: FreeMotion | TreeFreeMotion,
+        gaps: LinearGaps,
+        w: Array,
+        displacement: Array,
+        law: Array,
+        rates: Array,
+    ) -> Settled | None:
+        """Project closed contacts out of penetration in one kernel, or return None; see `FusedStep.settle`."""
+        if self._fused is None or len(law) > MOST_FUSED:
+            return None
+        return self._fused.settle(motion, gaps, w, displacement, law, rates)
 
     def _solve(
         self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None

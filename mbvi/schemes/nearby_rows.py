@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from ..constraints import Rows
 from ..constraints.rows import take
 from ..problem import Problem
@@ -9,6 +13,28 @@ from ..system.system import Array
 
 # second-order part of a gap that is left out, in lengths of the scene
 _SECOND_ORDER = 1e-6
+
+
+class KnownRows(NamedTuple):
+    """What `NearbyRows` has found by its last search.
+
+    Attributes
+    ----------
+    rows : Rows
+        All rows found.
+    near : ndarray of bool, shape (k,)
+        Which of them the last call of `NearbyRows.at` returned.
+    q : ndarray, shape (nq,)
+        The configuration of the search.
+    reach, margin : float
+        The travel from there up to which gaps are linear, and the largest gap less the tolerance [m].
+    """
+
+    rows: Rows
+    near: Array
+    q: Array
+    reach: float
+    margin: float
 
 
 class NearbyRows:
@@ -37,6 +63,9 @@ class NearbyRows:
         self._rows: Rows | None = None
         self._q: Array | None = None
         self._margin = 0.0
+        # which of them the last answer holds, and that answer
+        self._near: Array = np.zeros(0, bool)
+        self._answer: Rows | None = None
 
     def at(self, q: Array, margin: float = 0.0) -> Rows:
         """Return the rows at q with a gap of at most the activation tolerance and a margin [m]."""
@@ -48,8 +77,21 @@ class NearbyRows:
         return self._within(self._rows, margin)
 
     def _within(self, rows: Rows, margin: float) -> Rows:
-        near = self._problem.constraints.levers(rows.constraint) * rows.gap <= self._problem.tolerance + margin
-        return rows if near.all() else take(rows, near)
+        levers, tolerance = self._problem.constraints.levers(rows.constraint), self._problem.tolerance
+        self._near = levers * rows.gap <= tolerance + margin
+        self._answer = rows if self._near.all() else take(rows, self._near)
+        return self._answer
+
+    def known(self, some: Rows) -> KnownRows | None:
+        """Return the rows of the last search, of which `some` are the last answer with other gaps.
+
+        None if they are not, or if gaps are not taken to first order.
+        """
+        if self._rows is None or self._q is None or self._answer is None or self._reach == 0.0:
+            return None
+        if some.jacobian is not self._answer.jacobian:
+            return None
+        return KnownRows(self._rows, self._near, self._q, self._reach, self._margin)
 
     def known_at(self, q: Array, margin: float = 0.0) -> Rows | None:
         """Return the same from the last search, with gaps to first order; None if the rows must be searched again."""

@@ -11,15 +11,12 @@ from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, Metric, Projector, TreeFreeMotion
+from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
+from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .step import Step, advance_gaps
 
-# most linearisations of the constraints within a step
-_MOST_LINEARISATIONS = 20
-# rows whose gap is below this part of the penetration take part in the projection
-_NEARBY = 0.1
 # two rows whose kinetic angle has a cosine below this are independent
 _INDEPENDENT = 1e-9
 
@@ -107,8 +104,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     Positions are not projected in a step where 20 linearisations do not suffice, as between polyhedra whose nearest
     features change, or where contacts contradict each other. The run records that penetration.
     """
+    settled = _settled(problem, applied, step, projector, nearby)
+    if settled is not None:
+        return settled
     system, drift, slack = problem.system, step.t - applied.t, np.zeros(len(step.active.gap))
-    for _ in range(_MOST_LINEARISATIONS):
+    for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
             break
@@ -152,6 +152,33 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if drift:
             step = step._replace(q=system.integrate(applied.q, drift * step.v))
     return advance_gaps(step, drift)
+
+
+def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
+    """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
+    known, drift = nearby.known(step.active), step.t - applied.t
+    if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
+        return None
+    number, gap, J, e, point, *_ = rows = known.rows
+    lever = np.ones(len(gap)) * problem.constraints.levers(number)
+    displacement = problem.system.difference(known.q, step.q)
+    squares, tolerance = problem.constraints.cache.squares, problem.tolerance
+    gaps = LinearGaps(
+        number, point, J, gap, lever, e, squares, applied.v, applied.h, drift, tolerance, known.reach, known.margin
+    )
+    found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
+    if found is None:
+        return None
+    rows, rates = rows._replace(gap=found.gap, restitution=found.e), found.rates
+    if not found.law.all():
+        rows, rates = take(rows, found.law), rates.compress(found.law, 1)
+    q = step.q
+    if not np.array_equal(found.law, known.near):
+        q = problem.system.integrate(applied.q, drift * found.w)
+    if found.moved is None:
+        residual = step.residual if found.residual < 0.0 else found.residual
+        return Step(step.t, q, found.w, rows, rates, residual)
+    return Step(step.t, problem.system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
 
 
 def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector) -> Step:
@@ -271,14 +298,14 @@ def _projected(
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
     near, bound = before, floor
-    for _ in range(_MOST_LINEARISATIONS):
+    for _ in range(MOST_LINEARISATIONS):
         lower = near.jacobian @ moved + bound - near.gap
         try:
             moved, percussion, residual = projector.project(still, applied.motion.metric, near.jacobian, lower)
         except ProjectionError:
             return None
         place, last = system.integrate(step.q, moved), near
-        near = nearby.at(place, _NEARBY * depth)
+        near = nearby.at(place, NEARBY * depth)
         owner, pushed = match_contacts(near, before), match_contacts(near, last)
         bound = np.where(owner >= 0, floor[owner], 0.0)
         excess = problem.constraints.levers(near.constraint) * (near.gap - bound)

@@ -1,7 +1,6 @@
 """Realistic random arguments of every kernel, and what of its answers can be compared with those of its plain form."""
 
 import copy
-from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -12,8 +11,6 @@ from mbvi.constraints.half_space import points_within
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.projection import DenseMetric
-from mbvi.system import ArticulatedSystem
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -21,7 +18,8 @@ from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
 from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
-from support.robot_problems import is_free, path_of
+from support.robot_arguments import cone, contact_rows, moving_robot, restitution, rotation, unit
+from support.settle_arguments import SETTLE_ARGUMENTS, SETTLE_IF_ACCEPTED
 
 SEEDS = range(20)
 SHAPES = [
@@ -32,39 +30,7 @@ SHAPES = [
     Cylinder(0.15, 0.3),
     Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)),
 ]
-MODELS = ["quadruped", "biped", "arm", "panda", "talos"]
-
-
 # random but realistic arguments
-
-
-@cache
-def robot(name):
-    free = is_free(name)
-    model = pin.buildModelFromUrdf(str(path_of(name)), *([pin.JointModelFreeFlyer()] if free else []))
-    if name == "arm":
-        model.damping = np.linspace(0.1, 2.0, model.nv)
-    return ArticulatedSystem(model, name)
-
-
-def moving_robot(rng):
-    """One of the robots, a configuration and a velocity; its arrays are at that configuration."""
-    system = robot(rng.choice(MODELS))
-    neutral = pin.neutral(system.model)
-    q = system.integrate(neutral, rng.normal(size=system.nv))
-    system.metric(q)
-    return system, q, rng.normal(size=system.nv)
-
-
-def rotation(rng):
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q *= np.sign(np.diag(r))
-    return q * np.sign(np.linalg.det(q))
-
-
-def unit(rng, *shape):
-    vectors = rng.normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def place(rng):
@@ -77,26 +43,6 @@ def placed_on(rng, bodies, shapes=SHAPES):
         PlacedShape(f"s{k}", shape, int(rng.choice(bodies)), rotation(rng), 0.2 * rng.normal(size=3))
         for k, shape in enumerate(shapes)
     ]
-
-
-def contact_rows(rng, system, q):
-    """Gradients of contacts and joint limits; every other time four points of one face stand on the same plane."""
-    m = int(rng.integers(1, 6))
-    second = rng.integers(1, len(system.bodies), m)
-    first = np.where(rng.random(m) < 0.5, 0, rng.integers(0, len(system.bodies), m))
-    point, normal = rng.normal(size=(m, 3)), unit(rng, m)
-    if rng.random() < 0.5:
-        face = rotation(rng) * 0.2
-        corners = [a * face[0] + b * face[1] for a in (-1, 1) for b in (-1, 1)]
-        second, first = np.append(second, [second[0]] * 4), np.append(first, [0] * 4)
-        point = np.vstack([point, point[0] + np.array(corners)])
-        normal = np.vstack([normal, [face[2] / 0.2] * 4])
-    rows = system.separation_rows(q, first.astype(np.int64), second.astype(np.int64), point, normal)
-    # bodies that no joint moves against each other have no row
-    rows = rows[np.abs(rows).max(axis=1) > 1e-3]
-    limit = np.zeros((1, system.nv))
-    limit[0, rng.integers(system.nv)] = rng.choice([-1.0, 1.0])
-    return np.ascontiguousarray(np.vstack([rows, limit]))
 
 
 def percussions_before(rng, m):
@@ -246,24 +192,6 @@ def share(rng):
     L[:3, :3], Q[:3] = (R * signs[:, None]).T, (basis * signs).T
     z, slack = (rng.random(4) + 0.1) @ W, np.array([0.0, 0.0, 0.0, rng.choice([0.0, 1.0])])
     return W, slack, 1e-13, np.array([0, 1, 2, -1]), 3, L, Q, z, np.zeros(4)
-
-
-def cone(rng):
-    """Gradients of a robot or of random numbers, and a metric; a velocity before and one after the forces."""
-    if rng.random() < 0.7:
-        system, q, v = moving_robot(rng)
-        J, metric = contact_rows(rng, system, q), system.metric(q)
-    else:
-        m, n = rng.integers(1, 7, size=2)
-        B, J, v = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
-        if m > 1 and rng.random() < 0.5:
-            J[1] = rng.choice([1.0, 2.0, -1.0]) * J[0]
-        metric = DenseMetric(B @ B.T + np.eye(n))
-    return J, metric, v, v + 1e-2 * rng.normal(size=len(v))
-
-
-def restitution(rng, m):
-    return np.full(m, rng.choice([0.0, 0.3, 1.0])) if rng.random() < 0.7 else rng.choice([0.0, 0.3, 1.0], size=m)
 
 
 def solve_active_set(rng):
@@ -794,6 +722,7 @@ ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
+    **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "_pairs_within": touching,
@@ -870,6 +799,7 @@ ARGUMENTS = {
 }
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {
+    **SETTLE_IF_ACCEPTED,
     "factor": 1,
     "advance_by": 2,
     "goldfarb_idnani": 6,
@@ -889,7 +819,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("solve_active_set", "tree_law"):
+    if name in ("solve_active_set", "tree_law", *SETTLE_IF_ACCEPTED):
         return 0.0 <= result < np.inf
     if name == "goldfarb_idnani":
         return result[0] >= 0

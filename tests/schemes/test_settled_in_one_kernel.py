@@ -1,0 +1,78 @@
+"""Position projection in one kernel gives the same steps as searches and projections one after the other."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.projection import Projector
+from support.robot_problems import problem_of
+
+STEP, SCHEME = 1e-3, mbvi.Centered(project_positions=True)
+
+
+def settled(problem, state, monkeypatch, *, by_kernel=True):
+    """The step from a state, and what the kernel answered; `by_kernel` False keeps the kernel out."""
+    settle, answers = Projector.settle, []
+
+    def settle_and_keep(self, *args):
+        answers.append(settle(self, *args) if by_kernel else None)
+        return answers[-1]
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Projector, "settle", settle_and_keep)
+        return SCHEME.step(problem, *state, STEP, Projector()), answers[0] if answers else None
+
+
+def states(run):
+    return list(zip(run.t[:-1], run.q[:-1], run.v[:-1], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "least"), [("quadruped", "fall", 40), ("solo12", "fall", 50), ("arm", "limits", 1)]
+)
+def test_the_kernel_gives_the_step_that_searches_give(name, kind, least, monkeypatch):
+    problem = problem_of(name, kind, 0.0)
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    raised = 0
+    for state in states(run)[::2]:
+        step, answer = settled(problem, state, monkeypatch)
+        if answer is None:
+            continue
+        raised += answer.moved is not None
+        other, _ = settled(problem, state, monkeypatch, by_kernel=False)
+        # the same to the second-order part of gaps
+        np.testing.assert_allclose(problem.system.difference(other.q, step.q), 0.0, atol=1e-7 * problem.length)
+        np.testing.assert_allclose(step.v, other.v, atol=1e-6 * max(1.0, np.abs(other.v).max()))
+        assert sorted(step.active.constraint) == sorted(other.active.constraint)
+    assert raised >= least
+
+
+def test_a_contact_that_bounces_is_left_to_searches(monkeypatch):
+    """Where it is after the whole step tells whether it bounces or rests."""
+    problem = problem_of("quadruped", "fall", 0.5)
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    bounced = 0
+    for state in states(run):
+        step, answer = settled(problem, state, monkeypatch)
+        bounces = (step.percussion > 0.0) & (STEP * step.after > problem.tolerance)
+        if bounces.any():
+            assert answer is None
+            bounced += 1
+    assert bounced >= 5
+
+
+def test_each_penetration_is_removed_and_no_gap_made_smaller(monkeypatch):
+    problem = problem_of("solo12", "fall", 0.0)
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    raised = 0
+    for state in states(run)[::2]:
+        step, answer = settled(problem, state, monkeypatch)
+        if answer is None or answer.moved is None:
+            continue
+        raised += 1
+        closed = (step.percussion > 0.0) & (np.abs(STEP * step.after) <= problem.tolerance)
+        assert (step.active.gap[closed] >= -problem.tolerance).all()
+        # the velocity is tangent to what is closed, and takes nothing below zero
+        assert (step.after >= -np.maximum(step.active.gap, 0.0) / (0.5 * STEP) - 1e-9).all()
+        assert step.residual <= 1e-9
+    assert raised >= 50
