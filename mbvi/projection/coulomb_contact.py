@@ -66,15 +66,22 @@ def contact_velocities(G: Array, b: Array, p: Array, u: Array) -> float:
     return largest
 
 
-@kernel("Tuple((f8, f8, f8))(f8, f8, f8, f8, f8, f8, f8, f8)")
-def slip_length(
-    first: float, second: float, d1: float, d2: float, k1: float, k2: float, bn: float, mu: float
-) -> tuple[float, float, float]:
-    """Solve (A + s) p_t = -d with |p_t| = -mu (bn + k p_t) for s >= 0, in the axes of A; return s and p_t.
+@kernel("void(f8, f8, f8, f8, f8[:,::1])")
+def find_slip(first: float, second: float, bn: float, mu: float, table: Array) -> None:
+    """Solve (A + s) p_t = -d with |p_t| = -mu (bn + k p_t) for s >= 0, in the axes of A.
 
-    `first` >= `second` are the eigenvalues of A; d, k and p_t are in its axes; bn < 0. A safeguarded Newton iteration
-    on the reciprocals of both sides, which are nearly linear in s.
+    A safeguarded Newton iteration on the reciprocals of both sides, which are nearly linear in s.
+
+    Parameters
+    ----------
+    first, second : float
+        Eigenvalues of A; the first is the larger.
+    bn, mu : float
+        See above; bn < 0 < mu.
+    table : ndarray, shape (3, 2)
+        d and k; the last row receives p_t.
     """
+    d1, d2, k1, k2 = table[0, 0], table[0, 1], table[1, 0], table[1, 1]
     tiny = _RANK * first
     low, s = 0.0, 0.0
     high = np.sqrt(d1 * d1 + d2 * d2) * (1.0 + mu * np.sqrt(k1 * k1 + k2 * k2)) / (-mu * bn)
@@ -104,7 +111,7 @@ def slip_length(
         if abs(new - s) <= 1e-16 * (first + s):
             break
         s = new
-    return s, p1, p2
+    table[2, 0], table[2, 1] = p1, p2
 
 
 @kernel("void(f8[:,::1], i8, f8, f8, f8, f8, f8[::1])")
@@ -137,7 +144,10 @@ def solve_contact(G: Array, a: int, c0: float, c1: float, c2: float, mu: float, 
     # sticks if the percussion that stops it lies in the cone
     t1, t2 = -d1 / first, -d2 / max(second, _RANK * first)
     if np.sqrt(t1 * t1 + t2 * t2) > -mu * (bn + q1 * t1 + q2 * t2):
-        _, t1, t2 = slip_length(first, second, d1, d2, q1, q2, bn, mu)
+        table = np.empty((3, 2))
+        table[0, 0], table[0, 1], table[1, 0], table[1, 1] = d1, d2, q1, q2
+        find_slip(first, second, bn, mu, table)
+        t1, t2 = table[2, 0], table[2, 1]
     p[1], p[2] = x * t1 - y * t2, y * t1 + x * t2
     p[0] = max(-(bn + k1 * p[1] + k2 * p[2]), 0.0)
 
