@@ -12,6 +12,7 @@ from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
+from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
@@ -722,6 +723,7 @@ ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
+    **COULOMB_ARGUMENTS,
     **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,

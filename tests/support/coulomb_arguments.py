@@ -1,0 +1,120 @@
+"""Random arguments of the kernels of Coulomb's law: a few contacts, some of whose rows depend on others."""
+
+import numpy as np
+
+
+def law(rng, most=3):
+    """G, b and mu of a few contacts, scaled to unit normal entries."""
+    m, nv = int(rng.integers(1, most + 1)), int(rng.integers(4, 9))
+    J = rng.normal(size=(3 * m, nv))
+    if m > 1 and rng.random() < 0.3:
+        # the same contact twice
+        J[3:6] = J[:3]
+    G, b = J @ J.T, J @ rng.normal(size=nv)
+    scale = np.repeat(1.0 / np.sqrt(np.diagonal(G)[::3]), 3)
+    return np.ascontiguousarray(G * scale[:, None] * scale), b * scale, rng.choice([0.0, 0.2, 0.8], size=m)
+
+
+def in_cone(rng, mu):
+    p = rng.normal(size=(len(mu), 3))
+    p[:, 0] = np.abs(p[:, 0])
+    p[:, 1:] *= (mu * p[:, 0] * rng.random(len(mu)) / np.linalg.norm(p[:, 1:], axis=1))[:, None]
+    return p.ravel()
+
+
+def state(rng):
+    """A law, percussions in the cones, velocities, scales of tangents, cases, and room for the errors."""
+    G, b, mu = law(rng)
+    p = in_cone(rng, mu)
+    return G, b, mu, p, G @ p + b, rng.uniform(0.2, 1.0, size=len(mu)), rng.integers(0, 3, size=len(mu))
+
+
+def coulomb_defect(rng):
+    _, _, mu, p, u, *_ = state(rng)
+    return u, p, mu
+
+
+def contact_velocities(rng):
+    G, b, _, p, *_ = state(rng)
+    return G, b, p, np.full(len(b), np.nan)
+
+
+def find_slip(rng):
+    first, bn = rng.uniform(0.5, 2.0), -rng.uniform(0.1, 1.0)
+    table = np.array([5.0 * rng.normal(size=2), 0.1 * rng.normal(size=2), [np.nan, np.nan]])
+    return first, first * rng.random(), bn, 0.3, table
+
+
+def solve_contact(rng):
+    G, b, mu = law(rng)
+    a = int(rng.integers(len(mu)))
+    return G, a, *b[3 * a : 3 * a + 3], mu[a], np.full(3, np.nan)
+
+
+def sweep_contacts(rng):
+    G, b, mu, p, *_ = state(rng)
+    return G, b, mu, 20, 1e-9, p
+
+
+def tangential_scale(rng):
+    G, _, mu = law(rng)
+    return G, np.full(len(mu), np.nan)
+
+
+def find_cases(rng):
+    *_, mu, p, u, scale, case = state(rng)
+    return u, p, mu, scale, case
+
+
+def case_error(rng):
+    *_, mu, p, u, scale, case = state(rng)
+    return u, p, mu, scale, case, np.full(len(p), np.nan)
+
+
+def solve_linear(rng):
+    n = int(rng.integers(1, 6))
+    A = rng.normal(size=(n + 1, n + 1))
+    if rng.random() < 0.3:
+        A[:n, 0] = 0.0
+    return A, rng.normal(size=n + 1), n
+
+
+def newton_direction(rng):
+    G, _, mu, p, u, scale, case = state(rng)
+    n = len(p)
+    room = np.full((n, n), np.nan), np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, np.nan)
+    return G, u, p, mu, scale, rng.normal(size=n), case, 1e-3, *room
+
+
+def newton_coulomb(rng):
+    G, b, mu, p, *_ = state(rng)
+    return G, b, mu, 3, 1e-12, 1e-3, 2, p
+
+
+def hold_cases(rng):
+    G, b, mu, p, _, _, case = state(rng)
+    return G, b, mu, case, 2, 1e-12, 1e-3, p
+
+
+def attempt(rng):
+    G, b, mu = law(rng, 2)
+    return G, b, mu, 1e-10, np.zeros(len(b))
+
+
+COULOMB_ARGUMENTS = {
+    arguments.__name__: arguments
+    for arguments in (
+        coulomb_defect,
+        contact_velocities,
+        find_slip,
+        solve_contact,
+        sweep_contacts,
+        tangential_scale,
+        find_cases,
+        case_error,
+        solve_linear,
+        newton_direction,
+        newton_coulomb,
+        hold_cases,
+    )
+} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen", "solve_coulomb"), attempt)
