@@ -113,6 +113,34 @@ def stiffen(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
     return hold_cases(G, b, mu, case, _HELD_STEPS, limit, _SHIFT, p)
 
 
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8, f8[::1])")
+def improve_coulomb(G: Array, b: Array, mu: Array, residual: float, limit: float, p: Array) -> float:
+    """Improve percussions of a given residual by one method after the other; return the residual reached.
+
+    The other arguments are those of `solve_coulomb`; p is the start and receives the best found.
+    """
+    n = len(b)
+    trial = np.empty(n)
+    for attempt in range(5):
+        if residual <= limit:
+            break
+        for i in range(n):
+            trial[i] = p[i]
+        if attempt < 2:
+            found = newton_coulomb(G, b, mu, _NEWTON_STEPS, limit, _HELD_SHIFT if attempt == 0 else _SHIFT, 3, trial)
+        elif attempt == 2:
+            found = proximal_newton(G, b, mu, limit, trial)
+        elif attempt == 3:
+            found = stiffen(G, b, mu, limit, trial)
+        else:
+            found = sweeps_and_newton(G, b, mu, limit, trial)
+        if found < residual:
+            residual = found
+            for i in range(n):
+                p[i] = trial[i]
+    return residual
+
+
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
 def solve_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
     """Write percussions that satisfy Coulomb's law with u = G p + b.
@@ -136,7 +164,7 @@ def solve_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
         `coulomb_defect` relative to the largest entry of b.
     """
     n, m = len(b), len(mu)
-    u, scale, case, H, trial = np.empty(n), np.empty(m), np.empty(m, np.int64), G.copy(), np.empty(n)
+    u, scale, case, H = np.empty(n), np.empty(m), np.empty(m, np.int64), G.copy()
     for i in range(n):
         p[i] = 0.0
         H[i, i] += COMPLIANCE
@@ -154,21 +182,6 @@ def solve_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
     while residual > 0.1 * limit and shift > 1e-3 * _SHIFT:
         residual = hold_cases(G, b, mu, case, _HELD_STEPS, 1e-3 * limit, shift, p)
         shift *= 0.1
-    for attempt in range(4):
-        if residual <= limit:
-            break
-        for i in range(n):
-            trial[i] = p[i]
-        if attempt == 0:
-            found = newton_coulomb(G, b, mu, _NEWTON_STEPS, limit, _SHIFT, 3, trial)
-        elif attempt == 1:
-            found = proximal_newton(G, b, mu, limit, trial)
-        elif attempt == 2:
-            found = stiffen(G, b, mu, limit, trial)
-        else:
-            found = sweeps_and_newton(G, b, mu, limit, trial)
-        if found < residual:
-            residual = found
-            for i in range(n):
-                p[i] = trial[i]
+    if residual > limit:
+        residual = improve_coulomb(G, b, mu, residual, limit, p)
     return residual

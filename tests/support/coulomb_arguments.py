@@ -101,6 +101,11 @@ def attempt(rng):
     return G, b, mu, 1e-10, np.zeros(len(b))
 
 
+def improve_coulomb(rng):
+    G, b, mu, limit, p = attempt(rng)
+    return G, b, mu, 1.0, limit, p
+
+
 COULOMB_ARGUMENTS = {
     arguments.__name__: arguments
     for arguments in (
@@ -116,5 +121,6 @@ COULOMB_ARGUMENTS = {
         newton_direction,
         newton_coulomb,
         hold_cases,
+        improve_coulomb,
     )
 } | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen", "solve_coulomb"), attempt)
