@@ -8,11 +8,13 @@ import numpy as np
 
 from ..compiled import plain_array
 from ..errors import InfeasibleError
+from .closed_contacts import find_sunk
 from .free_motion import FreeMotion
 from .metric import Array, Metric
-from .raise_gaps import PROJECTED, UNDECIDED, find_sunk, largest_travel, settle_positions
+from .raise_gaps import largest_travel
 from .robot_step import newton_law, solve_active_set, tree_law
 from .scaled_qp import Projection
+from .settle_positions import PROJECTED, UNDECIDED, settle_positions
 from .tree import TreeFreeMotion, TreeMetric, solve
 from .warm_start import LastPercussions
 
