@@ -280,12 +280,9 @@ def refine_pair(
     distance : float
         d(n) [m].
     """
-    a, b, size = sides[pair, 0], sides[pair, 1], 0.0
-    for c in range(3):
-        size += abs(world[1, 3, c] - world[0, 3, c])
+    a, b = sides[pair, 0], sides[pair, 1]
     of_first = np.empty(max(first_point[a + 1] - first_point[a], 1), np.int64)
     of_second = np.empty(max(first_point[b + 1] - first_point[b], 1), np.int64)
-    whole = first[first_point[a] + 1] == first[first_point[a]] and first[first_point[b] + 1] == first[first_point[b]]
     rounded = np.empty(3)
     rounded[0] = np.nan
     for _ in range(_MOST_GATHERS):
@@ -298,21 +295,17 @@ def refine_pair(
         found, apart = _maximise(world, sizes[a], sizes[b], points, of_first[:m], of_second[:k], n, nearest)
         if found == FAILED:
             return FAILED, 0.0
-        full = apart
-        if not whole:
-            full = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
-        if full >= apart - ROUNDING * (size + abs(apart)):
-            # the search is repeated from its result, rounded: the last digits then do not depend on where it began
-            same = True
-            for c in range(3):
-                x = np.round(n[c] * _ROUNDED) / _ROUNDED
-                same = same and x == rounded[c]
-                rounded[c] = x
-            if same:
-                return found, apart
-            for c in range(3):
-                n[c] = rounded[c]
-            normalise(n)
+        # the search is repeated from its result, rounded: the last digits then do not depend on where it began
+        same = True
+        for c in range(3):
+            x = np.round(n[c] * _ROUNDED) / _ROUNDED
+            same = same and x == rounded[c]
+            rounded[c] = x
+        if same:
+            return found, apart
+        for c in range(3):
+            n[c] = rounded[c]
+        normalise(n)
     return FAILED, 0.0
 
 
