@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import kernel, record
 from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
@@ -56,7 +56,8 @@ class _Selection:
     owners: Array
 
 
-class _Table(NamedTuple):
+@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1]")
+class Points(NamedTuple):
     """The support points of all pairs, as kernels take them.
 
     Attributes
@@ -90,22 +91,18 @@ class _Table(NamedTuple):
     taken: Array
 
 
-@kernel(
-    "Tuple((i8, b1))(f8[:,:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1],"
-    " i8[::1], f8, f8[::1])"
-)
+@kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Points), i8[::1], f8, f8[::1])")
 def points_within(
-    places: Array, body: Array, begin: Array, numbers: Array, first: Array, neighbour: Array, size: Array,
-    start: Array, found: Array, taken: Array, pairs: Array, tolerance: float, clearance: Array,
-) -> tuple[int, bool]:  # fmt: skip
+    places: Array, table: tuple[Array, ...], pairs: Array, tolerance: float, clearance: Array
+) -> tuple[int, bool]:
     """List the points of some pairs within a tolerance; of many on one shape those that `spread_out` chooses.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies: columns of the rotation, then the origin.
-    body, begin, numbers, first, neighbour, size, start, found, taken
-        As of `_Table`; `found` receives the points.
+    table : tuple
+        The fields of `Points`; `found` receives the points.
     pairs : ndarray of int, shape (p,)
         The pairs, ascending.
     tolerance : float
@@ -120,25 +117,25 @@ def points_within(
     any_empty : bool
         Whether a pair has none.
     """
-    count, any_empty = 0, False
+    p, count, any_empty = Points(*table), 0, False
     for i in range(len(pairs)):
         pair = pairs[i]
+        body = p.body[pair]
         number, clearance[pair] = points_below(
-            places, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance,
-            found, count, taken,
+            places, body, p.numbers, p.begin[pair], p.begin[pair + 1], p.first, p.neighbour, p.start, pair, tolerance,
+            p.found, count, p.taken,
         )  # fmt: skip
         any_empty = any_empty or number == 0
-        count += spread_below(places, body[pair], numbers, size[pair], found, count, number)
+        count += spread_below(places, body, p.numbers, p.size[pair], p.found, count, number)
     return count, any_empty
 
 
 @kernel(
-    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1],"
-    " i8[::1], i8[::1], b1[::1], i8[::1], f8, f8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
+    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Tuple(Points), i8[::1], f8, f8[::1], i8[::1], i8[::1],"
+    " f8[::1], f8[:,::1], f8[:,::1])"
 )
 def half_space_rows(
-    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
-    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    poses: Array, columns: Array, support: Array, table: tuple[Array, ...], pairs: Array, tolerance: float,
     clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
@@ -147,7 +144,7 @@ def half_space_rows(
     ----------
     poses, columns, support
         As of `Kinematics`.
-    body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
+    table, pairs, tolerance, clearance
         As of `points_within`.
     index, owner : ndarray of int, shape (c,)
         The points of the last call, and their pairs.
@@ -163,20 +160,18 @@ def half_space_rows(
     same : bool
         Whether they are the points of the last call; only then gap, point and rows are written.
     """
-    out = np.empty(4)
-    count, any_empty = points_within(
-        poses, body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
-    )
+    out, p = np.empty(4), Points(*table)
+    count, any_empty = points_within(poses, table, pairs, tolerance, clearance)
     if count != len(index):
         return count, any_empty, False
     for i in range(count):
-        if found[i] != index[i]:
+        if p.found[i] != index[i]:
             return count, any_empty, False
     for i in range(count):
-        k, b = found[i], body[owner[i]]
-        lowest(poses, b, numbers, k, out)
+        k, b = p.found[i], p.body[owner[i]]
+        lowest(poses, b, p.numbers, k, out)
         point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
-        row(columns, support[0], support[b], out, numbers[k, 12:15], rows[i])
+        row(columns, support[0], support[b], out, p.numbers[k, 12:15], rows[i])
     return count, any_empty, True
 
 
@@ -234,7 +229,7 @@ class HalfSpaceContacts(Pairs):
             begin.append(begin[-1] + len(points))
         self._bodies, frame = np.unique(self._second_body, return_inverse=True)
         begin_of, count = np.array(begin, dtype=np.int64), begin[-1]
-        self._table = _Table(
+        self._table = Points(
             np.array(self._second_body if self._one_mechanism else frame, dtype=np.int64),
             begin_of,
             np.concatenate(numbers),
@@ -244,6 +239,7 @@ class HalfSpaceContacts(Pairs):
             np.empty(count + 1, np.int64),
             np.zeros(count, bool),
         )
+        self._plain_table = tuple(self._table)
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
         self._selections: dict[bytes, _Selection] = {}
         self._constant = self._constants_at(np.zeros(0, np.int64))
@@ -301,7 +297,7 @@ class HalfSpaceContacts(Pairs):
 
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self._placements(q)
-        count, any_empty = points_within(places, *self._table, pairs, tolerance, clearance)
+        count, any_empty = points_within(places, self._plain_table, pairs, tolerance, clearance)
         if not count:
             return None, any_empty
         return self._point_contacts(q, self._select(self._table.found[:count].copy()), places), any_empty
@@ -316,7 +312,7 @@ class HalfSpaceContacts(Pairs):
             size = len(number)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, any_empty, same = half_space_rows(
-                *kinematics, *table, pairs, tolerance, candidates.clearance, index, number, gap, point, rows
+                *kinematics, self._plain_table, pairs, tolerance, candidates.clearance, index, number, gap, point, rows
             )
             if same:
                 candidates.any_empty = any_empty

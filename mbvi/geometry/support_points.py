@@ -12,8 +12,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .hull_graph import outermost
+from .hull_graph import connected, outermost
 from .spread import BESIDE, FEW_POINTS, FLAT, spread_out
+from .vectors import within_plane
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
@@ -123,47 +124,28 @@ def points_below(
     x = -(P[0, 0] * n[12] + P[0, 1] * n[13] + P[0, 2] * n[14])
     y = -(P[1, 0] * n[12] + P[1, 1] * n[13] + P[1, 2] * n[14])
     z = -(P[2, 0] * n[12] + P[2, 1] * n[13] + P[2, 2] * n[14])
-    start[pair] = outermost(numbers, begin, end, first, neighbour, x, y, z, start[pair])
-    lowest(places, body, numbers, start[pair], out)
+    best = outermost(numbers, begin, end, first, neighbour, x, y, z, start[pair])
+    start[pair] = best
+    lowest(places, body, numbers, best, out)
     least = out[3]
     if not least <= tolerance:
         return 0, least
-    found[at], count, done = start[pair], 1, 0
-    taken[start[pair]] = True
-    while done < count:
-        i = found[at + done]
-        done += 1
-        for j in range(first[i], first[i + 1]):
-            k = neighbour[j]
-            if not taken[k]:
-                lowest(places, body, numbers, k, out)
-                if out[3] <= tolerance:
-                    taken[k] = True
-                    found[at + count] = k
-                    count += 1
+    # a little farther than the tolerance, for rounding; then exactly
+    low = numbers[best, 0] * x + numbers[best, 1] * y + numbers[best, 2] * z
+    low -= (tolerance - least) + 1e-12 * (abs(low) + tolerance - least)
+    near = connected(numbers, begin, end, first, neighbour, x, y, z, best, low, end - begin, found[at:], taken)
+    for i in range(at, at + near):
+        lowest(places, body, numbers, found[i], out)
+        if out[3] <= tolerance:
+            found[at + count] = found[i]
+            count += 1
     for i in range(at, at + count):
         k, j = found[i], i
-        taken[k] = False
         while j > at and found[j - 1] > k:
             found[j] = found[j - 1]
             j -= 1
         found[j] = k
     return count, least
-
-
-@kernel("void(f8[::1], f8[::1], f8[::1])")
-def within_plane(normal: Array, along: Array, across: Array) -> None:
-    """Write two unit vectors, shape (3,), normal to a unit vector and to each other."""
-    least = 0
-    for c in range(1, 3):
-        if abs(normal[c]) < abs(normal[least]):
-            least = c
-    size = np.sqrt(1.0 - normal[least] ** 2)
-    for c in range(3):
-        along[c] = ((1.0 if c == least else 0.0) - normal[least] * normal[c]) / size
-    for c in range(3):
-        i, j = (c + 1) % 3, (c + 2) % 3
-        across[c] = normal[i] * along[j] - normal[j] * along[i]
 
 
 @kernel("i8(f8[:,:,::1], i8, f8[:,::1], f8, i8[::1], i8, i8)")

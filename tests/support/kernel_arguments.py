@@ -432,7 +432,7 @@ def spread_below(rng):
 def points_within_(rng):
     kinematics, contacts, asked = shapes_on_walls(rng)
     tolerance = some_tolerance(rng, kinematics, contacts, asked)
-    return kinematics.poses, *contacts._table, asked, tolerance, rng.normal(size=contacts.size)
+    return kinematics.poses, contacts._plain_table, asked, tolerance, rng.normal(size=contacts.size)
 
 
 def last_time(rng, gap, tolerance):
@@ -447,13 +447,14 @@ def last_time(rng, gap, tolerance):
 def half_space_rows(rng):
     kinematics, contacts, asked = shapes_on_walls(rng)
     table, tolerance = contacts._table, some_tolerance(rng, kinematics, contacts, asked)
-    count, _ = points_within(kinematics.poses, *table, asked, tolerance, np.zeros(contacts.size))
+    count, _ = points_within(kinematics.poses, contacts._plain_table, asked, tolerance, np.zeros(contacts.size))
     index = table.found[:count].copy()
     if count and rng.random() < 0.5:
         index = index[: int(rng.integers(count))]
     k, nv = len(index), kinematics.support.shape[1]
     written = np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, nv), np.nan)
-    return *kinematics, *table, asked, tolerance, rng.normal(size=contacts.size), index, contacts.owner[index], *written
+    shared = contacts._plain_table, asked, tolerance, rng.normal(size=contacts.size)
+    return *kinematics, *shared, index, contacts.owner[index], *written
 
 
 def reached(rng):
@@ -476,26 +477,22 @@ def shape_pairs(rng, shapes=SHAPES):
 
 def reach(rng):
     _, axes, _ = shape_pairs(rng)
-    s, tables = rng.integers(len(axes.frame)), axes.shapes
-    ends = map(int, tables.first_point[s : s + 2])
-    start = np.array([[tables.first_point[s], 0]])
-    return place(rng), unit(rng), tables.sizes[s], tables.points, *ends, tables.first, tables.neighbour, start, 0, 0
+    return place(rng), unit(rng), axes.shapes, int(rng.integers(len(axes.shapes.sides))), int(rng.integers(2))
 
 
 def clear(rng):
     _, axes, places = shape_pairs(rng)
-    n = len(axes.sides)
+    n = len(axes.axis)
     due = np.flatnonzero(rng.random(n) < 0.7)
     return (
-        places, *axes.shapes[:7], axes.sides, axes.start, axes.axis, due, 0.5 * rng.normal(), rng.normal(size=n),
-        np.full(len(due), -1),
+        places, axes.tables, axes.axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
     )  # fmt: skip
 
 
 def keep(rng):
     _, axes, places = shape_pairs(rng)
-    pairs = np.flatnonzero(rng.random(len(axes.sides)) < 0.3)
-    return places, axes.frame, axes.sides, axes.axis, pairs, unit(rng, len(pairs))
+    pairs = np.flatnonzero(rng.random(len(axes.axis)) < 0.3)
+    return places, axes.frame, axes.shapes.sides, axes.axis, pairs, unit(rng, len(pairs))
 
 
 def note(rng):
@@ -898,7 +895,7 @@ def accepted(name, result):
 
 def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
-    arguments = list(arguments)
+    arguments = [part for one in arguments for part in (one if isinstance(one, tuple) else (one,))]
     if name in IF_ACCEPTED:
         yes = accepted(name, result)
         if not yes:

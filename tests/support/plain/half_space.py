@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
+from mbvi.constraints.half_space import Points
 from mbvi.geometry.hull_graph import outermost
 from mbvi.geometry.support_points import spread_below
 from support.plain.articulated import separation_plain
@@ -29,23 +30,23 @@ def points_below_plain(
 
 
 def half_space_rows_plain(
-    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
-    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    poses: Array, columns: Array, support: Array, table: tuple[Array, ...], pairs: Array, tolerance: float,
     clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call."""
-    count, any_empty = 0, False
+    p, count, any_empty = Points(*table), 0, False
     for pair in pairs.tolist():
+        body = p.body[pair]
         number, clearance[pair] = points_below_plain(
-            poses, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance, found,
-            count, taken,
+            poses, body, p.numbers, p.begin[pair], p.begin[pair + 1], p.first, p.neighbour, p.start, pair, tolerance,
+            p.found, count, p.taken,
         )  # fmt: skip
         any_empty |= number == 0
-        count += spread_below.loops(poses, body[pair], numbers, size[pair], found, count, number)
-    if not np.array_equal(found[:count], index):
+        count += spread_below.loops(poses, body, p.numbers, p.size[pair], p.found, count, number)
+    if not np.array_equal(p.found[:count], index):
         return count, bool(any_empty), False
-    owners = np.array([body[owner], owner]).T
-    stand_plain(poses, owners, numbers[index], gap, point)
-    world = np.zeros(count, np.int64)
-    separation_plain(columns, support, world, body[owner], point, np.ascontiguousarray(numbers[index, 12:15]), rows)
+    owners = np.array([p.body[owner], owner]).T
+    stand_plain(poses, owners, p.numbers[index], gap, point)
+    up = np.ascontiguousarray(p.numbers[index, 12:15])
+    separation_plain(columns, support, np.zeros(count, np.int64), p.body[owner], point, up, rows)
     return count, bool(any_empty), True
