@@ -28,31 +28,31 @@ from .rows import Rows
 _MOST_SELECTIONS = 1000
 
 
-class _ConstantPart(NamedTuple):
-    """What stays the same in the rows of some active points: the points, their pairs, e, and normals."""
-
-    points: Array
-    number: Array
-    restitution: Array
-    up: Array
-
-
 @dataclass(frozen=True)
 class _Selection:
     """Some support points, gathered in arrays for kernels.
 
     Attributes
     ----------
+    points : ndarray of int, shape (k,)
+        The points, ascending.
     pair : ndarray of int, shape (k,)
         The pair of each point.
+    restitution : ndarray, shape (k,)
+        e of each point.
     numbers : ndarray, shape (k, 17)
-        The points as `geometry.support_points` describes them: columns 12-14 hold the normal of the half-space.
+        The points as `geometry.support_points` describes them.
+    up : ndarray, shape (k, 3)
+        The normals of their half-spaces.
     owners : ndarray of int, shape (k, 2)
         Of each point: the place of its body in the placements, and its pair.
     """
 
+    points: Array
     pair: Array
+    restitution: Array
     numbers: Array
+    up: Array
     owners: Array
 
 
@@ -242,7 +242,8 @@ class HalfSpaceContacts(Pairs):
         self._plain_table = tuple(self._table)
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
         self._selections: dict[bytes, _Selection] = {}
-        self._constant = self._constants_at(np.zeros(0, np.int64))
+        # the points of the last rows
+        self._last = self._select(np.zeros(0, np.int64))
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
@@ -256,13 +257,11 @@ class HalfSpaceContacts(Pairs):
             if len(self._selections) >= _MOST_SELECTIONS:
                 self._selections.clear()
             pair = self.owner[points]
-            owners = np.array([self._table.body[pair], pair], dtype=np.int64).T.copy()
-            found = self._selections[key] = _Selection(pair, self._table.numbers[points], owners)
+            numbers, owners = self._table.numbers[points], np.array([self._table.body[pair], pair], dtype=np.int64)
+            found = self._selections[key] = _Selection(
+                points, pair, self.restitution[pair], numbers, np.ascontiguousarray(numbers[:, 12:15]), owners.T.copy()
+            )
         return found
-
-    def _constants_at(self, points: Array) -> _ConstantPart:
-        pair, up = self.owner[points], np.ascontiguousarray(self._table.numbers[points, 12:15])
-        return _ConstantPart(points, pair, self.restitution[pair], up)
 
     def _placements(self, q: Array) -> Array:
         """Return where the bodies are; for a single mechanism its kinematics holds the poses of all bodies."""
@@ -293,7 +292,7 @@ class HalfSpaceContacts(Pairs):
         """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         stand(self._placements(q) if places is None else places, selection.owners, selection.numbers, gap, point)
-        return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
+        return Contacts(selection.pair, gap, point, selection.up)
 
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self._placements(q)
@@ -305,16 +304,17 @@ class HalfSpaceContacts(Pairs):
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         if not self._one_mechanism:
             return super()._rows(q, pairs, tolerance, candidates)
-        kinematics, table = self.system.kinematics(q), self._table
+        kinematics, found = self.system.kinematics(q), self._table.found
         # if other points than at the last call are within the tolerance, the kernel is called again with room for them
         while True:
-            index, number, restitution, up = self._constant
-            size = len(number)
+            last = self._last
+            size = len(last.pair)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, any_empty, same = half_space_rows(
-                *kinematics, self._plain_table, pairs, tolerance, candidates.clearance, index, number, gap, point, rows
-            )
+                *kinematics, self._plain_table, pairs, tolerance, candidates.clearance, last.points, last.pair, gap,
+                point, rows,
+            )  # fmt: skip
             if same:
                 candidates.any_empty = any_empty
-                return Rows(number, gap, rows, restitution, point, up) if count else None
-            self._constant = self._constants_at(table.found[:count].copy())
+                return Rows(last.pair, gap, rows, last.restitution, point, last.up) if count else None
+            self._last = self._select(found[:count].copy())

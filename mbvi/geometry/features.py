@@ -1,6 +1,6 @@
 """Features of convex shapes along a direction: their outermost points and faces, and where lines leave the shapes.
 
-Each shape is described as in `separating_axis._Support`.
+Each shape is described as in `separating_axis._support`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The separation d(n) = -h_1(n) - h_2(-n) of two convex shapes along a unit vector n, and its maximum on smooth parts.
 
 h is the support function: the largest x . n of all points x of a shape. A shape is a Minkowski sum of segments, a disk
-or an ellipsoid (here called a swell), a ball, and a hull of points (`separating_axis._Support`). `n`, shape (3,), is a
+or an ellipsoid (here called a swell), a ball, and a hull of points (`separating_axis._support`). `n`, shape (3,), is a
 unit vector from the first shape to the second.
 """
 

@@ -18,43 +18,25 @@ from .hull_graph import outermost, stack_graphs
 from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, graph_of
 
 
-class _Support(NamedTuple):
-    """A shape as a Minkowski sum of simple sets, whose support functions add up.
+def _support(shape: Convex) -> tuple[tuple[float, ...], Array]:
+    """Return a shape as a Minkowski sum of simple sets, whose support functions add up: a row of `sizes`, and points.
 
-    Attributes
-    ----------
-    box : tuple of float
-        Half edges of a box.
-    ball, disk : float
-        Radii of a ball, and of a disk normal to z.
-    ellipsoid : tuple of float
-        Half axes of an ellipsoid.
-    points : ndarray, shape (k, 3)
-        Vertices of a convex hull.
+    These sets are a box, a ball, a disk normal to z, an ellipsoid, and the convex hull of the points.
     """
-
-    box: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ball: float = 0.0
-    disk: float = 0.0
-    ellipsoid: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    points: Array = np.zeros((1, 3))
-
-
-def _support(shape: Convex) -> _Support:
-    """Return a shape as a Minkowski sum about the origin of its frame."""
+    centre, none = np.zeros((1, 3)), (0.0, 0.0, 0.0)
     match shape:
         case Sphere():
-            return _Support(ball=shape.radius)
+            return (*none, shape.radius, 0.0, *none), centre
         case Ellipsoid():
-            return _Support(ellipsoid=shape.radii)
+            return (*none, 0.0, 0.0, *shape.radii), centre
         case Box():
             a, b, c = shape.size
-            return _Support(box=(0.5 * a, 0.5 * b, 0.5 * c))
+            return (0.5 * a, 0.5 * b, 0.5 * c, 0.0, 0.0, *none), centre
         case Capsule():
-            return _Support(box=(0.0, 0.0, 0.5 * shape.length), ball=shape.radius)
+            return (0.0, 0.0, 0.5 * shape.length, shape.radius, 0.0, *none), centre
         case Cylinder():
-            return _Support(box=(0.0, 0.0, 0.5 * shape.length), disk=shape.radius)
-    return _Support(points=shape.vertices)
+            return (0.0, 0.0, 0.5 * shape.length, 0.0, shape.radius, *none), centre
+    return (0.0,) * 8, shape.vertices
 
 
 @record(
@@ -71,9 +53,9 @@ class Shapes(NamedTuple):
     fixed : ndarray, shape (s, 4, 3)
         Placements of the shapes in their bodies: columns of the rotation, then the origin.
     sizes : ndarray, shape (s, 8)
-        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid of each `_Support` [m].
+        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid of each shape; see `_support` [m].
     points, first_point : ndarray, shapes (k, 3) and (s + 1,)
-        The points of all supports [m], and the first point of each shape.
+        Vertices of hulls, and centres of other shapes [m], and the first point of each shape.
     first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
         Which points are neighbours on hulls of many vertices; see `hull_graph.outermost`.
     first_face, face : ndarray of int, shapes (k + 1,) and (e,)
@@ -105,32 +87,31 @@ class Shapes(NamedTuple):
 
 def _tables(shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> Shapes:
     """Return the arrays of some shapes on bodies with the given places, and of pairs of them."""
-    supports = [_support(s.shape) for s in shapes]
+    sizes, points = zip(*(_support(s.shape) for s in shapes), strict=True) if shapes else ((), ())
     first_face, face, planes, count = [0], [np.zeros(0, np.int64)], [np.zeros((0, 4))], 0
-    for placed, support in zip(shapes, supports, strict=True):
-        hull, entries = placed.shape, np.zeros(len(support.points), np.int64)
+    for placed, its in zip(shapes, points, strict=True):
+        hull, entries = placed.shape, np.zeros(len(its), np.int64)
         if isinstance(hull, Hull):
             vertex = hull.triangles.ravel()
-            entries = np.bincount(vertex, minlength=len(support.points))
+            entries = np.bincount(vertex, minlength=len(its))
             face.append(count + np.argsort(vertex, kind="stable") // 3)
             planes.append(np.column_stack(hull.faces))
             count += len(hull.triangles)
         first_face.extend((first_face[-1] + np.cumsum(entries)).tolist())
-    points = np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)])
-    first_point = np.cumsum([0, *(len(s.points) for s in supports)])
+    first_point = np.cumsum([0, *map(len, points)])
     return Shapes(
         frame,
         np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3),
-        np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8),
-        points,
+        np.array(sizes, dtype=float).reshape(-1, 8),
+        np.concatenate([np.zeros((0, 3)), *points]),
         first_point,
-        *stack_graphs([graph_of(s.shape, len(x.points)) for s, x in zip(shapes, supports, strict=True)]),
+        *stack_graphs([graph_of(s.shape, len(its)) for s, its in zip(shapes, points, strict=True)]),
         np.array(first_face, dtype=np.int64),
         np.concatenate(face),
         np.concatenate(planes),
         sides,
         first_point[sides],
-        np.zeros(len(points), bool),
+        np.zeros(first_point[-1], bool),
     )
 
 
