@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel, record
+from ..compiled import kernel
 from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
-from ..geometry.support_points import lowest, points_below, spread_below, stand
+from ..geometry.support_points import Points, lowest, points_below, spread_below, stand
 from ..system import System
 from ..system.articulated import row
 from .family import RowTable
@@ -56,41 +55,6 @@ class _Selection:
     owners: Array
 
 
-@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1]")
-class Points(NamedTuple):
-    """The support points of all pairs, as kernels take them.
-
-    Attributes
-    ----------
-    body : ndarray of int, shape (n,)
-        The place of each pair's body in the placements.
-    begin : ndarray of int, shape (n + 1,)
-        The first point of each pair.
-    numbers : ndarray, shape (k, 17)
-        The points as `geometry.support_points` describes them.
-    first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
-        Which points are neighbours on hulls of many vertices.
-    size : ndarray, shape (n,)
-        Bounding radius of the shape of each pair [m].
-    start : ndarray of int, shape (n,)
-        The lowest point of each pair at the last call; written by kernels.
-    found : ndarray of int, shape (k + 1,)
-        Receives the points within the tolerance.
-    taken : ndarray of bool, shape (k,)
-        False for every point, between calls.
-    """
-
-    body: Array
-    begin: Array
-    numbers: Array
-    first: Array
-    neighbour: Array
-    size: Array
-    start: Array
-    found: Array
-    taken: Array
-
-
 @kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Points), i8[::1], f8, f8[::1])")
 def points_within(
     places: Array, table: tuple[Array, ...], pairs: Array, tolerance: float, clearance: Array
@@ -119,14 +83,9 @@ def points_within(
     """
     p, count, any_empty = Points(*table), 0, False
     for i in range(len(pairs)):
-        pair = pairs[i]
-        body = p.body[pair]
-        number, clearance[pair] = points_below(
-            places, body, p.numbers, p.begin[pair], p.begin[pair + 1], p.first, p.neighbour, p.start, pair, tolerance,
-            p.found, count, p.taken,
-        )  # fmt: skip
+        number, clearance[pairs[i]] = points_below(places, p, pairs[i], tolerance, count)
         any_empty = any_empty or number == 0
-        count += spread_below(places, body, p.numbers, p.size[pair], p.found, count, number)
+        count += spread_below(places, p, pairs[i], count, number)
     return count, any_empty
 
 

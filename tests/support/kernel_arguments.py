@@ -412,12 +412,7 @@ def points_below(rng):
     kinematics, contacts, asked = shapes_on_walls(rng)
     table, pair = contacts._table, int(rng.choice(asked))
     tolerance = some_tolerance(rng, kinematics, contacts, asked)
-    ends = int(table.begin[pair]), int(table.begin[pair + 1])
-    graph = table.first, table.neighbour, table.start
-    return (
-        kinematics.poses, int(table.body[pair]), table.numbers, *ends, *graph, pair, tolerance, table.found, 0,
-        table.taken,
-    )  # fmt: skip
+    return kinematics.poses, table, pair, tolerance, 0
 
 
 def spread_below(rng):
@@ -426,7 +421,8 @@ def spread_below(rng):
     pair = int(np.argmax(np.diff(table.begin)))
     count = int(table.begin[pair + 1] - table.begin[pair])
     table.found[:count] = np.arange(table.begin[pair], table.begin[pair + 1])
-    return kinematics.poses, int(table.body[pair]), table.numbers, float(rng.choice([0.1, 10.0])), table.found, 0, count
+    table.size[pair] = rng.choice([0.1, 10.0])
+    return kinematics.poses, table, pair, 0, count
 
 
 def points_within_(rng):

@@ -5,27 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.constraints.half_space import Points
 from mbvi.geometry.hull_graph import outermost
-from mbvi.geometry.support_points import spread_below
+from mbvi.geometry.support_points import Points, spread_below
 from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 
 
-def points_below_plain(
-    places: Array, body: int, numbers: Array, begin: int, end: int, first: Array, neighbour: Array,
-    start: Array, pair: int, tolerance: float, found: Array, at: int, taken: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """List the points of one shape whose gap is within a tolerance, ascending."""
+def points_below_plain(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
+    """List the points of the shape of a pair whose gap is within a tolerance, ascending."""
+    begin, end = points.begin[pair], points.begin[pair + 1]
+    body, numbers = points.body[pair], points.numbers[begin:end]
     gap, point = np.empty(end - begin), np.empty((end - begin, 3))
-    owners = np.tile([body, pair], (end - begin, 1))
-    stand_plain(places, owners, numbers[begin:end], gap, point)
+    stand_plain(places, np.tile([body, pair], (end - begin, 1)), numbers, gap, point)
     near = begin + np.flatnonzero(gap <= tolerance)
-    found[at : at + len(near)] = near
-    if first[begin + 1] > first[begin]:
+    points.found[at : at + len(near)] = near
+    if points.first[begin + 1] > points.first[begin]:
         # of points equally low it is the one that the climb reaches
-        x, y, z = -(places[body, :3] @ numbers[begin, 12:15])
-        start[pair] = outermost.loops(numbers, begin, end, first, neighbour, x, y, z, start[pair])
+        down, graph = -(places[body, :3] @ numbers[0, 12:15]), (points.first, points.neighbour)
+        points.start[pair] = outermost.loops(points.numbers, begin, end, *graph, *down, points.start[pair])
     return len(near), float(gap.min())
 
 
@@ -36,13 +33,9 @@ def half_space_rows_plain(
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call."""
     p, count, any_empty = Points(*table), 0, False
     for pair in pairs.tolist():
-        body = p.body[pair]
-        number, clearance[pair] = points_below_plain(
-            poses, body, p.numbers, p.begin[pair], p.begin[pair + 1], p.first, p.neighbour, p.start, pair, tolerance,
-            p.found, count, p.taken,
-        )  # fmt: skip
+        number, clearance[pair] = points_below_plain(poses, p, pair, tolerance, count)
         any_empty |= number == 0
-        count += spread_below.loops(poses, body, p.numbers, p.size[pair], p.found, count, number)
+        count += spread_below.loops(poses, p, pair, count, number)
     if not np.array_equal(p.found[:count], index):
         return count, bool(any_empty), False
     owners = np.array([p.body[owner], owner]).T
