@@ -119,7 +119,7 @@ def half_space_rows(
     same : bool
         Whether they are the points of the last call; only then gap, point and rows are written.
     """
-    out, p = np.empty(4), Points(*table)
+    p = Points(*table)
     count, any_empty = points_within(poses, table, pairs, tolerance, clearance)
     if count != len(index):
         return count, any_empty, False
@@ -128,9 +128,9 @@ def half_space_rows(
             return count, any_empty, False
     for i in range(count):
         k, b = p.found[i], p.body[owner[i]]
-        lowest(poses, b, p.numbers, k, out)
-        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
-        row(columns, support[0], support[b], out, p.numbers[k, 12:15], rows[i])
+        lowest(poses, b, p.numbers, k, p.out)
+        point[i, 0], point[i, 1], point[i, 2], gap[i] = p.out[0], p.out[1], p.out[2], p.out[3]
+        row(columns, support[0], support[b], p.out, p.numbers[k, 12:15], rows[i])
     return count, any_empty, True
 
 
@@ -197,6 +197,7 @@ class HalfSpaceContacts(Pairs):
             begin_of[:-1].copy(),
             np.empty(count + 1, np.int64),
             np.zeros(count, bool),
+            np.empty(4),
         )
         self._plain_table = tuple(self._table)
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))

@@ -22,7 +22,7 @@ from .vectors import within_plane
 _LEVEL = 1e-9
 
 
-@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1]")
+@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1], f8[::1]")
 class Points(NamedTuple):
     """The support points of all pairs of a shape and a half-space, as kernels take them.
 
@@ -44,6 +44,8 @@ class Points(NamedTuple):
         Receives the points within the tolerance.
     taken : ndarray of bool, shape (k,)
         False for every point, between calls.
+    out : ndarray, shape (4,)
+        Scratch for `lowest`: kernels that make no arrays are faster.
     """
 
     body: Array
@@ -55,6 +57,7 @@ class Points(NamedTuple):
     start: Array
     found: Array
     taken: Array
+    out: Array
 
 
 @kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])")
@@ -128,7 +131,7 @@ def points_below(places: Array, points: Points, pair: int, tolerance: float, at:
     least : float
         The least gap [m].
     """
-    out, count, least, body, numbers = np.empty(4), 0, np.inf, points.body[pair], points.numbers
+    out, count, least, body, numbers = points.out, 0, np.inf, points.body[pair], points.numbers
     first, neighbour, found = points.first, points.neighbour, points.found
     begin, end = points.begin[pair], points.begin[pair + 1]
     if first[begin + 1] == first[begin]:
@@ -176,7 +179,7 @@ def spread_below(places: Array, points: Points, pair: int, at: int, count: int) 
     if count <= FEW_POINTS:
         return count
     found, body, numbers, size = points.found, points.body[pair], points.numbers, points.size[pair]
-    out, along, across, least = np.empty(4), np.empty(3), np.empty(3), np.inf
+    out, along, across, least = points.out, np.empty(3), np.empty(3), np.inf
     place, gap = np.empty((count, 2)), np.empty(count)
     face, chosen = np.empty(count, np.int64), np.empty(count + 1, np.int64)
     within_plane(numbers[found[at], 12:15], along, across)

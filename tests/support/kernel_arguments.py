@@ -891,7 +891,9 @@ def accepted(name, result):
 
 def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
-    arguments = [part for one in arguments for part in (one if isinstance(one, tuple) else (one,))]
+    # the last field of `Points` is scratch
+    end = -1 if name in ("points_below", "half_space_rows") else None
+    arguments = [part for one in arguments for part in (one[:end] if isinstance(one, tuple) else (one,))]
     if name in IF_ACCEPTED:
         yes = accepted(name, result)
         if not yes:
