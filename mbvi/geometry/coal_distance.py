@@ -19,7 +19,7 @@ from .pair_distances import BELOW
 from .polyhedra import Polyhedron
 from .polyhedron_overlap import overlap
 from .refined_distance import COAL, FAILED, FLAT, refined
-from .separating_axis import SeparatingAxes, place_pair
+from .separating_axis import SeparatingAxes, place_pair, place_shape
 from .shapes import Convex, PlacedShape
 
 # Tolerances for Coal, in units of the pair's size. At Coal's default, normals of curved shapes are wrong in the third
@@ -52,7 +52,7 @@ class CoalDistances:
         sides = axes.shapes.sides.tolist()
         self.bound = np.array([min(placed[a].shape.bound, placed[b].shape.bound) for a, b in sides])
         self.unit = np.array([2.0 ** frexp(bound)[1] for bound in self.bound.tolist()])
-        self._pairs: dict[int, tuple[Any, Any]] = {}
+        self._pairs: dict[int, tuple[Any, Any, list[int]]] = {}
         self._poses = coal.Transform3s(), coal.Transform3s()
         self._world = np.empty((2, 4, 3))
         self._fine, self._robust = coal.DistanceRequest(), coal.DistanceRequest()
@@ -116,9 +116,10 @@ class CoalDistances:
         if known is None:
             sides = self._axes.shapes.sides[pair].tolist()
             shapes = [self._geometry(self._placed[side].shape, unit) for side in sides]
-            known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes
-        place_pair(places, self._axes.shapes, pair, self._world)
-        for world, pose in zip(self._world, self._poses, strict=True):
+            known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes, sides
+        for world, pose, side in zip(self._world, self._poses, known[2], strict=True):
+            # arrays are passed faster than tables
+            place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, world)
             pose.setTransform(world[:3].T, world[3] / unit)
         result.clear()
         return float(known[0](*self._poses, request, result) * unit)
