@@ -1,5 +1,5 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
-from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, seconds_compiling
+from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
 
-__all__ = ["KERNELS", "Kernel", "compile_all", "kernel", "plain_array", "seconds_compiling"]
+__all__ = ["KERNELS", "Kernel", "compile_all", "kernel", "plain_array", "record", "seconds_compiling"]

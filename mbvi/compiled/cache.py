@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from hashlib import sha256
 from typing import Any
 
-from numba import njit
+from numba import njit, types
 from numba.core import typeinfer
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -118,8 +118,20 @@ class _CheckedCache(FunctionCache):
             )
 
 
+def signature_of(text: str, records: dict[str, Any]) -> Any:
+    """Return numba's signature from its text, in which records stand by their names."""
+    known = dict(vars(types))
+    for name, each in records.items():
+        known[name] = types.BaseTuple.from_types(eval(f"({each.kernel_types},)", known), each)
+    return eval(text, known)
+
+
 def compiled(
-    function: Callable[..., Any], signature: str, stamp: str, before_compiling: Callable[[], None]
+    function: Callable[..., Any],
+    signature: Any,
+    stamp: str,
+    before_compiling: Callable[[], None],
+    allocates: bool = True,
 ) -> Callable[..., Any]:
     """Return a function compiled for one signature, from the cache where it is there.
 
@@ -127,15 +139,17 @@ def compiled(
     ----------
     function : function
         What is to be compiled.
-    signature : str
+    signature : str or numba's Signature
         numba's types of result and arguments; other types are refused.
     stamp : str
         Hash of all that the machine code depends on; code of another stamp is not taken from the cache.
     before_compiling : callable
         Called where the cache does not have it.
+    allocates : bool
+        Whether it makes arrays. Otherwise numba counts no references to arrays, which costs as much as a small kernel.
     """
     # no C functions: nothing takes the kernels' addresses
-    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
     dispatcher: Any = njit(**options)(function)
     if not hasattr(dispatcher, "disable_compile"):
         # with numba's own switch off (NUMBA_DISABLE_JIT) there is nothing to compile

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import threading
@@ -15,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Record = TypeVar("Record", bound=type)
 
 # in order of definition
 KERNELS: list[Kernel] = []
@@ -35,7 +37,7 @@ class Kernel:
     loops : function
         Source of the kernel. It may call numpy, and other kernels by their names.
     signature : str
-        numba's types of result and arguments; an argument of another type is refused.
+        As of `kernel`.
     """
 
     def __init__(self, loops: Callable[..., Any], signature: str) -> None:
@@ -62,7 +64,9 @@ class Kernel:
 
     def stamp(self) -> bytes:
         """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
-        digest = sha256(self.signature.encode())
+        digest = sha256(f"{self.signature} {self._allocates()}".encode())
+        for name, each in sorted(self._records().items()):
+            digest.update(repr((name, each._fields, each.kernel_types)).encode())
         _add_code(digest, self.loops.__code__)
         for name, value in sorted(self._named().items()):
             digest.update(name.encode())
@@ -75,9 +79,21 @@ class Kernel:
         found = {name: namespace[name] for name in _names(self.loops.__code__) if name in namespace}
         return {name: value for name, value in found.items() if isinstance(value, (Kernel, *_CONSTANTS))}
 
+    def _records(self) -> dict[str, Any]:
+        """Return the records that the kernel or its signature names."""
+        namespace = self.loops.__globals__
+        names = _names(self.loops.__code__).union(re.findall(r"[A-Za-z_]\w*", self.signature))
+        return {name: namespace[name] for name in names if hasattr(namespace.get(name), "kernel_types")}
+
+    def _allocates(self) -> bool:
+        """Return whether the kernel makes arrays, or calls a kernel that returns some."""
+        others = (value for value in self._named().values() if isinstance(value, Kernel))
+        makes = not _ALLOCATING.isdisjoint(self.loops.__code__.co_names)
+        return makes or any(not _RETURNS_NUMBERS.match(other.signature) for other in others)
+
     def _compile(self) -> Any:
         # imported here for its weight: only runs need it
-        from .cache import compiled
+        from .cache import compiled, signature_of
 
         # numba takes no Kernel for a function: the names of other kernels mean compiled functions here
         namespace = dict(self.loops.__globals__)
@@ -89,7 +105,8 @@ class Kernel:
             _announce()
             namespace.update({name: other.compiled() for name, other in others.items()})
 
-        return compiled(loops, self.signature, self.stamp().hex(), before_compiling)
+        signature = signature_of(self.signature, self._records())
+        return compiled(loops, signature, self.stamp().hex(), before_compiling, self._allocates())
 
 
 def kernel(signature: str) -> Callable[[Function], Function]:
@@ -98,13 +115,24 @@ def kernel(signature: str) -> Callable[[Function], Function]:
     Parameters
     ----------
     signature : str
-        numba's types of result and arguments; an argument of another type is refused.
+        numba's types of result and arguments, and names of records; an argument of another type is refused. A plain
+        tuple, `Tuple(Name)` of a record, is passed faster from Python than the record itself.
     """
 
     def mark(loops: Function) -> Function:
         made: Any = type(loops.__name__, (Kernel,), {})(loops, signature)
         KERNELS.append(made)
         return made
+
+    return mark
+
+
+def record(kernel_types: str) -> Callable[[Record], Record]:
+    """Let kernels take a NamedTuple, given numba's types of its fields."""
+
+    def mark(kind: Record) -> Record:
+        setattr(kind, "kernel_types", kernel_types)  # noqa: B010
+        return kind
 
     return mark
 
@@ -125,6 +153,9 @@ def seconds_compiling() -> float:
     return _seconds
 
 
+# names of numpy that make arrays in kernels; with others compiling fails. Results of kernels that are no arrays
+_ALLOCATING = frozenset({"arange", "copy", "empty", "full", "zeros"})
+_RETURNS_NUMBERS = re.compile(r"(void|[a-z]\d|Tuple\(\([a-z\d, ]*\)\))\(")
 _CONSTANTS = (bool, int, float, str, tuple, np.generic, np.ndarray)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..compiled import kernel
 from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
-from ..geometry.support_points import lowest, points_below, spread_below, stand
+from ..geometry.support_points import Points, lowest, points_below, spread_below, stand
 from ..system import System
 from ..system.articulated import row
 from .family import RowTable
@@ -28,84 +27,46 @@ from .rows import Rows
 _MOST_SELECTIONS = 1000
 
 
-class _ConstantPart(NamedTuple):
-    """What stays the same in the rows of some active points: the points, their pairs, e, and normals."""
-
-    points: Array
-    number: Array
-    restitution: Array
-    up: Array
-
-
 @dataclass(frozen=True)
 class _Selection:
     """Some support points, gathered in arrays for kernels.
 
     Attributes
     ----------
+    points : ndarray of int, shape (k,)
+        The points, ascending.
     pair : ndarray of int, shape (k,)
         The pair of each point.
+    restitution : ndarray, shape (k,)
+        e of each point.
     numbers : ndarray, shape (k, 17)
-        The points as `geometry.support_points` describes them: columns 12-14 hold the normal of the half-space.
+        The points as `geometry.support_points` describes them.
+    up : ndarray, shape (k, 3)
+        The normals of their half-spaces.
     owners : ndarray of int, shape (k, 2)
         Of each point: the place of its body in the placements, and its pair.
     """
 
+    points: Array
     pair: Array
+    restitution: Array
     numbers: Array
+    up: Array
     owners: Array
 
 
-class _Table(NamedTuple):
-    """The support points of all pairs, as kernels take them.
-
-    Attributes
-    ----------
-    body : ndarray of int, shape (n,)
-        The place of each pair's body in the placements.
-    begin : ndarray of int, shape (n + 1,)
-        The first point of each pair.
-    numbers : ndarray, shape (k, 17)
-        The points as `geometry.support_points` describes them.
-    first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
-        Which points are neighbours on hulls of many vertices.
-    size : ndarray, shape (n,)
-        Bounding radius of the shape of each pair [m].
-    start : ndarray of int, shape (n,)
-        The lowest point of each pair at the last call; written by kernels.
-    found : ndarray of int, shape (k + 1,)
-        Receives the points within the tolerance.
-    taken : ndarray of bool, shape (k,)
-        False for every point, between calls.
-    """
-
-    body: Array
-    begin: Array
-    numbers: Array
-    first: Array
-    neighbour: Array
-    size: Array
-    start: Array
-    found: Array
-    taken: Array
-
-
-@kernel(
-    "Tuple((i8, b1))(f8[:,:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1],"
-    " i8[::1], f8, f8[::1])"
-)
+@kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Points), i8[::1], f8, f8[::1])")
 def points_within(
-    places: Array, body: Array, begin: Array, numbers: Array, first: Array, neighbour: Array, size: Array,
-    start: Array, found: Array, taken: Array, pairs: Array, tolerance: float, clearance: Array,
-) -> tuple[int, bool]:  # fmt: skip
+    places: Array, table: tuple[Array, ...], pairs: Array, tolerance: float, clearance: Array
+) -> tuple[int, bool]:
     """List the points of some pairs within a tolerance; of many on one shape those that `spread_out` chooses.
 
     Parameters
     ----------
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies: columns of the rotation, then the origin.
-    body, begin, numbers, first, neighbour, size, start, found, taken
-        As of `_Table`; `found` receives the points.
+    table : tuple
+        The fields of `Points`; `found` receives the points.
     pairs : ndarray of int, shape (p,)
         The pairs, ascending.
     tolerance : float
@@ -120,25 +81,20 @@ def points_within(
     any_empty : bool
         Whether a pair has none.
     """
-    count, any_empty = 0, False
+    p, count, any_empty = Points(*table), 0, False
     for i in range(len(pairs)):
-        pair = pairs[i]
-        number, clearance[pair] = points_below(
-            places, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance,
-            found, count, taken,
-        )  # fmt: skip
+        number, clearance[pairs[i]] = points_below(places, p, pairs[i], tolerance, count)
         any_empty = any_empty or number == 0
-        count += spread_below(places, body[pair], numbers, size[pair], found, count, number)
+        count += spread_below(places, p, pairs[i], count, number)
     return count, any_empty
 
 
 @kernel(
-    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1],"
-    " i8[::1], i8[::1], b1[::1], i8[::1], f8, f8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
+    "Tuple((i8, b1, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Tuple(Points), i8[::1], f8, f8[::1], i8[::1], i8[::1],"
+    " f8[::1], f8[:,::1], f8[:,::1])"
 )
 def half_space_rows(
-    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
-    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    poses: Array, columns: Array, support: Array, table: tuple[Array, ...], pairs: Array, tolerance: float,
     clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call.
@@ -147,7 +103,7 @@ def half_space_rows(
     ----------
     poses, columns, support
         As of `Kinematics`.
-    body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
+    table, pairs, tolerance, clearance
         As of `points_within`.
     index, owner : ndarray of int, shape (c,)
         The points of the last call, and their pairs.
@@ -163,20 +119,18 @@ def half_space_rows(
     same : bool
         Whether they are the points of the last call; only then gap, point and rows are written.
     """
-    out = np.empty(4)
-    count, any_empty = points_within(
-        poses, body, begin, numbers, first, neighbour, size, start, found, taken, pairs, tolerance, clearance
-    )
+    p = Points(*table)
+    count, any_empty = points_within(poses, table, pairs, tolerance, clearance)
     if count != len(index):
         return count, any_empty, False
     for i in range(count):
-        if found[i] != index[i]:
+        if p.found[i] != index[i]:
             return count, any_empty, False
     for i in range(count):
-        k, b = found[i], body[owner[i]]
-        lowest(poses, b, numbers, k, out)
-        point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
-        row(columns, support[0], support[b], out, numbers[k, 12:15], rows[i])
+        k, b = p.found[i], p.body[owner[i]]
+        lowest(poses, b, p.numbers, k, p.out)
+        point[i, 0], point[i, 1], point[i, 2], gap[i] = p.out[0], p.out[1], p.out[2], p.out[3]
+        row(columns, support[0], support[b], p.out, p.numbers[k, 12:15], rows[i])
     return count, any_empty, True
 
 
@@ -234,7 +188,7 @@ class HalfSpaceContacts(Pairs):
             begin.append(begin[-1] + len(points))
         self._bodies, frame = np.unique(self._second_body, return_inverse=True)
         begin_of, count = np.array(begin, dtype=np.int64), begin[-1]
-        self._table = _Table(
+        self._table = Points(
             np.array(self._second_body if self._one_mechanism else frame, dtype=np.int64),
             begin_of,
             np.concatenate(numbers),
@@ -243,10 +197,13 @@ class HalfSpaceContacts(Pairs):
             begin_of[:-1].copy(),
             np.empty(count + 1, np.int64),
             np.zeros(count, bool),
+            np.empty(4),
         )
+        self._plain_table = tuple(self._table)
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
         self._selections: dict[bytes, _Selection] = {}
-        self._constant = self._constants_at(np.zeros(0, np.int64))
+        # the points of the last rows
+        self._last = self._select(np.zeros(0, np.int64))
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
@@ -260,13 +217,11 @@ class HalfSpaceContacts(Pairs):
             if len(self._selections) >= _MOST_SELECTIONS:
                 self._selections.clear()
             pair = self.owner[points]
-            owners = np.array([self._table.body[pair], pair], dtype=np.int64).T.copy()
-            found = self._selections[key] = _Selection(pair, self._table.numbers[points], owners)
+            numbers, owners = self._table.numbers[points], np.array([self._table.body[pair], pair], dtype=np.int64)
+            found = self._selections[key] = _Selection(
+                points, pair, self.restitution[pair], numbers, np.ascontiguousarray(numbers[:, 12:15]), owners.T.copy()
+            )
         return found
-
-    def _constants_at(self, points: Array) -> _ConstantPart:
-        pair, up = self.owner[points], np.ascontiguousarray(self._table.numbers[points, 12:15])
-        return _ConstantPart(points, pair, self.restitution[pair], up)
 
     def _placements(self, q: Array) -> Array:
         """Return where the bodies are; for a single mechanism its kinematics holds the poses of all bodies."""
@@ -297,11 +252,11 @@ class HalfSpaceContacts(Pairs):
         """Return a contact for each point of a selection, whatever its gap."""
         gap, point = np.empty(len(selection.pair)), np.empty((len(selection.pair), 3))
         stand(self._placements(q) if places is None else places, selection.owners, selection.numbers, gap, point)
-        return Contacts(selection.pair, gap, point, np.ascontiguousarray(selection.numbers[:, 12:15]))
+        return Contacts(selection.pair, gap, point, selection.up)
 
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self._placements(q)
-        count, any_empty = points_within(places, *self._table, pairs, tolerance, clearance)
+        count, any_empty = points_within(places, self._plain_table, pairs, tolerance, clearance)
         if not count:
             return None, any_empty
         return self._point_contacts(q, self._select(self._table.found[:count].copy()), places), any_empty
@@ -309,16 +264,17 @@ class HalfSpaceContacts(Pairs):
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         if not self._one_mechanism:
             return super()._rows(q, pairs, tolerance, candidates)
-        kinematics, table = self.system.kinematics(q), self._table
+        kinematics, found = self.system.kinematics(q), self._table.found
         # if other points than at the last call are within the tolerance, the kernel is called again with room for them
         while True:
-            index, number, restitution, up = self._constant
-            size = len(number)
+            last = self._last
+            size = len(last.pair)
             gap, point, rows = np.empty(size), np.empty((size, 3)), np.empty((size, self.system.nv))
             count, any_empty, same = half_space_rows(
-                *kinematics, *table, pairs, tolerance, candidates.clearance, index, number, gap, point, rows
-            )
+                *kinematics, self._plain_table, pairs, tolerance, candidates.clearance, last.points, last.pair, gap,
+                point, rows,
+            )  # fmt: skip
             if same:
                 candidates.any_empty = any_empty
-                return Rows(number, gap, rows, restitution, point, up) if count else None
-            self._constant = self._constants_at(table.found[:count].copy())
+                return Rows(last.pair, gap, rows, last.restitution, point, last.up) if count else None
+            self._last = self._select(found[:count].copy())

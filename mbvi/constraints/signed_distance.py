@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..geometry.coal_distance import CoalDistances
-from ..geometry.pair_contacts import distances_from_axes, distances_from_normals, keep_one_of_each_line, write_contacts
+from ..geometry.collinear import keep_one_of_each_line
+from ..geometry.pair_contacts import write_contacts
+from ..geometry.pair_distances import distances_from_axes, distances_from_normals
 from ..geometry.primitive_pairs import NONE, PrimitivePairs
 from ..geometry.refined_distance import FAILED
 from ..geometry.separating_axis import SeparatingAxes
@@ -68,7 +70,7 @@ class SignedDistances(Pairs):
         self._grid = np.array([[_GRID]] * 3 + [[_GRID / grid]])
         self._cell = 1.0 / self._grid
         self._axes = SeparatingAxes(shapes, np.array(sides, dtype=np.int64).reshape(-1, 2))
-        self._closed = PrimitivePairs(shapes, self._axes.shapes, self._axes.sides)
+        self._closed = PrimitivePairs(shapes, self._axes.shapes)
         self._coal = CoalDistances(shapes, self._axes, self.names, {} if geometries is None else geometries)
         self._flat = np.array([not (shapes[a].shape.smooth or shapes[b].shape.smooth) for a, b in sides], dtype=bool)
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
@@ -124,7 +126,7 @@ class SignedDistances(Pairs):
         places = np.rint(places * self._grid)
         places *= self._cell
         # for the world the last placement is taken, which does no harm
-        where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._axes.sides[pairs]]].tobytes()
+        where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._axes.shapes.sides[pairs]]].tobytes()
         if self._last is None or self._last[0] != where:
             self._last = where, self._measure(places, pairs, tolerance, rough)
         return self._last[1]
@@ -148,8 +150,10 @@ class SignedDistances(Pairs):
         """Return the contacts of some pairs that have a closed form."""
         found = Contacts(*self._closed.contacts(places, pairs, tolerance))
         self._axes.keep(places, pairs, found.normal[np.searchsorted(found.pair, pairs)])
-        if not self._planar or len(found.gap) == len(pairs):
-            return found
+        return self._one_of_each_line(found) if self._planar and len(found.gap) > len(pairs) else found
+
+    def _one_of_each_line(self, found: Contacts) -> Contacts:
+        """Keep in a planar scene one contact of each pair on each line along its normal."""
         kept = np.empty(len(found.gap), np.int64)
         kept = kept[: keep_one_of_each_line(found.pair, found.point, self._line, kept)]
         return Contacts(*(part[kept] for part in found))
@@ -159,24 +163,21 @@ class SignedDistances(Pairs):
         axes, sizes, n = self._axes, self._coal, len(pairs)
         distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
         state, unknown = np.empty(n, np.int64), np.empty(n, np.int64)
-        found = distance, normal, middle, state
-        tables = places, *axes.shapes, axes.sides, axes.start
-        failed = distances_from_axes(*tables, sizes.bound, axes.axis, pairs, *found, unknown)
+        shared, found = (places, axes.tables, sizes.bound), (distance, normal, middle, state)
+        failed = distances_from_axes(*shared, pairs, axes.axis, *found, unknown)
         if failed:
             unknown = unknown[:failed]
             for i in unknown.tolist():
                 distance[i] = sizes.approximate(places, pairs.item(i), normal[i])
-            search, enough = (*tables[:8], *tables[11:]), tolerance if rough else np.inf
-            failed = distances_from_normals(*search, sizes.bound, pairs, unknown, enough, *found)
+            failed = distances_from_normals(*shared, pairs, unknown, tolerance if rough else np.inf, *found)
         for i in (state == FAILED).nonzero()[0].tolist() if failed else ():
             distance[i], normal[i], middle[i], state[i] = sizes.measure(places, pairs.item(i))
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:
             rows = np.empty(room, np.int64), np.empty(room), np.empty((room, 3)), np.empty((room, 3))
-            total = write_contacts(
-                *tables, sizes.bound, sizes.unit, self._flat, self._line, pairs, tolerance, *found, *rows
-            )
+            total = write_contacts(*shared, sizes.unit, self._flat, pairs, tolerance, *found, *rows)
             if total >= 0:
-                return Contacts(*(part[:total] for part in rows))
+                contacts = Contacts(*(part[:total] for part in rows))
+                return self._one_of_each_line(contacts) if self._planar and total > n else contacts
             room *= 4

@@ -15,11 +15,11 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import MbviError
-from .pair_contacts import BELOW
+from .pair_distances import BELOW
 from .polyhedra import Polyhedron
 from .polyhedron_overlap import overlap
-from .refined_distance import COAL, FAILED, refined
-from .separating_axis import SeparatingAxes, place_shape
+from .refined_distance import COAL, FAILED, FLAT, refined
+from .separating_axis import SeparatingAxes, place_pair, place_shape
 from .shapes import Convex, PlacedShape
 
 # Tolerances for Coal, in units of the pair's size. At Coal's default, normals of curved shapes are wrong in the third
@@ -49,12 +49,12 @@ class CoalDistances:
         self, placed: Sequence[PlacedShape], axes: SeparatingAxes, names: Sequence[str], geometries: dict[Any, Any]
     ) -> None:
         self._placed, self._axes, self._names, self._geometries = placed, axes, names, geometries
-        sides = axes.sides.tolist()
+        sides = axes.shapes.sides.tolist()
         self.bound = np.array([min(placed[a].shape.bound, placed[b].shape.bound) for a, b in sides])
         self.unit = np.array([2.0 ** frexp(bound)[1] for bound in self.bound.tolist()])
-        self._pairs: dict[int, tuple[Any, Any, float, list[int]]] = {}
+        self._pairs: dict[int, tuple[Any, Any, list[int]]] = {}
         self._poses = coal.Transform3s(), coal.Transform3s()
-        self._world = np.empty((4, 3))
+        self._world = np.empty((2, 4, 3))
         self._fine, self._robust = coal.DistanceRequest(), coal.DistanceRequest()
         for request, accuracy in ((self._fine, _FINE), (self._robust, _ROBUST)):
             request.gjk_tolerance = request.epa_tolerance = accuracy
@@ -71,7 +71,7 @@ class CoalDistances:
         return distance
 
     def measure(self, places: Array, pair: int) -> tuple[float, Array, Array, int]:
-        """Return signed distance, unit normal, midpoint and state of a pair; see `pair_contacts`.
+        """Return signed distance, unit normal, midpoint and state of a pair; see `pair_distances`.
 
         The refinement starts from Coal's normal: at the robust tolerance first, then at the fine one. If both fail,
         Coal's own answer is returned.
@@ -82,36 +82,47 @@ class CoalDistances:
             If Coal finds no penetration depth, and the shapes are not two polyhedra.
         """
         bound, unit = float(self.bound[pair]), float(self.unit[pair])
-        result, second = self._results
-        for request in (self._robust, self._fine):
-            distance = self._ask(places, pair, request, second)
-            normal = np.array(second.normal)
+        second, result = self._results
+        distance = np.inf
+        for request, answer in ((self._robust, second), (self._fine, result)):
+            check, distance = distance, self._ask(places, pair, request, answer)
+            normal = np.array(answer.normal)
             found, exact, point = refined(self._axes, places, pair, normal)
             if found != FAILED and exact >= distance - BELOW * bound:
                 return exact, normal, point, found
-        distance = self._ask(places, pair, self._fine, result)
         if distance < 0.0:
-            check = self._ask(places, pair, self._robust, second)
             # the depth is the least over all directions, so that the deeper of two answers is wrong
             if distance < check - _AGREEMENT * bound:
                 distance, result = check, second
             if not abs(distance) < 1e100:
-                return *self._overlap(places, pair), COAL
+                return self.overlap(places, pair)
         middle = 0.5 * unit * np.asarray(result.getNearestPoint1() + result.getNearestPoint2())
         return distance, np.array(result.normal), middle, COAL
 
+    def overlap(self, places: Array, pair: int) -> tuple[float, Array, Array, int]:
+        """Return the same of two polyhedra that overlap, without Coal: all axes of faces and edges are tried."""
+        one, other = (self._placed[side].shape for side in self._axes.shapes.sides[pair].tolist())
+        if not (isinstance(one, Polyhedron) and isinstance(other, Polyhedron)):
+            raise MbviError(
+                f"{self._names[pair]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
+            )
+        place_pair(places, self._axes.shapes, pair, self._world)
+        distance, normal = overlap(one, self._world[0], other, self._world[1])
+        found, exact, point = refined(self._axes, places, pair, normal)
+        return (distance, normal, point, FLAT) if found == FAILED else (exact, normal, point, found)
+
     def _ask(self, places: Array, pair: int, request: coal.DistanceRequest, result: coal.DistanceResult) -> float:
-        known = self._pairs.get(pair)
+        known, unit = self._pairs.get(pair), float(self.unit[pair])
         if known is None:
-            sides, unit = self._axes.sides[pair].tolist(), float(self.unit[pair])
+            sides = self._axes.shapes.sides[pair].tolist()
             shapes = [self._geometry(self._placed[side].shape, unit) for side in sides]
-            known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes, unit, sides
-        distance, _, unit, sides = known
-        for side, pose in zip(sides, self._poses, strict=True):
-            place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, self._world)
-            pose.setTransform(self._world[:3].T, self._world[3] / unit)
+            known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes, sides
+        for world, pose, side in zip(self._world, self._poses, known[2], strict=True):
+            # arrays are passed faster than tables
+            place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, world)
+            pose.setTransform(world[:3].T, world[3] / unit)
         result.clear()
-        return float(distance(*self._poses, request, result) * unit)
+        return float(known[0](*self._poses, request, result) * unit)
 
     def _geometry(self, shape: Convex, unit: float) -> Any:
         key = id(shape), unit
@@ -119,17 +130,3 @@ class CoalDistances:
             # the shape is kept, too, so that no other gets its number
             self._geometries[key] = shape.coal(unit), shape
         return self._geometries[key][0]
-
-    def _overlap(self, places: Array, pair: int) -> tuple[float, Array, Array]:
-        """Return signed distance, normal and point of two polyhedra whose depth Coal does not find."""
-        worlds, shapes = [], []
-        for side in self._axes.sides[pair].tolist():
-            world = np.empty((4, 3))
-            place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, world)
-            worlds.append(world)
-            shapes.append(self._placed[side].shape)
-        if not (isinstance(shapes[0], Polyhedron) and isinstance(shapes[1], Polyhedron)):
-            raise MbviError(
-                f"{self._names[pair]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
-            )
-        return overlap(shapes[0], worlds[0], shapes[1], worlds[1])

@@ -51,3 +51,29 @@ def first_of_lines(points: Array, line: Array, kept: Array) -> int:
             kept[count] = i
             count += 1
     return count
+
+
+@kernel("i8(i8[::1], f8[:,::1], f8[::1], i8[::1])")
+def keep_one_of_each_line(pair: Array, point: Array, line: Array, kept: Array) -> int:
+    """List the first of the contact points of each pair on each line along a direction; return how many.
+
+    Parameters
+    ----------
+    pair, point : ndarray, shapes (k,) and (k, 3)
+        The contacts, pair after pair.
+    line : ndarray, shape (3,)
+        The unit direction.
+    kept : ndarray of int, shape (k,)
+        Receives which contacts are kept, in its first places.
+    """
+    begin, total, some = 0, 0, np.empty(len(pair), np.int64)
+    while begin < len(pair):
+        end = begin
+        while end < len(pair) and pair[end] == pair[begin]:
+            end += 1
+        number = first_of_lines(point[begin:end], line, some)
+        for i in range(number):
+            kept[total + i] = begin + some[i]
+        total += number
+        begin = end
+    return total

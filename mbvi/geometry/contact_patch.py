@@ -1,16 +1,8 @@
 """Where two convex shapes touch: the corners of the region that their nearest faces or edges share, and their gaps.
 
-Each shape is described as in `separating_axis._Support`. Of both shapes the points within a depth below the nearest one
-are gathered, and projected along the contact normal. The corners of the common part of the two polygons become contact
-points. Each has its own gap, the distance of the two surfaces along the normal.
-
-Arguments that kernels here share are those of `separating_axis._reach` and `hull_graph.outermost`, and the faces of
-hulls:
-
-first_face, face : ndarray of int, shapes (k + 1,) and (e,)
-    The faces at each point are `face[first_face[i] : first_face[i + 1]]`.
-planes : ndarray, shape (f, 4)
-    Unit normal and offset of each face, in the shape's frame.
+Of both shapes the points within a depth below the nearest one are gathered, and projected along the contact normal. The
+corners of the common part of the two polygons become contact points. Each has its own gap, the distance of the two
+surfaces along the normal.
 """
 
 from __future__ import annotations
@@ -19,176 +11,131 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .hull_graph import outermost
-from .normal_search import dot
+from .convex_polygon import common_polygon, convex_hull
+from .features import leave, near_corners, near_vertices
+from .separating_axis import Shapes
+from .spread import BESIDE, FEW_POINTS, spread_out
+from .vectors import dot, within_plane
 
-# least cosine of a line with the normal of a face through which it leaves: others are nearly parallel to it
-FACING = 0.1
 # points gathered of one shape at most
 MOST_GATHERED = 96
-# directions in which the rim of a disk has fixed points
-_RIM = 12
+# how far below the nearest point others are gathered, beyond the tolerance, relative to the radius of the smaller shape
+DEPTH = 1e-3
+# corners nearer to each other than this part of the radius are one
+_SAME_CORNER = 1e-7
 
 
-@kernel("i8(f8[:,::1], f8[::1], f8, f8, f8, f8, f8[:,::1], i8)")
-def _gather(place: Array, n: Array, lowest: float, x: float, y: float, z: float, found: Array, count: int) -> int:
-    """Write a point of a shape, moved to the world, if it reaches `lowest` along n; return how many there are then."""
-    if count == len(found):
-        return count
-    along = 0.0
-    for c in range(3):
-        found[count, c] = x * place[0, c] + y * place[1, c] + z * place[2, c] + place[3, c]
-        along += found[count, c] * n[c]
-    return count + 1 if along >= lowest else count
+@kernel("Tuple((i8, i8))(f8[:,:,::1], Shapes, i8, i8, f8[:,::1], f8, f8, f8[:,::1], i8[::1], f8[:,::1])")
+def _outline(
+    world: Array, shapes: Shapes, pair: int, side: int, frame: Array, depth: float, bound: float, found: Array,
+    vertices: Array, corners: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Write the convex polygon of the points of a shape that are nearest to another, seen along the normal.
 
+    Parameters
+    ----------
+    world, shapes, pair, side
+        The shape, which is one side of a pair.
+    frame : ndarray, shape (3, 3)
+        The outward normal, and the two directions of the polygon's plane.
+    depth, bound : float
+        How far below the outermost point others are gathered, and a bounding radius [m].
+    found, vertices : ndarray, shapes (g, 3) and (g,)
+        Receive these points, the outermost one first if it is a hull, and the numbers of its vertices.
+    corners : ndarray, shape (2 g, 2)
+        Receives the corners.
 
-@kernel("i8(f8[:,::1], f8[:,::1], i8, i8, i8[::1], i8[::1], i8, f8[::1], f8, f8[:,::1], i8[::1])")
-def near_vertices(
-    place: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array, start: int, n: Array,
-    depth: float, found: Array, vertices: Array,
-) -> int:  # fmt: skip
-    """Write the vertices of a hull within a depth of the outermost one along n, and their numbers; return how many."""
-    x, y, z = dot(place[0], n), dot(place[1], n), dot(place[2], n)
-    best = outermost(points, begin, end, first, neighbour, x, y, z, start)
-    lowest = points[best, 0] * x + points[best, 1] * y + points[best, 2] * z + dot(place[3], n) - depth
-    vertices[0] = best
-    count, done = _gather(place, n, -np.inf, points[best, 0], points[best, 1], points[best, 2], found, 0), 0
-    if first[begin + 1] == first[begin]:
-        for k in range(begin, end):
-            if k != best and count < len(found):
-                vertices[count] = k
-                count = _gather(place, n, lowest, points[k, 0], points[k, 1], points[k, 2], found, count)
-        return count
-    while done < count:
-        at = vertices[done]
-        done += 1
-        for i in range(first[at], first[at + 1]):
-            k, known = neighbour[i], count == len(found)
-            for j in range(count):
-                known = known or vertices[j] == k
-            if not known:
-                vertices[count] = k
-                count = _gather(place, n, lowest, points[k, 0], points[k, 1], points[k, 2], found, count)
-    return count
-
-
-@kernel("i8(f8[:,::1], f8[::1], f8[::1], f8, f8[:,::1])")
-def near_corners(place: Array, sizes: Array, n: Array, depth: float, found: Array) -> int:
-    """Write the points of a shape that is no hull within a depth of the outermost one along n; return how many.
-
-    Of a box these are corners; of a capsule, ends of a line on its side; of a cylinder, such ends, or points of a rim.
+    Returns
+    -------
+    corners : int
+        How many corners there are.
+    vertices : int
+        How many vertices; 0 if the shape is no hull.
     """
-    x, y, z, ball, disk = dot(place[0], n), dot(place[1], n), dot(place[2], n), sizes[3], sizes[4]
-    across = np.sqrt(x * x + y * y)
-    top = abs(x) * sizes[0] + abs(y) * sizes[1] + abs(z) * sizes[2] + ball + disk * across
-    top += np.sqrt((sizes[5] * x) ** 2 + (sizes[6] * y) ** 2 + (sizes[7] * z) ** 2)
-    lowest, count = top - depth + dot(place[3], n), 0
-    swell = top - abs(x) * sizes[0] - abs(y) * sizes[1] - abs(z) * sizes[2] - ball - disk * across
-    for corner in range(8):
-        i, j, k = corner & 1, corner >> 1 & 1, corner >> 2 & 1
-        # a half edge of zero has one end
-        if (i and sizes[0] == 0.0) or (j and sizes[1] == 0.0) or (k and sizes[2] == 0.0):
-            continue
-        u, v, w = (
-            (2 * i - 1) * sizes[0] + ball * x,
-            (2 * j - 1) * sizes[1] + ball * y,
-            (2 * k - 1) * sizes[2] + ball * z,
-        )
-        if swell > 0.0:
-            u += sizes[5] ** 2 * x / swell
-            v += sizes[6] ** 2 * y / swell
-            w += sizes[7] ** 2 * z / swell
-        if disk == 0.0:
-            count = _gather(place, n, lowest, u, v, w, found, count)
-            continue
-        if across > 0.0:
-            count = _gather(place, n, lowest, u + disk * x / across, v + disk * y / across, w, found, count)
-        for turn in range(_RIM):
-            angle = 2.0 * np.pi * turn / _RIM
-            count = _gather(place, n, lowest, u + disk * np.cos(angle), v + disk * np.sin(angle), w, found, count)
-    return count
-
-
-@kernel("f8(f8[::1], f8[::1], f8)")
-def _leave_ball(point: Array, direction: Array, radius: float) -> float:
-    """Return the distance from a point to where a line along a unit vector leaves a ball about 0 [m]."""
-    along = dot(point, direction)
-    return np.sqrt(max(along * along - dot(point, point) + radius * radius, 0.0)) - along
-
-
-@kernel("f8(f8[:,::1], f8[::1], i8[::1], i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8[::1])")
-def leave(
-    place: Array, sizes: Array, vertices: Array, count: int, first_face: Array, face: Array, planes: Array,
-    point: Array, n: Array,
-) -> float:  # fmt: skip
-    """Return the distance from a point to where the line along n leaves a shape [m].
-
-    Of a hull the faces at the first `count` of `vertices` are looked at; without any the shape is no hull.
-    """
-    x = y = z = 0.0
-    for c in range(3):
-        apart = point[c] - place[3, c]
-        x, y, z = x + place[0, c] * apart, y + place[1, c] * apart, z + place[2, c] * apart
-    u, v, w = dot(place[0], n), dot(place[1], n), dot(place[2], n)
-    length = np.inf
+    flat, s, hull = np.empty((len(found), 2)), shapes.sides[pair, side], 0
+    if shapes.first_point[s + 1] - shapes.first_point[s] > 1:
+        count = hull = near_vertices(world[side], shapes, pair, side, frame[0], depth, found, vertices)
+    else:
+        count = near_corners(world[side], shapes.sizes[s], frame[0], depth, found)
     for i in range(count):
-        for j in range(first_face[vertices[i]], first_face[vertices[i] + 1]):
-            plane = planes[face[j]]
-            slope = plane[0] * u + plane[1] * v + plane[2] * w
-            if slope > FACING:
-                length = min(length, (plane[3] - plane[0] * x - plane[1] * y - plane[2] * z) / slope)
-    if count:
-        return length
-    local, way = np.empty(3), np.empty(3)
-    if sizes[3] > 0.0:
-        # a capsule, seen from the nearest point of its axis
-        local[0], local[1], local[2] = x, y, z - min(max(z, -sizes[2]), sizes[2])
-        way[0], way[1], way[2] = u, v, w
-        return _leave_ball(local, way, sizes[3])
-    if abs(w) > FACING:
-        length = min(length, (sizes[2] - np.sign(w) * z) / abs(w))
-    if sizes[4] > 0.0:
-        across = np.sqrt(u * u + v * v)
-        if across > FACING:
-            local[0], local[1], local[2] = x, y, 0.0
-            way[0], way[1], way[2] = u / across, v / across, 0.0
-            length = min(length, _leave_ball(local, way, sizes[4]) / across)
-        return length
-    if abs(u) > FACING:
-        length = min(length, (sizes[0] - np.sign(u) * x) / abs(u))
-    if abs(v) > FACING:
-        length = min(length, (sizes[1] - np.sign(v) * y) / abs(v))
-    return length
+        flat[i, 0], flat[i, 1] = dot(found[i], frame[1]), dot(found[i], frame[2])
+    return convex_hull(flat, count, bound, corners), hull
 
 
-@kernel("f8(f8[:,::1], f8[::1], i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8[::1])")
-def facing(
-    place: Array, sizes: Array, vertex: int, first_face: Array, face: Array, planes: Array, n: Array, normal: Array
-) -> float:
-    """Write the outward normal, in the world, of the face of a shape that faces n most; return its cosine with n.
+@kernel("i8(f8[:,::1], f8[::1], f8[:,::1], i8, f8, f8)")
+def _few(common: Array, gap: Array, point: Array, count: int, tolerance: float, bound: float) -> int:
+    """Keep few of many corners of a region: of those within the tolerance the ones that `spread_out` chooses."""
+    if count <= FEW_POINTS:
+        return count
+    chosen, near = np.empty(count + 1, np.int64), 0
+    for turn in range(2):
+        if turn == 0:
+            for i in range(count):
+                if gap[i] <= tolerance:
+                    chosen[near] = i
+                    near += 1
+        elif near > FEW_POINTS:
+            near = spread_out(common[:near], gap[:near], BESIDE * bound, chosen)
+        for i in range(near):
+            k = chosen[i]
+            gap[i], common[i, 0], common[i, 1] = gap[k], common[k, 0], common[k, 1]
+            for c in range(3):
+                point[i, c] = point[k, c]
+        if near <= FEW_POINTS:
+            break
+    return near if near > 0 else count
 
-    Of a hull the faces at its outermost vertex along n are looked at; `vertex` is -1 for another shape. A shape without
-    faces returns -1.
+
+@kernel("i8(f8[:,:,::1], Shapes, i8, f8, f8, f8, f8[::1], f8[::1], f8[:,::1])")
+def shared_region(
+    world: Array, shapes: Shapes, pair: int, distance: float, depth: float, bound: float, n: Array, gap: Array,
+    point: Array,
+) -> int:  # fmt: skip
+    """Write the corners of the region that the shapes of a pair share along n, and their gaps; return how many.
+
+    Parameters
+    ----------
+    world : ndarray, shape (2, 4, 3)
+        Where the two shapes are.
+    distance, depth, bound : float
+        Signed distance along n, how far below the nearest points others are gathered, and the bounding radius of the
+        smaller shape [m].
+    n : ndarray, shape (3,)
+        The normal from the first shape to the second.
+    gap, point : ndarray, shapes (2 g,) and (2 g, 3) with g = 2 `MOST_GATHERED`
+        Receive gaps, and points midway between the surfaces; `point[0]` also where the shapes share no region.
     """
-    u, v, w, most = dot(place[0], n), dot(place[1], n), dot(place[2], n), -1.0
-    x = y = z = 0.0
-    if vertex >= 0:
-        for i in range(first_face[vertex], first_face[vertex + 1]):
-            plane = planes[face[i]]
-            along = plane[0] * u + plane[1] * v + plane[2] * w
-            if along > most:
-                most, x, y, z = along, plane[0], plane[1], plane[2]
-    elif sizes[4] > 0.0:
-        most, z = abs(w), 1.0 if w > 0.0 else -1.0
-    elif sizes[0] > 0.0 and sizes[1] > 0.0:
-        most = max(abs(u), abs(v), abs(w))
-        if abs(u) == most:
-            x = 1.0 if u > 0.0 else -1.0
-        elif abs(v) == most:
-            y = 1.0 if v > 0.0 else -1.0
-        else:
-            z = 1.0 if w > 0.0 else -1.0
-    if most > -1.0:
+    frame, middle = np.empty((3, 3)), np.empty(3)
+    within_plane(n, frame[1], frame[2])
+    found, vertices = np.empty((2, MOST_GATHERED, 3)), np.empty((2, MOST_GATHERED), np.int64)
+    hulls, corners, number = np.empty((2, 2 * MOST_GATHERED, 2)), np.empty(2, np.int64), np.empty(2, np.int64)
+    for side in range(2):
         for c in range(3):
-            normal[c] = x * place[0, c] + y * place[1, c] + z * place[2, c]
-    return most
+            frame[0, c] = n[c] if side == 0 else -n[c]
+        corners[side], number[side] = _outline(
+            world, shapes, pair, side, frame, depth, bound, found[side], vertices[side], hulls[side]
+        )
+    # midway between the surfaces
+    height = dot(found[0, 0], n) + 0.5 * distance
+    for c in range(3):
+        point[0, c] = found[0, 0, c] + 0.5 * distance * n[c]
+    common, scratch = np.empty((len(gap), 2)), np.empty((len(gap), 2))
+    count = common_polygon(hulls[0], corners[0], hulls[1], corners[1], bound, common, scratch)
+    kept, a, b = 0, shapes.sides[pair, 0], shapes.sides[pair, 1]
+    for i in range(count):
+        same = False
+        for j in range(kept):
+            same = same or abs(common[j, 0] - common[i, 0]) + abs(common[j, 1] - common[i, 1]) < _SAME_CORNER * bound
+        if same:
+            continue
+        common[kept, 0], common[kept, 1] = common[i, 0], common[i, 1]
+        for c in range(3):
+            middle[c] = common[i, 0] * frame[1, c] + common[i, 1] * frame[2, c] + height * n[c]
+        up = leave(world[0], shapes, a, vertices[0], number[0], middle, n)
+        # the normal outward from the second
+        down = leave(world[1], shapes, b, vertices[1], number[1], middle, frame[0])
+        gap[kept] = -(up + down)
+        for c in range(3):
+            point[kept, c] = middle[c] + 0.5 * (up - down) * n[c]
+        kept += 1
+    return _few(common, gap, point, kept, distance + depth - DEPTH * bound, bound)

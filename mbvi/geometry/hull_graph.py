@@ -89,3 +89,49 @@ def outermost(
             if along > far:
                 best, far, climbs = k, along, True
     return best
+
+
+@kernel("i8(f8[:,::1], i8, i8, i8[::1], i8[::1], f8, f8, f8, i8, f8, i8, i8[::1], b1[::1])")
+def connected(
+    points: Array, begin: int, end: int, first: Array, neighbour: Array, x: float, y: float, z: float, start: int,
+    least: float, most: int, found: Array, taken: Array,
+) -> int:  # fmt: skip
+    """List the points of one shape that reach far enough along a direction, from one of them through neighbours.
+
+    On a hull these are connected. Without a graph every point of the shape is looked at.
+
+    Parameters
+    ----------
+    points, begin, end, first, neighbour, x, y, z
+        As of `outermost`.
+    start : int
+        The point to begin at, which is listed first.
+    least : float
+        The least value of point . (x, y, z) [m].
+    most : int
+        No more neighbours are looked at once so many points are listed.
+    found : ndarray of int, shape (m,)
+        Receives the points; as many as there is room for.
+    taken : ndarray of bool, shape (k,)
+        False for every point, before and after.
+
+    Returns
+    -------
+    int
+        How many are listed.
+    """
+    found[0], count, done, graph = start, 1, 0, first[begin + 1] > first[begin]
+    taken[start] = True
+    while done < count < most and (graph or done == 0):
+        at = found[done]
+        done += 1
+        low, high = (first[at], first[at + 1]) if graph else (begin, end)
+        for i in range(low, high):
+            k = neighbour[i] if graph else i
+            if not taken[k] and points[k, 0] * x + points[k, 1] * y + points[k, 2] * z >= least and count < len(found):
+                taken[k] = True
+                found[count] = k
+                count += 1
+    for i in range(count):
+        taken[found[i]] = False
+    return count

@@ -4,15 +4,15 @@ The separation d(n) of `normal_search` has no derivative at a kink: where n is n
 hull, or along the axis of a disk. Its maximum mostly lies on kinks. The search keeps n on the active kinks, as other
 active-set methods keep a point on active constraints. The multiplier of an active kink says where on the segment, edge
 or disk the nearest point lies; if it is out of bounds, the kink is released. Arguments that kernels here and in
-`refined_distance` share, beside those of `normal_search`:
+`refined_distance` share:
 
+d : Separation
+    The separation of the two shapes.
 kinks, count : ndarray of int, shape (3, 3), and int
     The active kinks, in the first `count` rows: the kind, the number of the segment or shape, and for an edge the
     vertex at its far end.
-sign : ndarray of int, shape (6,)
-    The end of each segment, +1 or -1, that is nearest to the other shape.
-base : ndarray of int, shape (2,)
-    The vertex of each hull that is nearest to the other shape; edges begin there.
+found, basis : ndarray, shapes (6, 3), (3, 3)
+    The vectors that active kinks keep n normal to, and an orthonormal basis of them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .normal_search import PARALLEL, dot, make_normal, normalise, separation_along, span, swell_along
+from .normal_search import PARALLEL, Separation, make_normal, separation_along, span, swell_along
+from .vectors import dot, normalise
 
 # angle within which kinks enter the first active set, and by which n is turned away from a disk that is released [rad]
 NEAR_KINK = 1e-3
@@ -56,47 +57,36 @@ def _rise(points: Array, start: int, end: int, n: Array) -> float:
     return rise / np.sqrt(square) if square > 0.0 else -1.0
 
 
-@kernel("i8(i8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
-def directions(
-    kinks: Array, count: int, edge: Array, swell: Array, first: Array, second: Array, base: Array, found: Array
-) -> int:
-    """Write the vectors that active kinks keep n normal to, shape (6, 3); return how many."""
+@kernel("i8(i8[:,::1], i8, Separation, f8[:,::1])")
+def directions(kinks: Array, count: int, d: Separation, found: Array) -> int:
+    """Write the vectors that active kinks keep n normal to; return how many."""
     n = 0
     for k in range(count):
         kind, who, vertex = kinks[k, 0], kinks[k, 1], kinks[k, 2]
         for c in range(3):
             if kind == SEGMENT:
-                found[n, c] = edge[who, c]
+                found[n, c] = d.edge[who, c]
             elif kind == DISK:
-                found[n, c], found[n + 1, c] = swell[who, 0, c], swell[who, 1, c]
+                found[n, c], found[n + 1, c] = d.swell[who, 0, c], d.swell[who, 1, c]
             elif who == 0:
-                found[n, c] = first[vertex, c] - first[base[0], c]
+                found[n, c] = d.first[vertex, c] - d.first[d.base[0], c]
             else:
-                found[n, c] = second[vertex, c] - second[base[1], c]
+                found[n, c] = d.second[vertex, c] - d.second[d.base[1], c]
         n += 2 if kind == DISK else 1
     return n
 
 
-@kernel("i8(f8[::1], i8[:,::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,::1])")
-def turn_onto(
-    n: Array, kinks: Array, count: int, edge: Array, swell: Array, first: Array, second: Array, base: Array,
-    found: Array, basis: Array,
-) -> int:  # fmt: skip
-    """Turn n onto kinks; return how many independent directions it is normal to there, -1 if it cannot be turned.
-
-    `found`, shape (6, 3), and `basis`, shape (3, 3), receive these directions and an orthonormal basis of them.
-    """
-    m = directions(kinks, count, edge, swell, first, second, base, found)
+@kernel("i8(f8[::1], i8[:,::1], i8, Separation, f8[:,::1], f8[:,::1])")
+def turn_onto(n: Array, kinks: Array, count: int, d: Separation, found: Array, basis: Array) -> int:
+    """Turn n onto kinks; return how many independent directions it is normal to there, -1 if it cannot be turned."""
+    m = directions(kinks, count, d, found)
     if span(found, m, basis) < m or m > 2 or not make_normal(n, basis, m):
         return -1
     return m
 
 
-@kernel("b1(f8[::1], f8, b1, i8[::1], i8[:,::1], i8, f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
-def next_kink(
-    n: Array, within: float, disks: bool, kink: Array, kinks: Array, count: int, edge: Array, sign: Array,
-    swell: Array, first: Array, second: Array, base: Array,
-) -> bool:  # fmt: skip
+@kernel("b1(f8[::1], f8, b1, i8[::1], i8[:,::1], i8, Separation)")
+def next_kink(n: Array, within: float, disks: bool, kink: Array, kinks: Array, count: int, d: Separation) -> bool:
     """Write an inactive kink; return whether there is one.
 
     It is the one that n has crossed farthest, by more than -`within` [rad]. If n has crossed none and `within` is
@@ -104,43 +94,43 @@ def next_kink(
     """
     best, found = within, False
     for k in range(6):
-        length = np.sqrt(dot(edge[k], edge[k]))
+        length = np.sqrt(dot(d.edge[k], d.edge[k]))
         if length > 0.0 and not has(kinks, count, SEGMENT, k, 0):
-            angle = sign[k] * dot(edge[k], n) / length
+            angle = d.sign[k] * dot(d.edge[k], n) / length
             if angle < best:
                 best, found = angle, True
                 kink[0], kink[1], kink[2] = SEGMENT, k, 0
     for who in range(2):
-        points = first if who == 0 else second
+        points, base = d.first if who == 0 else d.second, d.base[who]
         for v in range(len(points)):
-            if v != base[who] and not has(kinks, count, EDGE, who, v):
-                angle = -_rise(points, base[who], v, n)
+            if v != base and not has(kinks, count, EDGE, who, v):
+                angle = -_rise(points, base, v, n)
                 if angle < best:
                     best, found = angle, True
                     kink[0], kink[1], kink[2] = EDGE, who, v
-        if disks and is_disk(swell[who]):
-            angle = swell_along(swell[who], n) / np.sqrt(dot(swell[who, 0], swell[who, 0]))
+        if disks and is_disk(d.swell[who]):
+            angle = swell_along(d.swell[who], n) / np.sqrt(dot(d.swell[who, 0], d.swell[who, 0]))
             if angle < best:
                 best, found = angle, True
                 kink[0], kink[1], kink[2] = DISK, who, 0
     return found
 
 
-@kernel("i8(f8[::1], i8, f8[:,::1], f8[:,:,::1], f8[:,::1], i8, f8[:,::1])")
-def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Array, base: int, basis: Array) -> int:
+@kernel("i8(f8[::1], i8, Separation, f8[:,::1])")
+def _flat_directions(n: Array, who: int, d: Separation, basis: Array) -> int:
     """Write an orthonormal basis of the straight directions of one shape that n is normal to; return its size."""
-    found, m = np.empty((8, 3)), 0
+    found, m, points, base = np.empty((8, 3)), 0, d.first if who == 0 else d.second, d.base[who]
     for k in range(3 * who, 3 * who + 3):
-        length = np.sqrt(dot(edge[k], edge[k]))
-        if length > 0.0 and abs(dot(edge[k], n)) <= PARALLEL * length:
+        length = np.sqrt(dot(d.edge[k], d.edge[k]))
+        if length > 0.0 and abs(dot(d.edge[k], n)) <= PARALLEL * length:
             for c in range(3):
-                found[m, c] = edge[k, c]
+                found[m, c] = d.edge[k, c]
             m += 1
-    if is_disk(swell[who]):
-        radius = np.sqrt(dot(swell[who, 0], swell[who, 0]))
-        if swell_along(swell[who], n) <= PARALLEL * radius:
+    if is_disk(d.swell[who]):
+        radius = np.sqrt(dot(d.swell[who, 0], d.swell[who, 0]))
+        if swell_along(d.swell[who], n) <= PARALLEL * radius:
             for c in range(3):
-                found[m, c], found[m + 1, c] = swell[who, 0, c], swell[who, 1, c]
+                found[m, c], found[m + 1, c] = d.swell[who, 0, c], d.swell[who, 1, c]
             m += 2
     for v in range(len(points)):
         # a few edges tell the plane of a face
@@ -151,17 +141,15 @@ def _flat_directions(n: Array, who: int, edge: Array, swell: Array, points: Arra
     return span(found, m, basis)
 
 
-@kernel("i8(f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[::1])")
-def common_directions(
-    n: Array, edge: Array, swell: Array, first: Array, second: Array, base: Array, common: Array
-) -> int:
+@kernel("i8(f8[::1], Separation, f8[::1])")
+def common_directions(n: Array, d: Separation, common: Array) -> int:
     """Return the number of independent directions along which both shapes are straight at n.
 
     If it is not zero, the nearest points are not unique. A single direction is written to `common`, shape (3,).
     """
     one, other, both, basis = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 3)), np.empty((3, 3))
-    a = _flat_directions(n, 0, edge, swell, first, base[0], one)
-    b = _flat_directions(n, 1, edge, swell, second, base[1], other) if a else 0
+    a = _flat_directions(n, 0, d, one)
+    b = _flat_directions(n, 1, d, other) if a else 0
     if a == 0 or b == 0:
         return 0
     for c in range(3):
@@ -206,14 +194,8 @@ def clear_common(slope: Array, common: Array, found: Array, kinks: Array, count:
     return 0
 
 
-@kernel(
-    "i8(f8[::1], f8[::1], i8[::1], i8[:,::1], i8, f8[::1], f8, f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1],"
-    " i8[::1])"
-)
-def add(
-    n: Array, scratch: Array, kink: Array, kinks: Array, count: int, between: Array, ball: float, edge: Array,
-    sign: Array, swell: Array, first: Array, second: Array, base: Array,
-) -> int:  # fmt: skip
+@kernel("i8(f8[::1], f8[::1], i8[::1], i8[:,::1], i8, Separation)")
+def add(n: Array, scratch: Array, kink: Array, kinks: Array, count: int, d: Separation) -> int:
     """Add a kink to the active ones; return their number, or -1 if that is impossible.
 
     If n cannot lie on all of them, another is released: the one without which d is largest.
@@ -221,7 +203,7 @@ def add(
     found, basis, trial = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3), np.int64)
     for c in range(3):
         kinks[count, c], scratch[c] = kink[c], n[c]
-    if turn_onto(scratch, kinks, count + 1, edge, swell, first, second, base, found, basis) >= 0:
+    if turn_onto(scratch, kinks, count + 1, d, found, basis) >= 0:
         return count + 1
     best, chosen = -np.inf, -1
     for out in range(count):
@@ -233,26 +215,24 @@ def add(
                 size += 1
         for c in range(3):
             scratch[c] = n[c]
-        if turn_onto(scratch, trial, size, edge, swell, first, second, base, found, basis) < 0:
+        if turn_onto(scratch, trial, size, d, found, basis) < 0:
             continue
-        apart = separation_along(scratch, between, ball, edge, swell, first, second)
+        apart = separation_along(scratch, d)
         if apart > best:
             best, chosen = apart, out
     if chosen < 0:
         return -1
     if kinks[chosen, 0] == SEGMENT:
         k = kinks[chosen, 1]
-        sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
+        d.sign[k] = 1 if dot(d.edge[k], n) >= 0.0 else -1
     for i in range(chosen, count):
         for c in range(3):
             kinks[i, c] = kinks[i + 1, c]
     return count
 
 
-@kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, i8[::1], i8[::1], b1[::1])")
-def release(
-    n: Array, t: Array, found: Array, kinks: Array, count: int, sign: Array, base: Array, left: Array
-) -> int:  # fmt: skip
+@kernel("i8(f8[::1], f8[::1], f8[:,::1], i8[:,::1], i8, Separation, b1[::1])")
+def release(n: Array, t: Array, found: Array, kinks: Array, count: int, d: Separation, left: Array) -> int:
     """Release the active kink whose multiplier is farthest out of its bounds, if any; return how many stay active.
 
     When a disk is released, n is turned off its axis, and the disk is marked in `left`, shape (2,) of bool.
@@ -272,11 +252,11 @@ def release(
         # the nearest point is beyond where the edges begin: they begin at the end of one of them
         if kinks[i, 0] == EDGE and sums[kinks[i, 1]] - 1.0 > worst:
             worst, out = sums[kinks[i, 1]] - 1.0, i
-            base[kinks[i, 1]] = kinks[i, 2]
+            d.base[kinks[i, 1]] = kinks[i, 2]
     if out < 0:
         return count
     if kinks[out, 0] == SEGMENT:
-        sign[kinks[out, 1]] = 1 if t[out] > 0.0 else -1
+        d.sign[kinks[out, 1]] = 1 if t[out] > 0.0 else -1
     elif kinks[out, 0] == DISK:
         left[kinks[out, 1]] = True
         towards = np.sqrt((t[0] ** 2 + t[1] ** 2) * dot(found[0], found[0]))

@@ -1,25 +1,19 @@
 """The separation d(n) = -h_1(n) - h_2(-n) of two convex shapes along a unit vector n, and its maximum on smooth parts.
 
 h is the support function: the largest x . n of all points x of a shape. A shape is a Minkowski sum of segments, a disk
-or an ellipsoid (here called a swell), a ball, and a hull of points (`separating_axis._Support`). Arguments that the
-kernels here and in `refined_distance` share:
-
-n : ndarray, shape (3,)
-    A unit vector, from the first shape to the second.
-edge : ndarray, shape (6, 3)
-    Halves of the segments of both shapes, three each, as vectors [m]; zero where there is none.
-swell : ndarray, shape (2, 3, 3)
-    Half axes of the ellipsoid or disk of each shape as vectors [m]; the third of a disk is zero.
-first, second : ndarray, shapes (k, 3)
-    Points of the first shape about its origin, and those of the second times -1 [m].
+or an ellipsoid (here called a swell), a ball, and a hull of points (`separating_axis._support`). `n`, shape (3,), is a
+unit vector from the first shape to the second.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..arguments import Array
-from ..compiled import kernel
+from ..compiled import kernel, record
+from .vectors import cross, dot, normalise, within_plane
 
 # directions with a smaller angle between them count as parallel [rad]
 PARALLEL = 1e-9
@@ -29,26 +23,36 @@ _MOST_STEPS, _LONGEST = 40, 0.3
 _LAST_STEP, _SMALL_STEP = 1e-9, 1e-7
 
 
-@kernel("f8(f8[::1], f8[::1])")
-def dot(a: Array, b: Array) -> float:
-    """Return the scalar product of two vectors, shape (3,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+@record("f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, i8[::1], i8[::1]")
+class Separation(NamedTuple):
+    """The separation of two shapes, and the part of it that is smooth about some n.
 
+    Attributes
+    ----------
+    edge : ndarray, shape (6, 3)
+        Halves of the segments of both shapes, three each, as vectors [m]; zero where there is none.
+    swell : ndarray, shape (2, 3, 3)
+        Half axes of the ellipsoid or disk of each shape as vectors [m]; the third of a disk is zero.
+    first, second : ndarray, shapes (k, 3)
+        Points of the first shape about its origin, and those of the second times -1 [m].
+    between : ndarray, shape (3,)
+        The vector between the origins [m].
+    ball : float
+        The sum of the radii of the balls [m].
+    sign : ndarray of int, shape (6,)
+        The end of each segment, +1 or -1, that is nearest to the other shape.
+    base : ndarray of int, shape (2,)
+        The point of each hull that is nearest to the other shape; edges begin there.
+    """
 
-@kernel("void(f8[::1], f8[::1], f8[::1])")
-def cross(a: Array, b: Array, c: Array) -> None:
-    """Write the cross product of two vectors into a third."""
-    for i in range(3):
-        c[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]
-
-
-@kernel("f8(f8[::1])")
-def normalise(a: Array) -> float:
-    """Divide a vector by its length; return the length."""
-    length = np.sqrt(dot(a, a))
-    for i in range(3):
-        a[i] /= length
-    return length
+    edge: Array
+    swell: Array
+    first: Array
+    second: Array
+    between: Array
+    ball: float
+    sign: Array
+    base: Array
 
 
 @kernel("f8(f8[:,::1], f8[::1])")
@@ -57,24 +61,25 @@ def swell_along(axes: Array, n: Array) -> float:
     return np.sqrt(dot(axes[0], n) ** 2 + dot(axes[1], n) ** 2 + dot(axes[2], n) ** 2)
 
 
-@kernel("f8(f8[:,::1], f8[::1])")
-def farthest(points: Array, n: Array) -> float:
-    """Return the support function of points, shape (k, 3), along n [m]."""
-    far = dot(points[0], n)
+@kernel("i8(f8[:,::1], f8[::1])")
+def farthest(points: Array, n: Array) -> int:
+    """Return which of some points, shape (k, 3), is farthest along n."""
+    best, far = 0, dot(points[0], n)
     for k in range(1, len(points)):
-        far = max(far, dot(points[k], n))
-    return far
+        along = dot(points[k], n)
+        if along > far:
+            best, far = k, along
+    return best
 
 
-@kernel("f8(f8[::1], f8[::1], f8, f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1])")
-def separation_along(
-    n: Array, between: Array, ball: float, edge: Array, swell: Array, first: Array, second: Array
-) -> float:
-    """Return d(n) [m], given the vector between the origins, shape (3,), and the sum of the radii of the balls."""
-    far = farthest(first, n) + farthest(second, n) + swell_along(swell[0], n) + swell_along(swell[1], n)
+@kernel("f8(f8[::1], Separation)")
+def separation_along(n: Array, d: Separation) -> float:
+    """Return d(n) [m]."""
+    far = dot(d.first[farthest(d.first, n)], n) + dot(d.second[farthest(d.second, n)], n)
+    far += swell_along(d.swell[0], n) + swell_along(d.swell[1], n)
     for k in range(6):
-        far += abs(dot(edge[k], n))
-    return dot(between, n) - ball - far
+        far += abs(dot(d.edge[k], n))
+    return dot(d.between, n) - d.ball - far
 
 
 @kernel("i8(f8[:,::1], i8, f8[:,::1])")
@@ -141,16 +146,10 @@ def _tangents(n: Array, basis: Array, rank: int, t: Array) -> None:
     """Write two unit vectors normal to n and to each other; if `rank` is 1, the first is also normal to the basis."""
     if rank == 1:
         cross(basis[0], n, t[0])
+        normalise(t[0])
+        cross(n, t[0], t[1])
     else:
-        least = 0
-        for c in range(1, 3):
-            if abs(n[c]) < abs(n[least]):
-                least = c
-        for c in range(3):
-            t[0, c] = -n[least] * n[c]
-        t[0, least] += 1.0
-    normalise(t[0])
-    cross(n, t[0], t[1])
+        within_plane(n, t[0], t[1])
 
 
 @kernel("b1(f8[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8)")

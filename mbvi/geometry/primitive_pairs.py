@@ -115,9 +115,7 @@ class PrimitivePairs:
     shapes : sequence of PlacedShape
         The shapes.
     tables : Shapes
-        Their arrays.
-    sides : ndarray of int, shape (n, 2)
-        The two shapes of each pair.
+        The arrays of these shapes and their pairs.
 
     Attributes
     ----------
@@ -127,9 +125,9 @@ class PrimitivePairs:
         Which pairs have a continuous gradient: sphere and sphere, sphere and capsule.
     """
 
-    def __init__(self, shapes: Sequence[PlacedShape], tables: Shapes, sides: Array) -> None:
+    def __init__(self, shapes: Sequence[PlacedShape], tables: Shapes) -> None:
         self._frame, self._fixed, self._sizes = tables[:3]
-        self._sides = sides
+        self._sides = sides = tables.sides
         self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
         self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
         self.smooth &= np.array([isinstance(s.shape, Sphere | Capsule) for s in shapes])[sides].all(axis=1)

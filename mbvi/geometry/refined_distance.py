@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
-from .hull_graph import outermost
+from .hull_graph import connected, outermost
 from .kinks import (
     DISK,
     NEAR_KINK,
@@ -28,16 +28,18 @@ from .kinks import (
     release,
     turn_onto,
 )
-from .normal_search import climb, dot, gradient, normalise, separation_along
-from .separating_axis import SeparatingAxes, pair_separation, place_shape
+from .normal_search import Separation, climb, gradient, separation_along
+from .separating_axis import SeparatingAxes, Shapes, place_pair
+from .vectors import dot, normalise
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
 _MOST_SETS, _MOST_TRIED = 40, 8
 # cosine of the angle by which the first set may turn the normal
 _ABOUT = 1.0 - 1e-4
-# vertices of a large hull among which a maximum is looked for, and how often others are taken
-_GATHERED, _MOST_GATHERS = 40, 6
-# normals are rounded to multiples of one over this, to begin the search once more
+# vertices of a large hull among which a maximum is looked for
+_GATHERED = 40
+# searches one after the other, and normals are rounded between them to multiples of one over the second
+_MOST_SEARCHES = 6
 _ROUNDED = 2.0**20
 # results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
@@ -45,85 +47,67 @@ FAILED, UNIQUE, FLAT = 0, 1, 2
 COAL = 3
 
 
-@kernel("i8(f8[:,::1], i8, i8, i8[::1], i8[::1], f8[:,::1], f8[::1], f8, i8, i8[::1])")
-def _around(
-    points: Array, begin: int, end: int, first: Array, neighbour: Array, place: Array, n: Array, sign: float,
-    start: int, vertices: Array,
-) -> int:  # fmt: skip
-    """List the points about the outermost one of a shape along n, times a sign; return how many.
+@kernel("f8[:,::1](f8[:,:,::1], Shapes, i8, i8, f8[::1])")
+def _points_about(world: Array, shapes: Shapes, pair: int, side: int, n: Array) -> Array:
+    """Return points of one shape of a pair about its origin, shape (k, 3), those of the second times -1.
 
-    These are all points of a shape without a graph, else neighbours of neighbours until there are enough.
+    These are the points about the outermost one along n, which is the first. Of small shapes they are all.
     """
-    if first[begin + 1] == first[begin]:
-        for k in range(begin, end):
-            vertices[k - begin] = k
-        return end - begin
+    s, sign, place = shapes.sides[pair, side], 1.0 - 2.0 * side, world[side]
     x, y, z = sign * dot(place[0], n), sign * dot(place[1], n), sign * dot(place[2], n)
-    vertices[0], count, done = outermost(points, begin, end, first, neighbour, x, y, z, start), 1, 0
-    while done < count < _GATHERED:
-        at = vertices[done]
-        done += 1
-        for i in range(first[at], first[at + 1]):
-            k, known = neighbour[i], count == len(vertices)
-            for j in range(count):
-                known = known or vertices[j] == k
-            if not known:
-                vertices[count] = k
-                count += 1
-    return count
+    begin, end = shapes.first_point[s], shapes.first_point[s + 1]
+    listed = np.empty(end - begin, np.int64)
+    best = outermost(shapes.points, begin, end, shapes.first, shapes.neighbour, x, y, z, shapes.start[pair, side])
+    count = connected(
+        shapes.points, begin, end, shapes.first, shapes.neighbour, x, y, z, best, -np.inf, _GATHERED, listed,
+        shapes.taken,
+    )  # fmt: skip
+    found = np.empty((count, 3))
+    for k in range(count):
+        p = shapes.points[listed[k]]
+        for c in range(3):
+            found[k, c] = sign * (p[0] * place[0, c] + p[1] * place[1, c] + p[2] * place[2, c])
+    return found
 
 
-@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1])")
-def _describe(
-    world: Array, who: int, sizes: Array, points: Array, vertices: Array, edge: Array, swell: Array, turned: Array
-) -> None:
-    """Write the segments and half axes of one shape of two, and its points, which for the second change sign.
+@kernel("void(Separation, f8[::1])")
+def _turn_segments(d: Separation, n: Array) -> None:
+    """Write the ends of segments that are nearest along n."""
+    for k in range(6):
+        d.sign[k] = 1 if dot(d.edge[k], n) >= 0.0 else -1
 
-    Parameters
-    ----------
-    world, who : ndarray, shape (2, 4, 3), and int
-        Where the two shapes are, and which of them it is.
-    sizes : ndarray, shape (8,)
-        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid [m].
-    points, vertices : ndarray, shapes (k, 3) and (p,)
-        The points of all shapes, and those that are meant.
-    edge, swell, turned : ndarray, shapes (6, 3), (2, 3, 3), (p, 3)
-        Receive the segments and half axes in the places of the shape, and its points.
-    """
-    place, side = world[who], 1.0 if who == 0 else -1.0
-    for c in range(3):
+
+@kernel("Separation(f8[:,:,::1], Shapes, i8, f8[::1])")
+def separation_of(world: Array, shapes: Shapes, pair: int, n: Array) -> Separation:
+    """Return the separation of a pair of shapes at given places, shape (2, 4, 3), about a unit vector n."""
+    edge, swell, between, ball = np.empty((6, 3)), np.empty((2, 3, 3)), np.empty(3), 0.0
+    for who in range(2):
+        place, sizes = world[who], shapes.sizes[shapes.sides[pair, who]]
+        ball += sizes[3]
         for k in range(3):
-            edge[3 * who + k, c] = sizes[k] * place[k, c]
-            swell[who, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
-        for k in range(len(turned)):
-            p = points[vertices[k]]
-            turned[k, c] = side * (p[0] * place[0, c] + p[1] * place[1, c] + p[2] * place[2, c])
+            for c in range(3):
+                edge[3 * who + k, c] = sizes[k] * place[k, c]
+                swell[who, k, c] = (sizes[5 + k] + (sizes[4] if k < 2 else 0.0)) * place[k, c]
+    for c in range(3):
+        between[c] = world[1, 3, c] - world[0, 3, c]
+    first, second = _points_about(world, shapes, pair, 0, n), _points_about(world, shapes, pair, 1, n)
+    d = Separation(edge, swell, first, second, between, ball, np.empty(6, np.int64), np.empty(2, np.int64))
+    d.base[0] = d.base[1] = 0
+    _turn_segments(d, n)
+    return d
 
 
-@kernel("i8(f8[:,::1], f8[::1])")
-def _outermost(points: Array, n: Array) -> int:
-    """Return the index of the point, of shape (k, 3), that is farthest along n."""
-    best = 0
-    for k in range(1, len(points)):
-        if dot(points[k], n) > dot(points[best], n):
-            best = k
-    return best
-
-
-@kernel(
-    "void(f8[:,::1], f8[::1], f8[::1], f8, i8[:,::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], f8[::1],"
-    " f8[::1])"
-)
+@kernel("void(f8[::1], f8, f8[::1], f8, i8[:,::1], i8, f8[::1], f8[:,::1], Separation, f8[:,::1], f8[::1])")
 def _midpoint(
-    place: Array, sizes: Array, n: Array, apart: float, kinks: Array, count: int, t: Array, found: Array, edge: Array,
-    sign: Array, at: Array, vertex: Array, nearest: Array,
+    origin: Array, radius: float, n: Array, apart: float, kinks: Array, count: int, t: Array, found: Array,
+    d: Separation, at: Array, nearest: Array,
 ) -> None:  # fmt: skip
     """Write the point midway between the surfaces: the first shape's nearest point, moved half the distance along n."""
     for c in range(3):
-        nearest[c] = place[3, c] + vertex[c] + at[0, c] + (sizes[3] + 0.5 * apart) * n[c]
+        nearest[c] = origin[c] + d.first[d.base[0], c] + at[0, c] + (radius + 0.5 * apart) * n[c]
         for k in range(3):
             if not has(kinks, count, SEGMENT, k, 0):
-                nearest[c] += sign[k] * edge[k, c]
+                nearest[c] += d.sign[k] * d.edge[k, c]
     m = 0
     for i in range(count):
         kind, who = kinks[i, 0], kinks[i, 1]
@@ -134,19 +118,17 @@ def _midpoint(
             m += 1
 
 
-@kernel("i8(f8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1])")
-def _first_set(
-    n: Array, kinks: Array, edge: Array, sign: Array, swell: Array, first: Array, second: Array, base: Array
-) -> int:
+@kernel("i8(f8[::1], i8[:,::1], Separation)")
+def _first_set(n: Array, kinks: Array, d: Separation) -> int:
     """Write the kinks near n that fit together and leave it about where it is; return how many."""
     tried, kink, near, count = np.empty((_MOST_TRIED, 3), np.int64), np.empty(3, np.int64), np.empty(3), 0
     found, basis = np.empty((6, 3)), np.empty((3, 3))
     for turn in range(_MOST_TRIED):
-        if not next_kink(n, NEAR_KINK, count == 0, kink, tried, turn, edge, sign, swell, first, second, base):
+        if not next_kink(n, NEAR_KINK, count == 0, kink, tried, turn, d):
             break
         for c in range(3):
             tried[turn, c], kinks[count, c], near[c] = kink[c], kink[c], n[c]
-        m = turn_onto(near, kinks, count + 1, edge, swell, first, second, base, found, basis)
+        m = turn_onto(near, kinks, count + 1, d, found, basis)
         if m >= 0 and dot(near, n) > _ABOUT:
             count += 1
             if m == 2:
@@ -154,120 +136,119 @@ def _first_set(
     return count
 
 
-@kernel("Tuple((i8, f8))(f8[:,:,::1], f8[::1], f8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1])")
-def _maximise(
-    world: Array, one: Array, other: Array, points: Array, near_first: Array, near_second: Array, n: Array,
-    nearest: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """Find a local maximum of d(n) of two shapes; see `refine_pair`.
-
-    `one` and `other` are the sizes of the two shapes, and `near_first`, `near_second` those of their points that are
-    looked at.
-    """
-    edge, swell, used, between = np.empty((6, 3)), np.empty((2, 3, 3)), np.empty((2, 3, 3)), np.empty(3)
-    first, second = np.empty((len(near_first), 3)), np.empty((len(near_second), 3))
-    _describe(world, 0, one, points, near_first, edge, swell, first)
-    _describe(world, 1, other, points, near_second, edge, swell, second)
-    ball, base, sign = one[3] + other[3], np.empty(2, np.int64), np.empty(6, np.int64)
-    base[0], base[1] = _outermost(first, n), _outermost(second, n)
-    size = 0.0
+@kernel("void(Separation, i8[:,::1], i8, f8[:,:,::1], f8[::1])")
+def _smooth_part(d: Separation, kinks: Array, count: int, swell: Array, pull: Array) -> None:
+    """Write the half axes and the linear part of d on the active kinks, shapes (2, 3, 3) and (3,); see `climb`."""
+    for who in range(2):
+        flattened = count > 0 and kinks[0, 0] == DISK and kinks[0, 1] == who
+        for k in range(3):
+            for c in range(3):
+                swell[who, k, c] = 0.0 if flattened else d.swell[who, k, c]
     for c in range(3):
-        between[c] = world[1, 3, c] - world[0, 3, c]
-        size += abs(between[c])
+        pull[c] = d.between[c] - d.first[d.base[0], c] - d.second[d.base[1], c]
     for k in range(6):
-        sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
-    given = separation_along(n, between, ball, edge, swell, first, second)
-    kinks, kink, count = np.empty((3, 3), np.int64), np.empty(3, np.int64), 0
-    found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.empty(2, np.bool_)
-    count = _first_set(n, kinks, edge, sign, swell, first, second, base)
-    start, pull, slope, at, t = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.empty(2)
+        if not has(kinks, count, SEGMENT, k, 0):
+            for c in range(3):
+                pull[c] -= d.sign[k] * d.edge[k, c]
+
+
+@kernel("i8(Separation, i8[:,::1], b1[::1], f8[::1])")
+def _onto_disk(d: Separation, kinks: Array, left: Array, n: Array) -> int:
+    """Put n on the axis of a disk, where d has no gradient; return the number of active kinks, -1 without a disk."""
+    who = 0 if is_disk(d.swell[0]) and not left[0] else 1
+    if left[who] or not is_disk(d.swell[who]):
+        return -1
+    left[who] = True
+    kinks[0, 0], kinks[0, 1], kinks[0, 2] = DISK, who, 0
+    _turn_segments(d, n)
+    return 1
+
+
+@kernel("i8(f8[::1], f8[::1], f8[:,::1], i8, i8[:,::1], i8, Separation, b1[::1], f8[::1])")
+def _released(
+    n: Array, slope: Array, found: Array, m: int, kinks: Array, count: int, d: Separation, left: Array, t: Array
+) -> int:
+    """Release a kink at a maximum on the active ones, if n is no maximum of d; return how many stay active.
+
+    -1 stands for a maximum whose nearest points are not unique. `m` is the number of vectors in `found`.
+    """
     common = np.empty(3)
+    flat = common_directions(n, d, common) if m > 0 else 0
+    if flat == 0:
+        multipliers(slope, found, m, t)
+        return release(n, t, found, kinks, count, d, left)
+    remain = count
+    if flat == 1 and clear_common(slope, common, found, kinks, count, t):
+        # n may still turn about the common direction
+        remain = release(n, t, found, kinks, count, d, left)
+    return remain if remain < count else -1
+
+
+@kernel("Tuple((i8, f8))(f8[::1], f8, Separation, f8[::1], f8[::1])")
+def _maximise(origin: Array, radius: float, d: Separation, n: Array, nearest: Array) -> tuple[int, float]:
+    """Find a local maximum of d; see `refine_pair`.
+
+    `origin`, shape (3,), and `radius` are those of the first shape and of its ball.
+    """
+    given, size = separation_along(n, d), abs(d.between[0]) + abs(d.between[1]) + abs(d.between[2])
+    kinks, kink = np.empty((3, 3), np.int64), np.empty(3, np.int64)
+    found, basis, left = np.empty((6, 3)), np.empty((3, 3)), np.empty(2, np.bool_)
+    swell, pull, slope, at, t = np.empty((2, 3, 3)), np.empty(3), np.empty(3), np.empty((2, 3)), np.empty(2)
+    start, count = np.empty(3), _first_set(n, kinks, d)
     for i in range(2):
         left[i], t[i] = False, 0.0
     for _ in range(_MOST_SETS):
-        m = turn_onto(n, kinks, count, edge, swell, first, second, base, found, basis)
+        m = turn_onto(n, kinks, count, d, found, basis)
         if m < 0:
-            return FAILED, 0.0
-        for who in range(2):
-            flattened = count > 0 and kinks[0, 0] == DISK and kinks[0, 1] == who
-            for k in range(3):
-                for c in range(3):
-                    used[who, k, c] = 0.0 if flattened else swell[who, k, c]
-        for c in range(3):
-            pull[c] = between[c] - first[base[0], c] - second[base[1], c]
-        for k in range(6):
-            if not has(kinks, count, SEGMENT, k, 0):
-                for c in range(3):
-                    pull[c] -= sign[k] * edge[k, c]
+            break
+        _smooth_part(d, kinks, count, swell, pull)
         for c in range(3):
             start[c] = n[c]
-        if m < 2 and not climb(n, pull, used, basis, m):
-            # along the axis of a disk there is no gradient
-            who = 0 if is_disk(swell[0]) and not left[0] else 1
-            if left[who] or not is_disk(swell[who]):
-                return FAILED, 0.0
-            left[who], count = True, 1
-            kinks[0, 0], kinks[0, 1], kinks[0, 2] = DISK, who, 0
-            for k in range(6):
-                sign[k] = 1 if dot(edge[k], n) >= 0.0 else -1
+        if m < 2 and not climb(n, pull, swell, basis, m):
+            count = _onto_disk(d, kinks, left, n)
+            if count < 0:
+                break
             continue
-        if next_kink(n, -ROUNDING, False, kink, kinks, count, edge, sign, swell, first, second, base):
+        if next_kink(n, -ROUNDING, False, kink, kinks, count, d):
             # beyond the kink there is another slope: back to it unless that is higher
-            apart = separation_along(n, between, ball, edge, swell, first, second)
-            if apart < separation_along(start, between, ball, edge, swell, first, second):
+            if separation_along(n, d) < separation_along(start, d):
                 for c in range(3):
                     n[c] = start[c]
-            count = add(n, slope, kink, kinks, count, between, ball, edge, sign, swell, first, second, base)
+            count = add(n, slope, kink, kinks, count, d)
             if count < 0:
-                return FAILED, 0.0
+                break
             continue
-        apart = separation_along(n, between, ball, edge, swell, first, second)
-        gradient(n, used, pull, at, slope)
+        apart = separation_along(n, d)
+        gradient(n, swell, pull, at, slope)
         along = dot(slope, n)
         for c in range(3):
             slope[c] -= along * n[c]
-        flat = common_directions(n, edge, swell, first, second, base, common) if m > 0 else 0
-        if flat > 0:
-            remain = count
-            if flat == 1 and clear_common(slope, common, found, kinks, count, t):
-                # n may still turn about the common direction
-                remain = release(n, t, found, kinks, count, sign, base, left)
+        remain = _released(n, slope, found, m, kinks, count, d, left, t)
+        if remain < 0 or remain == count:
             if remain == count:
-                return (FLAT if apart >= given - ROUNDING * size else FAILED), apart
-            count = remain
-            continue
-        multipliers(slope, found, m, t)
-        remain = release(n, t, found, kinks, count, sign, base, left)
-        if remain < count:
-            count = remain
-            continue
-        _midpoint(world[0], one, n, apart, kinks, count, t, found, edge, sign, at, first[base[0]], nearest)
-        # written so that a NaN is refused too
-        return (UNIQUE if apart >= given - ROUNDING * size else FAILED), apart
+                _midpoint(origin, radius, n, apart, kinks, count, t, found, d, at, nearest)
+            result = FLAT if remain < 0 else UNIQUE
+            # written so that a NaN is refused too
+            return (result if apart >= given - ROUNDING * size else FAILED), apart
+        count = remain
     return FAILED, 0.0
 
 
-@kernel(
-    "Tuple((i8, f8))(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8, f8[::1],"
-    " f8[::1])"
-)
-def refine_pair(
-    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, sides: Array,
-    start: Array, pair: int, n: Array, nearest: Array,
-) -> tuple[int, float]:  # fmt: skip
+@kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8[::1])")
+def refine_pair(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Array) -> tuple[int, float]:
     """Find a local maximum of d(n) of the two shapes of a pair.
 
-    Of large hulls only some vertices about the outermost one are looked at. If none of the others reaches farther along
-    the n of the maximum, it is that of the whole hulls too.
+    Of large hulls only some vertices about the outermost one are looked at. The search is repeated from its result,
+    with the vertices about that one, until the result stays the same.
 
     Parameters
     ----------
     world : ndarray, shape (2, 4, 3)
         Where the two shapes are.
-    sizes, points, first_point, first, neighbour
-        As of `Shapes`.
-    sides, start, pair : ndarray of int, shapes (n, 2), and int
-        The shapes of each pair, the points at which climbs begin, and which pair is meant.
+    shapes : Shapes
+        The shapes and pairs.
+    pair : int
+        The pair.
     n : ndarray, shape (3,)
         The approximate unit normal from the first shape to the second; receives that of the maximum.
     nearest : ndarray, shape (3,)
@@ -280,39 +261,24 @@ def refine_pair(
     distance : float
         d(n) [m].
     """
-    a, b, size = sides[pair, 0], sides[pair, 1], 0.0
-    for c in range(3):
-        size += abs(world[1, 3, c] - world[0, 3, c])
-    of_first = np.empty(max(first_point[a + 1] - first_point[a], 1), np.int64)
-    of_second = np.empty(max(first_point[b + 1] - first_point[b], 1), np.int64)
-    whole = first[first_point[a] + 1] == first[first_point[a]] and first[first_point[b] + 1] == first[first_point[b]]
-    rounded = np.empty(3)
+    rounded, radius = np.empty(3), shapes.sizes[shapes.sides[pair, 0], 3]
     rounded[0] = np.nan
-    for _ in range(_MOST_GATHERS):
-        m = _around(
-            points, first_point[a], first_point[a + 1], first, neighbour, world[0], n, 1.0, start[pair, 0], of_first
-        )
-        k = _around(
-            points, first_point[b], first_point[b + 1], first, neighbour, world[1], n, -1.0, start[pair, 1], of_second
-        )
-        found, apart = _maximise(world, sizes[a], sizes[b], points, of_first[:m], of_second[:k], n, nearest)
+    for _ in range(_MOST_SEARCHES):
+        d = separation_of(world, shapes, pair, n)
+        found, apart = _maximise(world[0, 3], radius, d, n, nearest)
         if found == FAILED:
-            return FAILED, 0.0
-        full = apart
-        if not whole:
-            full = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
-        if full >= apart - ROUNDING * (size + abs(apart)):
-            # the search is repeated from its result, rounded: the last digits then do not depend on where it began
-            same = True
-            for c in range(3):
-                x = np.round(n[c] * _ROUNDED) / _ROUNDED
-                same = same and x == rounded[c]
-                rounded[c] = x
-            if same:
-                return found, apart
-            for c in range(3):
-                n[c] = rounded[c]
-            normalise(n)
+            break
+        # rounded, so that the last digits do not depend on where the search began
+        same = True
+        for c in range(3):
+            x = np.round(n[c] * _ROUNDED) / _ROUNDED
+            same = same and x == rounded[c]
+            rounded[c] = x
+        if same:
+            return found, apart
+        for c in range(3):
+            n[c] = rounded[c]
+        normalise(n)
     return FAILED, 0.0
 
 
@@ -339,8 +305,7 @@ def refined(axes: SeparatingAxes, places: Array, pair: int, normal: Array) -> tu
     point : ndarray, shape (3,)
         The point midway between the surfaces [m].
     """
-    nearest, shapes, world = np.empty(3), axes.shapes, np.empty((2, 4, 3))
-    for side in (0, 1):
-        place_shape(places, shapes.frame, shapes.fixed, int(axes.sides[pair, side]), world[side])
-    result, distance = refine_pair(world, *shapes[2:7], axes.sides, axes.start, pair, normal, nearest)
+    nearest, world = np.empty(3), np.empty((2, 4, 3))
+    place_pair(places, axes.shapes, pair, world)
+    result, distance = refine_pair(world, axes.shapes, pair, normal, nearest)
     return result, distance, nearest

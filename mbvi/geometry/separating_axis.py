@@ -13,52 +13,38 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arguments import Array
-from ..compiled import kernel
+from ..compiled import kernel, record
 from .hull_graph import outermost, stack_graphs
 from .shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere, graph_of
 
 
-class _Support(NamedTuple):
-    """A shape as a Minkowski sum of simple sets, whose support functions add up.
+def _support(shape: Convex) -> tuple[tuple[float, ...], Array]:
+    """Return a shape as a Minkowski sum of simple sets, whose support functions add up: a row of `sizes`, and points.
 
-    Attributes
-    ----------
-    box : tuple of float
-        Half edges of a box.
-    ball, disk : float
-        Radii of a ball, and of a disk normal to z.
-    ellipsoid : tuple of float
-        Half axes of an ellipsoid.
-    points : ndarray, shape (k, 3)
-        Vertices of a convex hull.
+    These sets are a box, a ball, a disk normal to z, an ellipsoid, and the convex hull of the points.
     """
-
-    box: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ball: float = 0.0
-    disk: float = 0.0
-    ellipsoid: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    points: Array = np.zeros((1, 3))
-
-
-def _support(shape: Convex) -> _Support:
-    """Return a shape as a Minkowski sum about the origin of its frame."""
+    centre, none = np.zeros((1, 3)), (0.0, 0.0, 0.0)
     match shape:
         case Sphere():
-            return _Support(ball=shape.radius)
+            return (*none, shape.radius, 0.0, *none), centre
         case Ellipsoid():
-            return _Support(ellipsoid=shape.radii)
+            return (*none, 0.0, 0.0, *shape.radii), centre
         case Box():
             a, b, c = shape.size
-            return _Support(box=(0.5 * a, 0.5 * b, 0.5 * c))
+            return (0.5 * a, 0.5 * b, 0.5 * c, 0.0, 0.0, *none), centre
         case Capsule():
-            return _Support(box=(0.0, 0.0, 0.5 * shape.length), ball=shape.radius)
+            return (0.0, 0.0, 0.5 * shape.length, shape.radius, 0.0, *none), centre
         case Cylinder():
-            return _Support(box=(0.0, 0.0, 0.5 * shape.length), disk=shape.radius)
-    return _Support(points=shape.vertices)
+            return (0.0, 0.0, 0.5 * shape.length, 0.0, shape.radius, *none), centre
+    return (0.0,) * 8, shape.vertices
 
 
+@record(
+    "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
+    " i8[:,::1], b1[::1]"
+)
 class Shapes(NamedTuple):
-    """Placed shapes in arrays, as kernels take them.
+    """Placed shapes and pairs of them in arrays, as kernels take them.
 
     Attributes
     ----------
@@ -67,15 +53,21 @@ class Shapes(NamedTuple):
     fixed : ndarray, shape (s, 4, 3)
         Placements of the shapes in their bodies: columns of the rotation, then the origin.
     sizes : ndarray, shape (s, 8)
-        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid of each `_Support` [m].
+        Half edges of a box, radii of a ball and of a disk, half axes of an ellipsoid of each shape; see `_support` [m].
     points, first_point : ndarray, shapes (k, 3) and (s + 1,)
-        The points of all supports [m], and the first point of each shape.
+        Vertices of hulls, and centres of other shapes [m], and the first point of each shape.
     first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
         Which points are neighbours on hulls of many vertices; see `hull_graph.outermost`.
     first_face, face : ndarray of int, shapes (k + 1,) and (e,)
         The faces at each vertex of a hull are `face[first_face[i] : first_face[i + 1]]`.
     planes : ndarray, shape (f, 4)
         Outward unit normal and offset of each face in its shape's frame.
+    sides : ndarray of int, shape (n, 2)
+        The shapes of each pair.
+    start : ndarray of int, shape (n, 2)
+        The outermost points of the shapes of each pair at the last call; written by kernels.
+    taken : ndarray of bool, shape (k,)
+        False for every point, between calls of kernels.
     """
 
     frame: Array
@@ -88,31 +80,38 @@ class Shapes(NamedTuple):
     first_face: Array
     face: Array
     planes: Array
+    sides: Array
+    start: Array
+    taken: Array
 
 
-def _tables(shapes: Sequence[PlacedShape], frame: Array) -> Shapes:
-    """Return the arrays of some shapes on bodies with the given places."""
-    supports = [_support(s.shape) for s in shapes]
+def _tables(shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> Shapes:
+    """Return the arrays of some shapes on bodies with the given places, and of pairs of them."""
+    sizes, points = zip(*(_support(s.shape) for s in shapes), strict=True) if shapes else ((), ())
     first_face, face, planes, count = [0], [np.zeros(0, np.int64)], [np.zeros((0, 4))], 0
-    for placed, support in zip(shapes, supports, strict=True):
-        hull, entries = placed.shape, np.zeros(len(support.points), np.int64)
+    for placed, its in zip(shapes, points, strict=True):
+        hull, entries = placed.shape, np.zeros(len(its), np.int64)
         if isinstance(hull, Hull):
             vertex = hull.triangles.ravel()
-            entries = np.bincount(vertex, minlength=len(support.points))
+            entries = np.bincount(vertex, minlength=len(its))
             face.append(count + np.argsort(vertex, kind="stable") // 3)
             planes.append(np.column_stack(hull.faces))
             count += len(hull.triangles)
         first_face.extend((first_face[-1] + np.cumsum(entries)).tolist())
+    first_point = np.cumsum([0, *map(len, points)])
     return Shapes(
         frame,
         np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3),
-        np.array([[*s.box, s.ball, s.disk, *s.ellipsoid] for s in supports]).reshape(-1, 8),
-        np.concatenate([np.zeros((0, 3)), *(s.points for s in supports)]),
-        np.cumsum([0, *(len(s.points) for s in supports)]),
-        *stack_graphs([graph_of(s.shape, len(x.points)) for s, x in zip(shapes, supports, strict=True)]),
+        np.array(sizes, dtype=float).reshape(-1, 8),
+        np.concatenate([np.zeros((0, 3)), *points]),
+        first_point,
+        *stack_graphs([graph_of(s.shape, len(its)) for s, its in zip(shapes, points, strict=True)]),
         np.array(first_face, dtype=np.int64),
         np.concatenate(face),
         np.concatenate(planes),
+        sides,
+        first_point[sides],
+        np.zeros(first_point[-1], bool),
     )
 
 
@@ -128,55 +127,54 @@ def place_shape(places: Array, frame: Array, fixed: Array, shape: int, world: Ar
                 world[k, c] += P[3, c] if k == 3 else 0.0
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8, i8, i8[::1], i8[::1], i8[:,::1], i8, i8)")
-def reach(
-    place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array,
-    start: Array, pair: int, side: int,
-) -> float:  # fmt: skip
-    """Return how far a shape reaches from the world's origin along a unit vector [m].
+@kernel("void(f8[:,:,::1], Shapes, i8, f8[:,:,::1])")
+def place_pair(places: Array, shapes: Shapes, pair: int, world: Array) -> None:
+    """Write where the shapes of a pair are, shape (2, 4, 3); see `place_shape`."""
+    for side in range(2):
+        place_shape(places, shapes.frame, shapes.fixed, shapes.sides[pair, side], world[side])
+
+
+@kernel("f8(f8[:,::1], f8[::1], Shapes, i8, i8)")
+def reach(place: Array, n: Array, shapes: Shapes, pair: int, side: int) -> float:
+    """Return how far a shape of a pair reaches from the world's origin towards the other shape [m].
 
     Parameters
     ----------
     place : ndarray, shape (4, 3)
         Placement of the shape: columns of its rotation, then its origin.
-    u : ndarray, shape (3,)
-        The unit vector.
-    sizes : ndarray, shape (8,)
-        Box, ball, disk, ellipsoid of its `_Support`.
-    points, begin, end, first, neighbour
-        The points of all shapes, and which of them are this one's; see `hull_graph.outermost`.
-    start, pair, side : ndarray of int, shape (n, 2), and int
-        `start[pair, side]` is the point at which the search begins; receives the outermost one.
+    n : ndarray, shape (3,)
+        The unit vector from the first shape to the second.
+    shapes : Shapes
+        The search begins at `start[pair, side]`, which receives the outermost point.
+    pair, side : int
+        Which shape of which pair it is.
     """
-    x = place[0, 0] * u[0] + place[0, 1] * u[1] + place[0, 2] * u[2]
-    y = place[1, 0] * u[0] + place[1, 1] * u[1] + place[1, 2] * u[2]
-    z = place[2, 0] * u[0] + place[2, 1] * u[1] + place[2, 2] * u[2]
-    k = outermost(points, begin, end, first, neighbour, x, y, z, start[pair, side])
-    start[pair, side] = k
+    # slices of arrays would cost as much as the rest
+    s, points, sizes = shapes.sides[pair, side], shapes.points, shapes.sizes
+    u, v, w = (n[0], n[1], n[2]) if side == 0 else (-n[0], -n[1], -n[2])
+    x = place[0, 0] * u + place[0, 1] * v + place[0, 2] * w
+    y = place[1, 0] * u + place[1, 1] * v + place[1, 2] * w
+    z = place[2, 0] * u + place[2, 1] * v + place[2, 2] * w
+    begin, end = shapes.first_point[s], shapes.first_point[s + 1]
+    k = outermost(points, begin, end, shapes.first, shapes.neighbour, x, y, z, shapes.start[pair, side])
+    shapes.start[pair, side] = k
     far = points[k, 0] * x + points[k, 1] * y + points[k, 2] * z
-    far += place[3, 0] * u[0] + place[3, 1] * u[1] + place[3, 2] * u[2]
-    far += abs(x) * sizes[0] + abs(y) * sizes[1] + abs(z) * sizes[2] + sizes[3]
-    if sizes[4] > 0.0:
-        far += sizes[4] * np.sqrt(x * x + y * y)
-    if sizes[5] > 0.0:
-        far += np.sqrt((sizes[5] * x) ** 2 + (sizes[6] * y) ** 2 + (sizes[7] * z) ** 2)
+    far += place[3, 0] * u + place[3, 1] * v + place[3, 2] * w
+    far += abs(x) * sizes[s, 0] + abs(y) * sizes[s, 1] + abs(z) * sizes[s, 2] + sizes[s, 3]
+    if sizes[s, 4] > 0.0:
+        far += sizes[s, 4] * np.sqrt(x * x + y * y)
+    if sizes[s, 5] > 0.0:
+        far += np.sqrt((sizes[s, 5] * x) ** 2 + (sizes[s, 6] * y) ** 2 + (sizes[s, 7] * z) ** 2)
     return far
 
 
-@kernel("f8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8, f8[::1])")
-def pair_separation(
-    world: Array, sizes: Array, points: Array, first_point: Array, first: Array, neighbour: Array, sides: Array,
-    start: Array, pair: int, n: Array,
-) -> float:  # fmt: skip
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
+def pair_separation(world: Array, shapes: Shapes, pair: int, n: Array) -> float:
     """Return the separation of the two shapes of a pair along a unit vector from the first to the second [m].
 
-    `world`, shape (2, 4, 3), says where they are; the other arguments are those of `_clear`.
+    `world`, shape (2, 4, 3), says where they are. The climbs begin at `start`, which receives the outermost points.
     """
-    back, a, b = np.empty(3), sides[pair, 0], sides[pair, 1]
-    back[0], back[1], back[2] = -n[0], -n[1], -n[2]
-    far = reach(world[1], back, sizes[b], points, first_point[b], first_point[b + 1], first, neighbour, start, pair, 1)
-    far += reach(world[0], n, sizes[a], points, first_point[a], first_point[a + 1], first, neighbour, start, pair, 0)
-    return -far
+    return -(reach(world[1], n, shapes, pair, 1) + reach(world[0], n, shapes, pair, 0))
 
 
 @kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])")
@@ -189,13 +187,9 @@ def axis_in_world(places: Array, body: int, axis: Array, pair: int, n: Array) ->
             n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
 
 
-@kernel(
-    "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1],"
-    " f8[:,::1], i8[::1], f8, f8[::1], i8[::1])"
-)
+@kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8, f8[::1], i8[::1])")
 def _clear(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
-    neighbour: Array, sides: Array, start: Array, axis: Array, candidates: Array, tolerance: float, bound: Array,
+    places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float, bound: Array,
     unresolved: Array,
 ) -> int:  # fmt: skip
     """Write lower bounds of the distances of pairs whose axes separate them; list the other pairs.
@@ -204,12 +198,8 @@ def _clear(
     ----------
     places : ndarray, shape (b, 4, 3)
         Placements of the bodies: columns of the rotation, then the origin.
-    frame, fixed, sizes, points, first_point, first, neighbour
-        As of `Shapes`.
-    sides : ndarray of int, shape (n, 2)
-        The shapes of each pair.
-    start : ndarray of int, shape (n, 2)
-        The outermost points of the shapes of each pair at the last call; written.
+    tables : tuple
+        The fields of `Shapes`.
     axis : ndarray, shape (n, 3)
         Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
     candidates : ndarray of int, shape (d,)
@@ -226,14 +216,13 @@ def _clear(
     int
         How many other pairs there are.
     """
-    count, n, world = 0, np.empty(3), np.empty((2, 4, 3))
+    shapes, count, n, world = Shapes(*tables), 0, np.empty(3), np.empty((2, 4, 3))
     for i in range(len(candidates)):
         pair, gap = candidates[i], -np.inf
         if axis[pair, 0] == axis[pair, 0]:
-            for side in range(2):
-                place_shape(places, frame, fixed, sides[pair, side], world[side])
-            axis_in_world(places, frame[sides[pair, 0]], axis, pair, n)
-            gap = pair_separation(world, sizes, points, first_point, first, neighbour, sides, start, pair, n)
+            place_pair(places, shapes, pair, world)
+            axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
+            gap = pair_separation(world, shapes, pair, n)
         if gap > tolerance:
             bound[pair] = gap
         else:
@@ -274,10 +263,8 @@ class SeparatingAxes:
         The place of each shape's body in `bodies`; -1 for the world.
     shapes : Shapes
         Their arrays.
-    sides : ndarray of int, shape (n, 2)
-        As given.
-    start : ndarray of int, shape (n, 2)
-        The outermost points of the shapes of each pair at the last call; written by kernels.
+    tables : tuple
+        The same as a plain tuple, which kernels take faster.
     axis : ndarray, shape (n, 3)
         The axes in the frames of the first bodies; NaN where none is known.
     """
@@ -286,8 +273,8 @@ class SeparatingAxes:
         moving = sorted({s.body for s in shapes if s.body})
         self.bodies = np.array(moving, dtype=np.int64)
         self.frame = np.array([moving.index(s.body) if s.body else -1 for s in shapes], dtype=np.int64)
-        self.shapes, self.sides = _tables(shapes, self.frame), sides
-        self.start = self.shapes.first_point[sides]
+        self.shapes = _tables(shapes, self.frame, sides)
+        self.tables = tuple(self.shapes)
         self.axis = np.full((len(sides), 3), np.nan)
 
     def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
@@ -296,11 +283,9 @@ class SeparatingAxes:
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """
         unresolved = np.empty(len(candidates), np.int64)
-        count = _clear(
-            places, *self.shapes[:7], self.sides, self.start, self.axis, candidates, tolerance, bound, unresolved
-        )
+        count = _clear(places, self.tables, self.axis, candidates, tolerance, bound, unresolved)
         return unresolved[:count]
 
     def keep(self, places: Array, pairs: Array, normals: Array) -> None:
         """Keep measured normals, shape (k, 3), as the axes of some pairs."""
-        _keep(places, self.frame, self.sides, self.axis, pairs, normals)
+        _keep(places, self.frame, self.shapes.sides, self.axis, pairs, normals)

@@ -8,15 +8,56 @@ the point; 16 that radius plus the offset of the half-space [m].
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..arguments import Array
-from ..compiled import kernel
-from .hull_graph import outermost
+from ..compiled import kernel, record
+from .hull_graph import connected, outermost
 from .spread import BESIDE, FEW_POINTS, FLAT, spread_out
+from .vectors import within_plane
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
+
+
+@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1], f8[::1]")
+class Points(NamedTuple):
+    """The support points of all pairs of a shape and a half-space, as kernels take them.
+
+    Attributes
+    ----------
+    body : ndarray of int, shape (n,)
+        The place of each pair's body in the placements.
+    begin : ndarray of int, shape (n + 1,)
+        The first point of each pair.
+    numbers : ndarray, shape (k, 17)
+        The points as above.
+    first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
+        Which points are neighbours on hulls of many vertices.
+    size : ndarray, shape (n,)
+        Bounding radius of the shape of each pair [m].
+    start : ndarray of int, shape (n,)
+        The lowest point of each pair at the last call; written by kernels.
+    found : ndarray of int, shape (k + 1,)
+        Receives the points within the tolerance.
+    taken : ndarray of bool, shape (k,)
+        False for every point, between calls.
+    out : ndarray, shape (4,)
+        Scratch for `lowest`: kernels that make no arrays are faster.
+    """
+
+    body: Array
+    begin: Array
+    numbers: Array
+    first: Array
+    neighbour: Array
+    size: Array
+    start: Array
+    found: Array
+    taken: Array
+    out: Array
 
 
 @kernel("void(f8[:,:,::1], i8, f8[:,::1], i8, f8[::1])")
@@ -77,31 +118,11 @@ def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array
         point[i, 0], point[i, 1], point[i, 2], gap[i] = out[0], out[1], out[2], out[3]
 
 
-@kernel("Tuple((i8, f8))(f8[:,:,::1], i8, f8[:,::1], i8, i8, i8[::1], i8[::1], i8[::1], i8, f8, i8[::1], i8, b1[::1])")
-def points_below(
-    places: Array, body: int, numbers: Array, begin: int, end: int, first: Array, neighbour: Array,
-    start: Array, pair: int, tolerance: float, found: Array, at: int, taken: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """List the points of one shape whose gap is within a tolerance, ascending.
+@kernel("Tuple((i8, f8))(f8[:,:,::1], Points, i8, f8, i8)")
+def points_below(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
+    """List the points of the shape of a pair whose gap is within a tolerance, ascending, from place `at` of `found` on.
 
     On a hull with a graph these are found from the lowest one, through neighbours: they are connected.
-
-    Parameters
-    ----------
-    places, body, numbers
-        As of `lowest`.
-    begin, end : int
-        The first point of the shape, and the first one behind it.
-    first, neighbour : ndarray
-        The graph of all points, as of `hull_graph.outermost`.
-    start, pair : ndarray of int, shape (n,), and int
-        `start[pair]` is the point at which the climb begins; receives the lowest one.
-    tolerance : float
-        The greatest gap of a point [m].
-    found, at : ndarray of int, shape (k + 1,), and int
-        Receives the points from place `at` on.
-    taken : ndarray of bool, shape (k,)
-        False for every point, before and after.
 
     Returns
     -------
@@ -110,7 +131,9 @@ def points_below(
     least : float
         The least gap [m].
     """
-    out, count, least = np.empty(4), 0, np.inf
+    out, count, least, body, numbers = points.out, 0, np.inf, points.body[pair], points.numbers
+    first, neighbour, found = points.first, points.neighbour, points.found
+    begin, end = points.begin[pair], points.begin[pair + 1]
     if first[begin + 1] == first[begin]:
         for i in range(begin, end):
             lowest(places, body, numbers, i, out)
@@ -123,76 +146,42 @@ def points_below(
     x = -(P[0, 0] * n[12] + P[0, 1] * n[13] + P[0, 2] * n[14])
     y = -(P[1, 0] * n[12] + P[1, 1] * n[13] + P[1, 2] * n[14])
     z = -(P[2, 0] * n[12] + P[2, 1] * n[13] + P[2, 2] * n[14])
-    start[pair] = outermost(numbers, begin, end, first, neighbour, x, y, z, start[pair])
-    lowest(places, body, numbers, start[pair], out)
+    best = outermost(numbers, begin, end, first, neighbour, x, y, z, points.start[pair])
+    points.start[pair] = best
+    lowest(places, body, numbers, best, out)
     least = out[3]
     if not least <= tolerance:
         return 0, least
-    found[at], count, done = start[pair], 1, 0
-    taken[start[pair]] = True
-    while done < count:
-        i = found[at + done]
-        done += 1
-        for j in range(first[i], first[i + 1]):
-            k = neighbour[j]
-            if not taken[k]:
-                lowest(places, body, numbers, k, out)
-                if out[3] <= tolerance:
-                    taken[k] = True
-                    found[at + count] = k
-                    count += 1
-    for i in range(at, at + count):
-        k, j = found[i], i
-        taken[k] = False
-        while j > at and found[j - 1] > k:
-            found[j] = found[j - 1]
-            j -= 1
-        found[j] = k
+    # a little farther than the tolerance, for rounding; then exactly
+    low = numbers[best, 0] * x + numbers[best, 1] * y + numbers[best, 2] * z
+    low -= (tolerance - least) + 1e-12 * (abs(low) + tolerance - least)
+    near = connected(numbers, begin, end, first, neighbour, x, y, z, best, low, end - begin, found[at:], points.taken)
+    for i in range(at, at + near):
+        lowest(places, body, numbers, found[i], out)
+        if out[3] <= tolerance:
+            # in its place by its number
+            k, j = found[i], at + count
+            while j > at and found[j - 1] > k:
+                found[j] = found[j - 1]
+                j -= 1
+            found[j] = k
+            count += 1
     return count, least
 
 
-@kernel("void(f8[::1], f8[::1], f8[::1])")
-def within_plane(normal: Array, along: Array, across: Array) -> None:
-    """Write two unit vectors, shape (3,), normal to a unit vector and to each other."""
-    least = 0
-    for c in range(1, 3):
-        if abs(normal[c]) < abs(normal[least]):
-            least = c
-    size = np.sqrt(1.0 - normal[least] ** 2)
-    for c in range(3):
-        along[c] = ((1.0 if c == least else 0.0) - normal[least] * normal[c]) / size
-    for c in range(3):
-        i, j = (c + 1) % 3, (c + 2) % 3
-        across[c] = normal[i] * along[j] - normal[j] * along[i]
+@kernel("i8(f8[:,:,::1], Points, i8, i8, i8)")
+def spread_below(places: Array, points: Points, pair: int, at: int, count: int) -> int:
+    """Keep few of the points that `points_below` has listed, if they touch a half-space together; see `spread_out`.
 
-
-@kernel("i8(f8[:,:,::1], i8, f8[:,::1], f8, i8[::1], i8, i8)")
-def spread_below(places: Array, body: int, numbers: Array, size: float, found: Array, at: int, count: int) -> int:
-    """Keep few of those points of one shape that touch a half-space together; see `spread_out`.
-
-    Parameters
-    ----------
-    places, body, numbers
-        As of `lowest`.
-    size : float
-        Bounding radius of the shape [m].
-    found, at, count : ndarray of int, and int
-        The points, `count` of them from place `at` on, ascending; receives those that are kept.
-
-    Returns
-    -------
-    int
-        How many are kept.
+    They are the `count` ones from place `at` of `found` on, of which the kept ones are moved to the front. Returns how
+    many are kept.
     """
     if count <= FEW_POINTS:
         return count
-    out, along, across, least = np.empty(4), np.empty(3), np.empty(3), np.inf
-    place, gap, face, chosen = (
-        np.empty((count, 2)),
-        np.empty(count),
-        np.empty(count, np.int64),
-        np.empty(count + 1, np.int64),
-    )
+    found, body, numbers, size = points.found, points.body[pair], points.numbers, points.size[pair]
+    out, along, across, least = points.out, np.empty(3), np.empty(3), np.inf
+    place, gap = np.empty((count, 2)), np.empty(count)
+    face, chosen = np.empty(count, np.int64), np.empty(count + 1, np.int64)
     within_plane(numbers[found[at], 12:15], along, across)
     for i in range(count):
         lowest(places, body, numbers, found[at + i], out)

@@ -1,10 +1,13 @@
 """Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
 
+import resource
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 import mbvi
-from mbvi.compiled import KERNELS
+from mbvi.compiled import KERNELS, Kernel, record
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, SEEDS, accepted, arguments, equal, specified
@@ -61,6 +64,54 @@ def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
                 item(*given)
             refused += 1
     assert refused >= 3
+
+
+def test_references_are_counted_where_arrays_are_made_or_returned():
+    counted = {item.__name__: item._allocates() for item in KERNELS}
+    assert counted["separation_of"] and counted["_points_about"] and counted["refine_pair"] and counted["_clear"]
+    assert not (counted["reach"] or counted["pair_separation"] or counted["outermost"] or counted["dot"])
+
+
+@record("f8[::1], f8[::1]")
+class Two(NamedTuple):
+    a: np.ndarray
+    b: np.ndarray
+
+
+def make_two(x):
+    return Two(np.full(100_000, x), np.full(100_000, 2.0 * x))
+
+
+def sum_of_two(x):
+    # no array is made here, but some are received
+    two = made(x)
+    return two.a[0] + two.b[-1]
+
+
+def unlisted(loops, signature):
+    """A kernel that is none of the package's."""
+    return type(loops.__name__, (Kernel,), {})(loops, signature)
+
+
+made = unlisted(make_two, "Two(f8)")
+
+
+def test_arrays_of_a_record_that_a_kernel_returns_are_released():
+    found = unlisted(sum_of_two, "f8(f8)")
+    assert found(1.0) == 3.0
+    assert isinstance(made(1.0), Two)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(200):
+        assert found(2.0) == 6.0
+    # all of them together would be 320 MB
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000
+
+
+def test_a_record_with_other_fields_is_compiled_again(monkeypatch):
+    item = unlisted(make_two, "Two(f8)")
+    before = item.stamp()
+    monkeypatch.setattr(Two, "kernel_types", "f8[::1], f8[:]")
+    assert item.stamp() != before
 
 
 # arrays that a kernel does not take as they are

@@ -12,6 +12,7 @@ import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import NONE
+from mbvi.geometry.refined_distance import UNIQUE
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 from support.paths import ROBOTS
@@ -347,12 +348,19 @@ def overlapping(seed):
 @pytest.mark.parametrize("seed", range(60))
 def test_axes_of_faces_and_edges_give_the_depth_that_coal_gives(seed):
     (a, b), places = overlapping(seed)
-    distance, normal, point = overlap(a, places[0], b, places[1])
+    distance, normal = overlap(a, places[0], b, places[1])
     result, request = coal.DistanceResult(), coal.DistanceRequest()
     poses = [coal.Transform3s(np.ascontiguousarray(place[:3].T), place[3]) for place in places]
     assert distance < 0.0
     assert distance == pytest.approx(coal.distance(a.coal(), poses[0], b.coal(), poses[1], request, result), abs=1e-6)
     np.testing.assert_allclose(normal, result.normal, atol=1e-4)
+    still = [PlacedShape(f"s{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
+    contacts = SignedDistances(bodies(2), still[:1], still[1:], ["pair"], np.zeros(1))
+    refined, along, point, state = contacts._coal.overlap(np.array(places), 0)
+    assert state == UNIQUE
+    # the edges of `overlap` are rounded to twelve digits
+    assert refined == pytest.approx(distance, abs=1e-11)
+    np.testing.assert_allclose(along, normal, atol=1e-9)
     # half the depth from the one's surface, and from the other's
     inside = [(point - place[3]) @ place[:3].T for place in places]
     for shape, place, here, way in zip((a, b), places, inside, (normal, -normal), strict=True):

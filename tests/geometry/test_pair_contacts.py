@@ -112,7 +112,7 @@ def test_overlapping_hulls_keep_their_deepest_point(seed):
     places = [np.zeros(3), rng.uniform(-0.8, 0.8, 3)]
     q = np.concatenate([pose(p, R) for p, R in zip(places, turns, strict=True)])
     world = [np.concatenate([R.T, p[None]]) for p, R in zip(places, turns, strict=True)]
-    depth, normal, _ = overlap(shapes[0], world[0], shapes[1], world[1])
+    depth, normal = overlap(shapes[0], world[0], shapes[1], world[1])
     if depth >= 0.0:
         return
     found = contacts.measure(q, np.array([0]), 0.0)

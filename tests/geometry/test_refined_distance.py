@@ -75,17 +75,13 @@ def test_no_direction_near_it_separates_more(a, b, gap, rng):
         if result == UNIQUE:
             # half the distance from either surface, along the normal
             for side, sign in ((0, 1.0), (1, -1.0)):
-                reach = reach_of(axes, places, side, sign * normal)
+                reach = reach_of(axes, places, side, normal)
                 assert sign * normal @ point - reach == pytest.approx(0.5 * distance, abs=1e-13)
     assert found >= 2
 
 
-def reach_of(axes, places, side, u):
-    shapes = axes.shapes
-    world, ends = _compose(places[side], shapes.fixed[side]), map(int, shapes.first_point[side : side + 2])
-    return reach_plain(
-        world, u, shapes.sizes[side], shapes.points, *ends, shapes.first, shapes.neighbour, axes.start.copy(), 0, side
-    )
+def reach_of(axes, places, side, n):
+    return reach_plain(_compose(places[side], axes.shapes.fixed[side]), n, axes.shapes, 0, side)
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.integers(-14, 10))

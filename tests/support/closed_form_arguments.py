@@ -23,7 +23,7 @@ def pairs_of(rng, shapes):
     sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
     axes = SeparatingAxes(placed, sides)
     places = np.array([np.vstack([np.eye(3), 0.05 * rng.normal(size=3)]) for _ in axes.bodies])
-    pairs = PrimitivePairs(placed, axes.shapes, sides)
+    pairs = PrimitivePairs(placed, axes.shapes)
     return (places, *axes.shapes[:3], sides), pairs, np.flatnonzero(pairs.form != NONE)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from mbvi.geometry import kinks, refined_distance, separating_axis
 from mbvi.geometry import normal_search as search
-from mbvi.geometry.separating_axis import SeparatingAxes, place_shape
+from mbvi.geometry.separating_axis import SeparatingAxes, place_pair
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
@@ -41,60 +41,40 @@ def axes_of(rng):
 
 def world_of(axes, places):
     world = np.empty((2, 4, 3))
-    for side in (0, 1):
-        place_shape(places, axes.frame, axes.shapes.fixed, side, world[side])
+    place_pair.loops(places, axes.shapes, 0, world)
     return world
 
 
 def separated(axes, places, pair, n):
     """The separation of a pair of shapes along a unit vector."""
-    world, shapes = np.empty((2, 4, 3)), axes.shapes
-    for side in (0, 1):
-        place_shape(places, axes.frame, shapes.fixed, int(axes.sides[pair, side]), world[side])
-    return separating_axis.pair_separation(world, *shapes[2:7], axes.sides, axes.start, pair, n)
-
-
-def supports(rng):
-    """Two shapes: where they are, and the arguments of `_describe` that follow, one list for each."""
-    axes, places = axes_of(rng)
-    shapes, edge, swell = axes.shapes, np.zeros((6, 3)), np.zeros((2, 3, 3))
-    lists = []
-    for s in (0, 1):
-        vertices = np.arange(shapes.first_point[s], shapes.first_point[s + 1])
-        lists.append((shapes.sizes[s].copy(), shapes.points, vertices, edge, swell, np.zeros((len(vertices), 3))))
-    return world_of(axes, places), lists
+    world = np.empty((2, 4, 3))
+    place_pair(places, axes.shapes, pair, world)
+    return separating_axis.pair_separation(world, axes.shapes, pair, n)
 
 
 def state(rng):
     """What the kernels of `kinks` share, at a normal that some of them are near."""
-    world, (one, other) = supports(rng)
-    refined_distance._describe(world, 0, *one)
-    refined_distance._describe(world, 1, *other)
-    sizes, points, _, edge, swell, first = one
-    s = {"edge": edge, "swell": swell, "ball": sizes[3] + other[0][3], "first": first, "second": other[-1]}
-    s["between"] = world[1, 3] - world[0, 3]
-    n = s["between"] / np.linalg.norm(s["between"]) + 0.1 * rng.normal(size=3)
-    edges = s["edge"][np.any(s["edge"] != 0.0, axis=1)]
+    axes, places = axes_of(rng)
+    world = world_of(axes, places)
+    between = world[1, 3] - world[0, 3]
+    n = between / np.linalg.norm(between) + 0.1 * rng.normal(size=3)
+    d = refined_distance.separation_of(world, axes.shapes, 0, n / np.linalg.norm(n))
+    edges = d.edge[np.any(d.edge != 0.0, axis=1)]
     if len(edges) and rng.random() < 0.5:
         # on one kink
         a = edges[rng.integers(len(edges))]
         n -= (n @ a) / (a @ a) * a
-    s["n"] = n / np.linalg.norm(n)
-    s["sign"] = np.where(s["edge"] @ s["n"] >= 0.0, 1, -1)
-    s["base"] = np.array([np.argmax(s["first"] @ s["n"]), np.argmax(s["second"] @ s["n"])])
-    s["kinks"] = np.zeros((3, 3), np.int64)
-    s["count"] = refined_distance._first_set(
-        s["n"], s["kinks"], s["edge"], s["sign"], s["swell"], s["first"], s["second"], s["base"]
-    )
-    s["found"], s["basis"] = np.zeros((6, 3)), np.zeros((3, 3))
-    names = ("kinks", "count", "edge", "swell", "first", "second", "base", "found")
-    s["m"] = kinks.directions(*(s[name] for name in names))
+    n /= np.linalg.norm(n)
+    d.sign[:] = np.where(d.edge @ n >= 0.0, 1, -1)
+    d.base[:] = np.argmax(d.first @ n), np.argmax(d.second @ n)
+    s = {"n": n, "d": d, "kinks": np.zeros((3, 3), np.int64), "found": np.zeros((6, 3)), "basis": np.zeros((3, 3))}
+    s["count"] = refined_distance._first_set(n, s["kinks"], d)
+    s["m"] = kinks.directions(s["kinks"], s["count"], d, s["found"])
     s["rank"] = search.span(s["found"], s["m"], s["basis"])
-    s.update(place=world[0], sizes=sizes, points=points, kink=np.zeros(3, np.int64), scratch=np.zeros(3))
+    s.update(origin=world[0, 3], radius=0.1, kink=np.zeros(3, np.int64), scratch=np.zeros(3), swell=d.swell.copy())
     s.update(t=1.5 * rng.normal(size=2), left=np.zeros(2, bool), at=np.zeros((2, 3)), slope=np.zeros(3))
-    s.update(side=1.0, within=float(rng.choice([0.5, -1e-12])), disks=bool(rng.integers(2)), nearest=np.zeros(3))
-    s.update(who=0, apart=0.1, pull=s["between"].copy(), tangents=np.zeros((2, 3)), first_base=int(s["base"][0]))
-    s.update(vertex=s["first"][s["base"][0]].copy(), kind=int(rng.integers(3)), zero=0)
+    s.update(within=float(rng.choice([0.5, -1e-12])), disks=bool(rng.integers(2)), nearest=np.zeros(3))
+    s.update(who=int(rng.integers(2)), apart=0.1, pull=between.copy(), kind=int(rng.integers(3)), zero=0)
     return s
 
 
@@ -110,23 +90,8 @@ def added(rng):
     """A state and a kink that n is not kept on yet."""
     while True:
         s = state(rng)
-        shared = (s[k] for k in ("kinks", "count", "edge", "sign", "swell", "first", "second", "base"))
-        if s["count"] < 3 and kinks.next_kink(s["n"], 2.0, False, s["kink"], *shared):
-            return tuple(
-                s[k] for k in ("n", "scratch", "kink", "kinks", "count", "between", "ball", "edge", "sign", "swell",
-                               "first", "second", "base")
-            )  # fmt: skip
-
-
-def flat(rng):
-    s = state(rng)
-    return s["n"], 0, s["edge"], s["swell"], s["first"], int(s["base"][0]), np.zeros((3, 3))
-
-
-def describe(rng):
-    world, shapes = supports(rng)
-    who = int(rng.integers(2))
-    return world, who, *shapes[who]
+        if s["count"] < 3 and kinks.next_kink(s["n"], 2.0, False, s["kink"], s["kinks"], s["count"], s["d"]):
+            return tuple(s[k] for k in ("n", "scratch", "kink", "kinks", "count", "d"))
 
 
 def placed_shape(rng):
@@ -134,29 +99,28 @@ def placed_shape(rng):
     return places, axes.frame, axes.shapes.fixed, int(rng.integers(2)), np.zeros((4, 3))
 
 
-def around(rng):
-    axes, places = axes_of(rng)
-    s = axes.shapes
-    ends = int(s.first_point[0]), int(s.first_point[1])
-    place, vertices = world_of(axes, places)[0], np.full(s.first_point[1], -1)
-    return s.points, *ends, s.first, s.neighbour, place, unit(rng), 1.0, int(rng.integers(*ends)), vertices
-
-
-def maximise(rng):
-    world, (one, other) = supports(rng)
-    apart = world[1, 3] - world[0, 3]
-    return world, one[0], other[0], one[1], one[2], other[2], apart / np.linalg.norm(apart), np.zeros(3)
-
-
-def refine_pair(rng):
+def pair_of(rng):
+    """A pair of shapes, and the direction from one to the other."""
     axes, places = axes_of(rng)
     world = world_of(axes, places)
     apart = world[1, 3] - world[0, 3]
-    return world, *axes.shapes[2:7], axes.sides, axes.start, 0, apart / np.linalg.norm(apart), np.zeros(3)
+    return world, axes.shapes, 0, apart / np.linalg.norm(apart)
 
 
-def pair_separation(rng):
-    return *refine_pair(rng)[:-2], unit(rng)
+def points_about(rng):
+    world, shapes, pair, n = pair_of(rng)
+    return world, shapes, pair, int(rng.integers(2)), n
+
+
+def maximise(rng):
+    world, shapes, pair, n = pair_of(rng)
+    radius = float(shapes.sizes[0, 3])
+    return world[0, 3].copy(), radius, refined_distance.separation_of(world, shapes, pair, n), n, np.zeros(3)
+
+
+def place_pair_(rng):
+    axes, places = axes_of(rng)
+    return places, axes.shapes, 0, np.zeros((2, 4, 3))
 
 
 def axis_in_world(rng):
@@ -169,6 +133,16 @@ def outermost(rng):
     s, side = axes.shapes, int(rng.integers(2))
     ends = int(s.first_point[side]), int(s.first_point[side + 1])
     return s.points, *ends, s.first, s.neighbour, *unit(rng).tolist(), int(rng.integers(*ends))
+
+
+def connected(rng):
+    points, begin, end, first, neighbour, *n, start = outermost(rng)
+    heights = points[begin:end] @ np.array(n)
+    if rng.random() < 0.7:
+        start = begin + int(np.argmax(heights))
+    least, most = float(rng.choice([-np.inf, np.median(heights)])), int(rng.choice([3, 40, 1000]))
+    found = np.full(int(rng.choice([5, end - begin])), -1)
+    return points, begin, end, first, neighbour, *n, start, least, most, found, np.zeros(len(points), bool)
 
 
 def climb(rng):
@@ -203,7 +177,7 @@ DISTANCE_ARGUMENTS = {
     "normalise": lambda rng: (rng.normal(size=3),),
     "swell_along": lambda rng: (rng.normal(size=(3, 3)), unit(rng)),
     "farthest": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
-    "separation_along": of_state("n", "between", "ball", "edge", "swell", "first", "second"),
+    "separation_along": of_state("n", "d"),
     "span": vectors,
     "make_normal": make_normal,
     "gradient": of_state("n", "swell", "pull", "at", "slope"),
@@ -212,28 +186,29 @@ DISTANCE_ARGUMENTS = {
     "has": of_state("kinks", "count", "kind", "who", "zero"),
     "is_disk": lambda rng: (state(rng)["swell"][0].copy(),),
     "_rise": lambda rng: (rng.normal(size=(4, 3)), int(rng.integers(4)), int(rng.integers(4)), unit(rng)),
-    "directions": of_state("kinks", "count", "edge", "swell", "first", "second", "base", "found"),
-    "next_kink": of_state(
-        "n", "within", "disks", "kink", "kinks", "count", "edge", "sign", "swell", "first", "second", "base"
-    ),
-    "_flat_directions": flat,
-    "common_directions": of_state("n", "edge", "swell", "first", "second", "base", "slope"),
+    "directions": of_state("kinks", "count", "d", "found"),
+    "next_kink": of_state("n", "within", "disks", "kink", "kinks", "count", "d"),
+    "_flat_directions": of_state("n", "who", "d", "basis"),
+    "common_directions": of_state("n", "d", "slope"),
     "clear_common": of_state("pull", "slope", "found", "kinks", "count", "t"),
-    "turn_onto": of_state("n", "kinks", "count", "edge", "swell", "first", "second", "base", "found", "basis"),
+    "turn_onto": of_state("n", "kinks", "count", "d", "found", "basis"),
     "add": added,
     "multipliers": of_state("pull", "found", "m", "t"),
-    "release": of_state("n", "t", "found", "kinks", "count", "sign", "base", "left"),
-    "_midpoint": of_state(
-        "place", "sizes", "n", "apart", "kinks", "count", "t", "found", "edge", "sign", "at", "vertex", "nearest"
-    ),
-    "_describe": describe,
-    "_outermost": lambda rng: (rng.normal(size=(5, 3)), unit(rng)),
-    "_first_set": of_state("n", "kinks", "edge", "sign", "swell", "first", "second", "base"),
+    "release": of_state("n", "t", "found", "kinks", "count", "d", "left"),
+    "_released": of_state("n", "pull", "found", "m", "kinks", "count", "d", "left", "t"),
+    "_smooth_part": of_state("d", "kinks", "count", "swell", "slope"),
+    "_onto_disk": of_state("d", "kinks", "left", "n"),
+    "_turn_segments": of_state("d", "n"),
+    "_midpoint": of_state("origin", "radius", "n", "apart", "kinks", "count", "t", "found", "d", "at", "nearest"),
+    "_first_set": of_state("n", "kinks", "d"),
     "place_shape": placed_shape,
+    "place_pair": place_pair_,
     "axis_in_world": axis_in_world,
     "outermost": outermost,
-    "pair_separation": pair_separation,
-    "_around": around,
+    "connected": connected,
+    "pair_separation": pair_of,
+    "_points_about": points_about,
+    "separation_of": pair_of,
     "_maximise": maximise,
-    "refine_pair": refine_pair,
+    "refine_pair": lambda rng: (*pair_of(rng), np.zeros(3)),
 }

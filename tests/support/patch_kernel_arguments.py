@@ -52,54 +52,37 @@ def spread_out(rng):
     return place, rng.normal(size=len(place)), float(rng.choice([0.0, 0.01, 0.1])), np.zeros(len(place) + 1, np.int64)
 
 
-def one_of_lines(rng):
-    point = rng.normal(size=(6, 3))
-    point[3:] = point[:3] + np.array([0.0, 1.0, 0.0])
-    return rng.normal(size=6), point, 6, np.array([0.0, 1.0, 0.0])
-
-
-def shape(rng):
-    """The tables of two shapes, one of them with its place in the world, and the first and last of its points."""
+def side_of_pair(rng):
+    """Where one shape of a pair is, the tables of both, the pair, the side, and the points of that shape."""
     axes, places = axes_of(rng)
-    side = int(rng.integers(2))
-    ends = int(axes.shapes.first_point[side]), int(axes.shapes.first_point[side + 1])
-    return axes.shapes, side, world_of(axes, places)[side], ends
+    side, shapes = int(rng.integers(2)), axes.shapes
+    points = np.arange(shapes.first_point[side], shapes.first_point[side + 1])
+    shapes.start[0, side] = rng.choice(points)
+    return world_of(axes, places), shapes, 0, side, points
 
 
 def near_vertices(rng):
-    tables, _, place, ends = shape(rng)
-    rest = (
-        unit(rng),
-        float(rng.choice([0.0, 0.1, 1.0])),
-        np.zeros((MOST_GATHERED, 3)),
-        np.zeros(MOST_GATHERED, np.int64),
-    )
-    return place, tables.points, *ends, tables.first, tables.neighbour, int(rng.integers(*ends)), *rest
+    world, shapes, pair, side, _ = side_of_pair(rng)
+    rest = float(rng.choice([0.0, 0.1, 1.0])), np.zeros((MOST_GATHERED, 3)), np.full(MOST_GATHERED, -1)
+    return world[side], shapes, pair, side, unit(rng), *rest
 
 
 def near_corners(rng):
-    tables, side, place, _ = shape(rng)
-    n = unit(rng) if rng.random() < 0.6 else place[int(rng.integers(3))].copy()
-    return place, tables.sizes[side].copy(), n, float(rng.choice([1e-9, 0.1, 1.0])), np.zeros((MOST_GATHERED, 3))
-
-
-def of_hull(tables, begin):
-    return tables.first_face[begin + 1] > tables.first_face[begin]
+    world, shapes, _, side, _ = side_of_pair(rng)
+    n = unit(rng) if rng.random() < 0.6 else world[side, int(rng.integers(3))].copy()
+    depth, found = float(rng.choice([1e-9, 0.1, 1.0])), np.zeros((MOST_GATHERED, 3))
+    return world[side], shapes.sizes[side].copy(), n, depth, found
 
 
 def leave(rng):
-    tables, side, place, ends = shape(rng)
-    vertices = np.arange(*ends)
-    count = len(vertices) if of_hull(tables, ends[0]) else 0
-    faces = tables.first_face, tables.face, tables.planes
-    return place, tables.sizes[side].copy(), vertices, count, *faces, place[3] + 0.02 * rng.normal(size=3), unit(rng)
+    world, shapes, _, side, points = side_of_pair(rng)
+    count = len(points) if shapes.first_face[points[0] + 1] > shapes.first_face[points[0]] else 0
+    return world[side], shapes, side, points, count, world[side, 3] + 0.02 * rng.normal(size=3), unit(rng)
 
 
 def facing(rng):
-    tables, side, place, ends = shape(rng)
-    vertex = int(rng.integers(*ends)) if of_hull(tables, ends[0]) else -1
-    faces = tables.first_face, tables.face, tables.planes
-    return place, tables.sizes[side].copy(), vertex, *faces, unit(rng), np.zeros(3)
+    world, *pair, _ = side_of_pair(rng)
+    return world[pair[-1]], *pair, unit(rng), np.zeros(3)
 
 
 def known_pair(rng):
@@ -115,13 +98,10 @@ def known_pair(rng):
 
 
 def outline(rng):
-    tables, side, place, ends = shape(rng)
-    axes, start = rotation(rng), int(rng.integers(*ends))
-    depth, found = float(rng.choice([1e-9, 0.1])), np.zeros((MOST_GATHERED, 3))
-    return (
-        place, tables.sizes[side].copy(), tables.points, *ends, tables.first, tables.neighbour, start, *axes.copy(),
-        depth, 0.2, found, np.full(MOST_GATHERED, -1), np.zeros((2 * MOST_GATHERED, 2)),
-    )  # fmt: skip
+    world, *pair, _ = side_of_pair(rng)
+    found, vertices = np.zeros((MOST_GATHERED, 3)), np.full(MOST_GATHERED, -1)
+    depth, corners = float(rng.choice([1e-9, 0.1])), np.zeros((2 * MOST_GATHERED, 2))
+    return world, *pair, rotation(rng), depth, 0.2, found, vertices, corners
 
 
 def few(rng):
@@ -132,16 +112,13 @@ def few(rng):
 
 def choose_normal(rng):
     axes, _, world, distance, normal, _, result = known_pair(rng)
-    state = int(rng.choice([result, COAL]))
-    rest = axes.sides, axes.start, 0, distance, 0.2, 0.25, state, normal
-    return world, *axes.shapes[2:], *rest
+    return world, axes.shapes, 0, distance, 0.2, 0.25, int(rng.choice([result, COAL])), normal
 
 
-def patch(rng):
+def region(rng):
     axes, _, world, distance, normal, *_ = known_pair(rng)
-    room = 4 * MOST_GATHERED
-    sizes = distance, float(rng.choice([1e-6, 0.05, 0.5])), 0.2
-    return world, *axes.shapes[2:], axes.sides, axes.start, 0, *sizes, normal, np.zeros(room), np.zeros((room, 3))
+    depth, room = float(rng.choice([1e-6, 0.05, 0.5])), 4 * MOST_GATHERED
+    return world, axes.shapes, 0, distance, depth, 0.2, normal, np.zeros(room), np.zeros((room, 3))
 
 
 def from_axes(rng):
@@ -150,26 +127,23 @@ def from_axes(rng):
     if rng.random() < 0.2:
         axes.axis[0] = np.nan
     written = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, np.int64)
-    pairs, bound = np.zeros(1, np.int64), np.array([0.2])
-    return places, *axes.shapes, axes.sides, axes.start, bound, axes.axis, pairs, *written, np.full(1, -1)
+    return places, axes.tables, np.array([0.2]), np.zeros(1, np.int64), axes.axis, *written, np.full(1, -1)
 
 
 def from_normals(rng):
     axes, places, _, distance, normal, *_ = known_pair(rng)
     pairs, enough = np.zeros(1, np.int64), float(rng.choice([-1.0, np.inf]))
     known = np.array([distance]), normal[None].copy(), np.zeros((1, 3)), np.full(1, FAILED)
-    return places, *axes.shapes[:7], axes.sides, axes.start, np.array([0.2]), pairs, pairs, enough, *known
+    return places, axes.tables, np.array([0.2]), pairs, pairs, enough, *known
 
 
 def contacts(rng):
     axes, places, _, distance, normal, middle, result = known_pair(rng)
-    flat, line = np.array([True]), np.zeros(3) if rng.random() < 0.7 else unit(rng)
-    room = int(rng.choice([0, 60]))
+    tolerance, room = float(rng.choice([distance - 1.0, distance + 1e-9, distance + 0.1])), int(rng.choice([0, 60]))
     found = np.array([distance]), normal[None].copy(), middle[None].copy(), np.array([result])
     return (
-        places, *axes.shapes, axes.sides, axes.start, np.array([0.2]), np.array([0.25]), flat, line,
-        np.zeros(1, np.int64), float(rng.choice([distance - 1.0, distance + 1e-9, distance + 0.1])), *found,
-        np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 3)),
+        places, axes.tables, np.array([0.2]), np.array([0.25]), np.array([True]), np.zeros(1, np.int64), tolerance,
+        *found, np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 3)),
     )  # fmt: skip
 
 
@@ -182,8 +156,9 @@ def walls_of(rng, shapes):
 
 
 def lines_of_pairs(rng):
-    _, point, count, line = one_of_lines(rng)
-    return np.sort(rng.integers(0, 3, size=count)), point, line, np.full(count, -1)
+    point = rng.normal(size=(6, 3))
+    point[3:] = point[:3] + np.array([0.0, 1.0, 0.0])
+    return np.sort(rng.integers(0, 3, size=6)), point, np.array([0.0, 1.0, 0.0]), np.full(6, -1)
 
 
 PATCH_ARGUMENTS = {
@@ -202,11 +177,10 @@ PATCH_ARGUMENTS = {
     "leave": leave,
     "facing": facing,
     "_choose_normal": choose_normal,
-    "_patch": patch,
+    "shared_region": region,
     "_outline": outline,
     "_few": few,
     "_middle_of": lambda rng: (rng.normal(size=4), rng.normal(size=(4, 3)), int(rng.integers(5)), 0.3, np.zeros(3)),
-    "_one_of_each_line": one_of_lines,
     "keep_one_of_each_line": lines_of_pairs,
     "distances_from_axes": from_axes,
     "distances_from_normals": from_normals,

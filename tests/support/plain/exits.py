@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.contact_patch import FACING
+from mbvi.geometry.features import FACING
 from mbvi.geometry.shapes import Capsule, Convex, Cylinder
 
 

@@ -6,46 +6,40 @@ import numpy as np
 
 from mbvi.arguments import Array
 from mbvi.geometry.hull_graph import outermost
-from mbvi.geometry.support_points import spread_below
+from mbvi.geometry.support_points import Points, spread_below
 from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 
 
-def points_below_plain(
-    places: Array, body: int, numbers: Array, begin: int, end: int, first: Array, neighbour: Array,
-    start: Array, pair: int, tolerance: float, found: Array, at: int, taken: Array,
-) -> tuple[int, float]:  # fmt: skip
-    """List the points of one shape whose gap is within a tolerance, ascending."""
+def points_below_plain(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
+    """List the points of the shape of a pair whose gap is within a tolerance, ascending."""
+    begin, end = points.begin[pair], points.begin[pair + 1]
+    body, numbers = points.body[pair], points.numbers[begin:end]
     gap, point = np.empty(end - begin), np.empty((end - begin, 3))
-    owners = np.tile([body, pair], (end - begin, 1))
-    stand_plain(places, owners, numbers[begin:end], gap, point)
+    stand_plain(places, np.tile([body, pair], (end - begin, 1)), numbers, gap, point)
     near = begin + np.flatnonzero(gap <= tolerance)
-    found[at : at + len(near)] = near
-    if first[begin + 1] > first[begin]:
+    points.found[at : at + len(near)] = near
+    if points.first[begin + 1] > points.first[begin]:
         # of points equally low it is the one that the climb reaches
-        x, y, z = -(places[body, :3] @ numbers[begin, 12:15])
-        start[pair] = outermost.loops(numbers, begin, end, first, neighbour, x, y, z, start[pair])
+        down, graph = -(places[body, :3] @ numbers[0, 12:15]), (points.first, points.neighbour)
+        points.start[pair] = outermost.loops(points.numbers, begin, end, *graph, *down, points.start[pair])
     return len(near), float(gap.min())
 
 
 def half_space_rows_plain(
-    poses: Array, columns: Array, support: Array, body: Array, begin: Array, numbers: Array, first: Array,
-    neighbour: Array, size: Array, start: Array, found: Array, taken: Array, pairs: Array, tolerance: float,
+    poses: Array, columns: Array, support: Array, table: tuple[Array, ...], pairs: Array, tolerance: float,
     clearance: Array, index: Array, owner: Array, gap: Array, point: Array, rows: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """Write gaps, points and gradients of the points within the tolerance, if they are the points of the last call."""
-    count, any_empty = 0, False
+    p, count, any_empty = Points(*table), 0, False
     for pair in pairs.tolist():
-        number, clearance[pair] = points_below_plain(
-            poses, body[pair], numbers, begin[pair], begin[pair + 1], first, neighbour, start, pair, tolerance, found,
-            count, taken,
-        )  # fmt: skip
+        number, clearance[pair] = points_below_plain(poses, p, pair, tolerance, count)
         any_empty |= number == 0
-        count += spread_below.loops(poses, body[pair], numbers, size[pair], found, count, number)
-    if not np.array_equal(found[:count], index):
+        count += spread_below.loops(poses, p, pair, count, number)
+    if not np.array_equal(p.found[:count], index):
         return count, bool(any_empty), False
-    owners = np.array([body[owner], owner]).T
-    stand_plain(poses, owners, numbers[index], gap, point)
-    world = np.zeros(count, np.int64)
-    separation_plain(columns, support, world, body[owner], point, np.ascontiguousarray(numbers[index, 12:15]), rows)
+    owners = np.array([p.body[owner], owner]).T
+    stand_plain(poses, owners, p.numbers[index], gap, point)
+    up = np.ascontiguousarray(p.numbers[index, 12:15])
+    separation_plain(columns, support, np.zeros(count, np.int64), p.body[owner], point, up, rows)
     return count, bool(any_empty), True

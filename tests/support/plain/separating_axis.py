@@ -5,36 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
+from mbvi.geometry.separating_axis import Shapes
 
 
-def reach_plain(
-    place: Array, u: Array, sizes: Array, points: Array, begin: int, end: int, first: Array, neighbour: Array,
-    start: Array, pair: int, side: int,
-) -> float:  # fmt: skip
-    """Return how far a shape reaches from the world's origin along a unit vector [m]."""
+def reach_plain(place: Array, n: Array, shapes: Shapes, pair: int, side: int) -> float:
+    """Return how far a shape of a pair reaches from the world's origin towards the other shape [m]."""
+    s, u = shapes.sides[pair, side], n if side == 0 else -n
+    begin, end, sizes = shapes.first_point[s], shapes.first_point[s + 1], shapes.sizes[s]
     x = place[:3] @ u
     along = np.abs(x) @ sizes[:3] + sizes[3] + sizes[4] * np.hypot(x[0], x[1]) + np.linalg.norm(sizes[5:] * x)
-    start[pair, side] = begin + np.argmax(points[begin:end] @ x)
-    return float(place[3] @ u + along + points[start[pair, side]] @ x)
+    shapes.start[pair, side] = best = begin + np.argmax(shapes.points[begin:end] @ x)
+    return float(place[3] @ u + along + shapes.points[best] @ x)
 
 
 def _clear_plain(
-    places: Array, frame: Array, fixed: Array, sizes: Array, points: Array, first_point: Array, first: Array,
-    neighbour: Array, sides: Array, start: Array, axis: Array, due: Array, tolerance: float, budget: Array,
-    asked: Array,
-) -> int:  # fmt: skip
+    places: Array, tables: tuple[Array, ...], axis: Array, due: Array, tolerance: float, budget: Array, asked: Array
+) -> int:
     """Clear the pairs that their axes keep apart: the bound becomes their budget."""
-    count = 0
+    count, shapes = 0, Shapes(*tables)
     for pair in due:
-        a, b = sides[pair]
-        where = [fixed[s] if frame[s] < 0 else _compose(places[frame[s]], fixed[s]) for s in (a, b)]
-        n = axis[pair] if frame[a] < 0 else axis[pair] @ places[frame[a], :3]
+        sides, frame = shapes.sides[pair], shapes.frame
+        where = [shapes.fixed[s] if frame[s] < 0 else _compose(places[frame[s]], shapes.fixed[s]) for s in sides]
+        n = axis[pair] if frame[sides[0]] < 0 else axis[pair] @ places[frame[sides[0]], :3]
         gap = np.nan
         if not np.isnan(n).any():
-            gap = 0.0
-            for k, (s, u) in enumerate(((a, n), (b, -n))):
-                ends = int(first_point[s]), int(first_point[s + 1])
-                gap -= reach_plain(where[k], u, sizes[s], points, *ends, first, neighbour, start, int(pair), k)
+            gap = -sum(reach_plain(where[k], n, shapes, int(pair), k) for k in (0, 1))
         if gap > tolerance:
             budget[pair] = gap
         else:
