@@ -1,7 +1,7 @@
 """Distances of many pairs of convex shapes in few calls.
 
-`distances_from_axes` finds the distances of pairs that are apart, and of hulls that overlap a little. It starts from the
-axis that separated them last, or from the direction between their centres. Where bodies overlap, a maximum of the
+`distances_from_axes` finds the distances of pairs that are apart, and of hulls that overlap a little. It starts from
+the axis that separated them last, or from the direction between their centres. Where bodies overlap, a maximum of the
 separation need not be the greatest one: unless that is proved the caller asks Coal, and `distances_from_normals`
 refines its answers.
 
