@@ -1,8 +1,9 @@
 """Distances of many pairs of convex shapes in few calls.
 
-`distances_from_axes` finds the distances of pairs that are apart, starting from the axis that separated them last.
-Where the bodies overlap, a maximum of the separation need not be the greatest one: the caller asks Coal, and
-`distances_from_normals` refines its answers.
+`distances_from_axes` finds the distances of pairs that are apart, and of hulls that overlap a little. It starts from
+the axis that separated them last, or from the direction between their centres. Where bodies overlap, a maximum of the
+separation need not be the greatest one: unless that is proved the caller asks Coal, and `distances_from_normals`
+refines its answers.
 
 Arguments that both share: `places` are placements of bodies, shape (b, 4, 3); `tables` the fields of `Shapes`; `bound`
 is of each pair the bounding radius of the smaller shape, shape (n,) [m]; `pairs` are the pairs to look at, shape (p,).
@@ -17,12 +18,16 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 from .contact_patch import MOST_GATHERED, shared_region
+from .proved_depth import between_centres, is_greatest
 from .refined_distance import COAL, FAILED, FLAT, refine_pair
 from .separating_axis import Shapes, axis_in_world, pair_separation, place_pair
+from .vectors import dot, normalise
 
 # lengths relative to the bounding radius of the smaller shape: points of a face that is parallel to another are level
 # to within the first; a refined distance may be below Coal's by the second
 _LEVEL, BELOW = 1e-8, 1e-5
+# hulls that overlap by more than this are not searched from their axes
+_SHALLOW = 0.1
 
 
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1])")
@@ -30,11 +35,11 @@ def distances_from_axes(
     places: Array, tables: tuple[Array, ...], bound: Array, pairs: Array, axis: Array, distance: Array, normal: Array,
     middle: Array, state: Array, unknown: Array,
 ) -> int:  # fmt: skip
-    """Write distance, normal and midpoint of the pairs that are apart, and the state of all.
+    """Write distance, normal and midpoint of the pairs that are apart or overlap a little, and the state of all.
 
     Where shapes are apart, the separation along n has no local maximum but the greatest one, which is the distance.
-    Where the search ends on parallel faces or edges, that is a maximum only if these share a region. Pairs that their
-    axes do not separate are not searched.
+    Where hulls overlap, the search counts if its maximum is proved to be the greatest one (`proved_depth`). Where it
+    ends on parallel faces or edges, that is a maximum only if these share a region.
 
     Parameters
     ----------
@@ -54,18 +59,25 @@ def distances_from_axes(
     gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
     for i in range(len(pairs)):
         pair = pairs[i]
-        found, apart = FAILED, 0.0
+        place_pair(places, shapes, pair, world)
+        found, apart = FAILED, -np.inf
         if axis[pair, 0] == axis[pair, 0]:
-            place_pair(places, shapes, pair, world)
             axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
             apart = pair_separation(world, shapes, pair, n)
-        if apart > 0.0:
+        else:
+            between_centres(world, shapes, pair, n)
+            if dot(n, n) > 0.0:
+                normalise(n)
+                apart = pair_separation(world, shapes, pair, n)
+        if apart > -_SHALLOW * bound[pair]:
             found, apart = refine_pair(world, shapes, pair, n, middle[i])
-        if found == FLAT and apart > 0.0:
+            if found != FAILED and apart <= 0.0 and not is_greatest(world, shapes, pair, n, -apart, bound[pair]):
+                found = FAILED
+        if found == FLAT:
             depth = _LEVEL * bound[pair]
             if shared_region(world, shapes, pair, apart, depth, bound[pair], n, gaps, corners) == 0:
                 found = FAILED
-        if found == FAILED or not apart > 0.0:
+        if found == FAILED:
             state[i], unknown[failed] = FAILED, i
             failed += 1
             continue

@@ -41,7 +41,7 @@ def _support(shape: Convex) -> tuple[tuple[float, ...], Array]:
 
 @record(
     "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[:,::1],"
-    " i8[:,::1], b1[::1]"
+    " i8[:,::1], b1[::1], f8[:,::1]"
 )
 class Shapes(NamedTuple):
     """Placed shapes and pairs of them in arrays, as kernels take them.
@@ -68,6 +68,8 @@ class Shapes(NamedTuple):
         The outermost points of the shapes of each pair at the last call; written by kernels.
     taken : ndarray of bool, shape (k,)
         False for every point, between calls of kernels.
+    inside : ndarray, shape (s, 4)
+        Centre and radius of a ball inside each hull, in its frame; the radius is 0 for other shapes [m].
     """
 
     frame: Array
@@ -83,6 +85,7 @@ class Shapes(NamedTuple):
     sides: Array
     start: Array
     taken: Array
+    inside: Array
 
 
 def _tables(shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> Shapes:
@@ -99,6 +102,9 @@ def _tables(shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> Shapes
             count += len(hull.triangles)
         first_face.extend((first_face[-1] + np.cumsum(entries)).tolist())
     first_point = np.cumsum([0, *map(len, points)])
+    inside = [
+        (*s.shape.vertices.mean(axis=0), s.shape.inner) if isinstance(s.shape, Hull) else (0.0,) * 4 for s in shapes
+    ]
     return Shapes(
         frame,
         np.array([np.vstack([s.rotation.T, s.position]) for s in shapes]).reshape(-1, 4, 3),
@@ -112,6 +118,7 @@ def _tables(shapes: Sequence[PlacedShape], frame: Array, sides: Array) -> Shapes
         sides,
         first_point[sides],
         np.zeros(first_point[-1], bool),
+        np.array(inside, dtype=float).reshape(-1, 4),
     )
 
 
