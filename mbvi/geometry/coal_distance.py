@@ -6,8 +6,6 @@ Functors and geometries are made when the distance of a pair is first computed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import frexp
 from typing import Any
 
 import coal
@@ -20,7 +18,8 @@ from .polyhedra import Polyhedron
 from .polyhedron_overlap import overlap
 from .refined_distance import COAL, FAILED, refined
 from .separating_axis import SeparatingAxes, place_shape
-from .shapes import Convex, PlacedShape
+from .shape_table import ShapeTable
+from .shapes import Convex
 
 # Tolerances for Coal, in units of the pair's size. At Coal's default, normals of curved shapes are wrong in the third
 # digit. At the fine one, about one penetration depth in some hundred is wrong by an order of magnitude, or not finite
@@ -35,23 +34,16 @@ class CoalDistances:
 
     Parameters
     ----------
-    placed : sequence of PlacedShape
+    table : ShapeTable
         The shapes.
     axes : SeparatingAxes
         Of these shapes and their pairs.
-    names : sequence of str
-        The name of each pair, for errors.
-    geometries : dict
-        Coal geometries by shape and unit; those that are missing are added.
     """
 
-    def __init__(
-        self, placed: Sequence[PlacedShape], axes: SeparatingAxes, names: Sequence[str], geometries: dict[Any, Any]
-    ) -> None:
-        self._placed, self._axes, self._names, self._geometries = placed, axes, names, geometries
-        sides = axes.sides.tolist()
-        self.bound = np.array([min(placed[a].shape.bound, placed[b].shape.bound) for a, b in sides])
-        self.unit = np.array([2.0 ** frexp(bound)[1] for bound in self.bound.tolist()])
+    def __init__(self, table: ShapeTable, axes: SeparatingAxes) -> None:
+        self._table, self._axes, self._geometries = table, axes, table.geometries
+        self.bound = np.minimum(*table.bound[axes.sides.T])
+        self.unit = np.ldexp(1.0, np.frexp(self.bound)[1])
         self._pairs: dict[int, tuple[Any, Any, float, list[int]]] = {}
         self._poses = coal.Transform3s(), coal.Transform3s()
         self._world = np.empty((4, 3))
@@ -104,7 +96,7 @@ class CoalDistances:
         known = self._pairs.get(pair)
         if known is None:
             sides, unit = self._axes.sides[pair].tolist(), float(self.unit[pair])
-            shapes = [self._geometry(self._placed[side].shape, unit) for side in sides]
+            shapes = [self._geometry(self._table.placed[side].shape, unit) for side in sides]
             known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes, unit, sides
         distance, _, unit, sides = known
         for side, pose in zip(sides, self._poses, strict=True):
@@ -127,9 +119,8 @@ class CoalDistances:
             world = np.empty((4, 3))
             place_shape(places, self._axes.frame, self._axes.shapes.fixed, side, world)
             worlds.append(world)
-            shapes.append(self._placed[side].shape)
+            shapes.append(self._table.placed[side].shape)
         if not (isinstance(shapes[0], Polyhedron) and isinstance(shapes[1], Polyhedron)):
-            raise MbviError(
-                f"{self._names[pair]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
-            )
+            name = self._table.name(*self._axes.sides[pair].tolist())
+            raise MbviError(f"{name}: Coal finds no penetration depth; take a smaller step or simpler shapes")
         return overlap(shapes[0], worlds[0], shapes[1], worlds[1])

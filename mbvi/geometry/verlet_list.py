@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
+from .separating_axis import place_side
 
 # most sizes of cells; radii within a factor of two share one
 _LEVELS = 24
@@ -93,6 +94,54 @@ def _near_balls(centres: Array, radii: Array, level: Array, cell: Array, reach: 
     return count
 
 
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,:,::1])")
+def place_shapes(places: Array, frame: Array, fixed: Array, world: Array) -> None:
+    """Write where all shapes are, shape (s, 4, 3); the other arguments as of `separating_axis.place_side`."""
+    for shape in range(len(frame)):
+        place_side(places, frame, fixed, shape, shape, world)
+
+
+@kernel("i8(f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8, i8[::1])")
+def near_boxes(world: Array, middle: Array, half: Array, pairs: Array, reach: float, near: Array) -> int:
+    """List the pairs of boxes that no normal of a face separates by more than `reach`; return how many there are.
+
+    Parameters
+    ----------
+    world : ndarray, shape (n, 4, 3)
+        Placements: columns of the rotation, then the origin.
+    middle, half : ndarray, shape (n, 3)
+        Centres and half edges of the boxes along their axes [m].
+    pairs : ndarray of int, shape (k,)
+        Pairs i n + j.
+    reach : float
+        Greatest gap [m].
+    near : ndarray of int, shape (k,)
+        Receives the pairs that are near, in its first places.
+    """
+    n, count, between = len(world), 0, np.empty(3)
+    for k in range(len(pairs)):
+        i = pairs[k] // n
+        j = pairs[k] - i * n
+        for c in range(3):
+            between[c] = world[j, 3, c] - world[i, 3, c]
+            for axis in range(3):
+                between[c] += middle[j, axis] * world[j, axis, c] - middle[i, axis] * world[i, axis, c]
+        apart = -np.inf
+        for side in range(2):
+            a, b = (i, j) if side == 0 else (j, i)
+            for axis in range(3):
+                u, v, w = world[a, axis, 0], world[a, axis, 1], world[a, axis, 2]
+                gap = abs(u * between[0] + v * between[1] + w * between[2]) - half[a, axis]
+                for other in range(3):
+                    along = u * world[b, other, 0] + v * world[b, other, 1] + w * world[b, other, 2]
+                    gap -= half[b, other] * abs(along)
+                apart = max(apart, gap)
+        if apart <= reach:
+            near[count] = pairs[k]
+            count += 1
+    return count
+
+
 def near_balls(centres: Array, radii: Array, reach: float) -> Array:
     """Return the pairs of balls with a gap of at most `reach`, as i n + j with i < j, ascending.
 
@@ -109,7 +158,7 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
     level = np.minimum(np.log2(radii / radii.min()).astype(np.int64), _LEVELS - 1)
     largest = np.zeros(int(level.max()) + 1)
     np.maximum.at(largest, level, radii)
-    pairs = np.empty(12 * len(radii), np.int64)
+    pairs = np.empty(24 * len(radii), np.int64)
     while True:
         count = _near_balls(centres, radii, level, 2.0 * largest + reach, reach, pairs)
         if count <= len(pairs):
@@ -145,19 +194,28 @@ class VerletList:
         self._skin = 0.3 * self._largest_skin
         self.reach, self._queries, self.lists = -np.inf, _FEWEST, 0
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
+        self._turns: Array | None = None
 
-    def within(self, centres: Array, reach: float) -> Array:
-        """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending."""
+    def within(self, centres: Array, reach: float, turns: Array | None = None) -> Array:
+        """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending.
+
+        With rotations, shape (n, 3, 3), the list is valid also for shapes within the spheres that turn with them.
+        """
         if not np.isfinite(reach):
             self.lists += 1
-            self.reach, self._where = -np.inf, np.zeros((0, 3))
+            self.reach, self._where = np.inf, np.zeros((0, 3))
             i, j = np.triu_indices(len(centres), 1)
             return i * len(centres) + j
         if len(self._where):
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
+            travel = np.sqrt(np.vecdot(moved, moved))
+            if turns is not None:
+                # the chord of a rotation on a sphere of unit radius
+                turned = (turns - self._turns).reshape(-1, 9)
+                travel += np.sqrt(0.5 * np.vecdot(turned, turned)) * self._radii
             # both spheres of a pair may have moved by the largest distance, towards each other
-            if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
+            if 2.0 * float(travel.max()) + reach <= self.reach:
                 self._queries += 1
                 return self._pairs
         if self._queries < _FEWEST:
@@ -165,6 +223,7 @@ class VerletList:
         elif self._queries > _MOST:
             self._skin *= 0.8
         self._queries, self.reach, self._where = 0, reach + self._skin, centres.copy()
+        self._turns = turns if turns is None else turns.copy()
         self.lists += 1
-        self._pairs = near_balls(centres, self._radii, self.reach)
+        self._pairs = near_balls(self._where, self._radii, self.reach)
         return self._pairs

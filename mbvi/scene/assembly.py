@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,13 @@ from ..constraints import (
     SphereWalls,
 )
 from ..errors import InputError
+from ..geometry.shape_table import ShapeTable, indexed
 from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
 from .actuation import actuated
 from .blocks import Blocks, blocks_of
-from .items import SceneItems, SurfaceItem
+from .items import SceneItems, SurfaceItem, entity
 from .model import SceneModel
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS
@@ -101,9 +103,7 @@ class _ConstraintBuilder:
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
         e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
-        return SignedDistances(
-            system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e, self.line, self.at_rest
-        )
+        return SignedDistances(system, *indexed(first, second), e, self.line, self.at_rest)
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
@@ -165,7 +165,7 @@ class _ConstraintBuilder:
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
         left_out = _LeftOut(sphere, closed, driven, known)
-        yield BroadPhasePairs(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
+        yield self._found_when_near(system, shapes, left_out)
 
     def _crowd_around(
         self,
@@ -177,10 +177,15 @@ class _ConstraintBuilder:
     ) -> BroadPhasePairs:
         """Return the pairs of some shapes of the world with all that are moving; solid ones meet single ones only."""
         everything, alone = shapes + moving, {id(s) for s in single}
-        closed = np.array([any(s is one for one in solid) for s in everything])
+        walls = {id(s) for s in solid}
+        closed = np.array([id(s) in walls for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
         left_out = _LeftOutAround(len(shapes), sphere, closed)
-        return BroadPhasePairs(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
+        return self._found_when_near(seen, everything, left_out)
+
+    def _found_when_near(self, system: Any, shapes: list[PlacedShape], left_out: Any) -> BroadPhasePairs:
+        e = _Restitution(self.items, tuple(s.name for s in shapes))
+        return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
@@ -239,6 +244,38 @@ class _LeftOutAround:
 
     def __call__(self, i: Array, j: Array) -> Array:
         return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
+
+
+@dataclass(frozen=True)
+class _Restitution:
+    """e of pairs of shapes by their places in `names`; it is looked up once for each pair of groups of shapes.
+
+    Shapes are in one group if no setting of the scene tells them apart.
+    """
+
+    items: SceneItems
+    names: tuple[str, ...]
+
+    @cached_property
+    def _groups(self) -> tuple[Array, list[str]]:
+        """The group of each shape, and one name of each group."""
+        set_for = {name for pair in self.items.pair_restitution for name in pair}
+        known: dict[tuple[str, ...], int] = {}
+        group: list[int] = []
+        member: list[str] = []
+        for name in self.names:
+            key = tuple(n if n in set_for else "" for n in (name, entity(name)))
+            if key not in known:
+                known[key] = len(member)
+                member.append(name)
+            group.append(known[key])
+        return np.array(group, dtype=np.int64), member
+
+    def __call__(self, i: Array, j: Array) -> Array:
+        group, member = self._groups
+        pairs, place = np.unique(group[i] * len(member) + group[j], return_inverse=True)
+        sides = [divmod(pair, len(member)) for pair in pairs.tolist()]
+        return np.array([self.items.restitution_of(member[a], member[b]) for a, b in sides], dtype=float)[place]
 
 
 def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:

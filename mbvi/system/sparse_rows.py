@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..compiled import kernel, plain_array
+
 Array = np.ndarray
 
 # rows with more columns than this are sparse
@@ -48,17 +50,39 @@ def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array,
             here = np.flatnonzero(side)
             rows[here[:, None], b * side[here, None] - b + np.arange(b)] += block[here]
         return rows
-    bodies = np.stack([first, second], axis=1)
-    columns = (b * bodies - b)[:, :, None] + np.arange(b)
-    values = np.stack([left, right], axis=1)
-    there = bodies > 0
-    starts = np.zeros(m + 1, np.int32)
-    if there.all():
-        starts[1:] = 2 * b * np.arange(1, m + 1)
-    else:
-        np.cumsum(b * there.sum(axis=1), out=starts[1:])
-        columns, values = columns[there], values[there]
-    return rows_from(values.ravel(), columns.ravel().astype(np.int32), starts, (m, nv))
+    data, columns, starts = np.empty(2 * b * m), np.empty(2 * b * m, np.int64), np.empty(m + 1, np.int64)
+    sides = np.ascontiguousarray(first, np.int64), np.ascontiguousarray(second, np.int64)
+    count = write_blocks(*sides, plain_array(left), plain_array(right), data, columns, starts)
+    return rows_from(data[:count], columns[:count].astype(np.int32), starts.astype(np.int32), (m, nv))
+
+
+@kernel("i8(i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1])")
+def write_blocks(
+    first: Array, second: Array, left: Array, right: Array, data: Array, columns: Array, starts: Array
+) -> int:
+    """Write sparse rows with entries in the blocks of two bodies; return how many entries there are.
+
+    Parameters
+    ----------
+    first, second, left, right
+        As of `rows_of_two`.
+    data, columns, starts : ndarray, shapes (2 m b,), (2 m b,), (m + 1,)
+        Receive the entries, their columns, and where each row begins.
+    """
+    m, b = left.shape
+    count = 0
+    for row in range(m):
+        starts[row] = count
+        if first[row] > 0:
+            for k in range(b):
+                data[count], columns[count] = left[row, k], b * first[row] - b + k
+                count += 1
+        if second[row] > 0:
+            for k in range(b):
+                data[count], columns[count] = right[row, k], b * second[row] - b + k
+                count += 1
+    starts[m] = count
+    return count
 
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:

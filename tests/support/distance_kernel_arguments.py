@@ -5,6 +5,7 @@ import numpy as np
 from mbvi.geometry import kinks, refined_distance, separating_axis
 from mbvi.geometry import normal_search as search
 from mbvi.geometry.separating_axis import SeparatingAxes, place_shape
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
@@ -34,7 +35,7 @@ def axes_of(rng):
         PlacedShape(f"{k}", shape, body, rotation(rng), where)
         for k, (shape, body, where) in enumerate(zip(shapes, bodies, at, strict=True))
     ]
-    axes = SeparatingAxes(placed, np.array([[0, 1]]))
+    axes = SeparatingAxes(ShapeTable(placed), np.array([[0, 1]]))
     places = np.array([[*rotation(rng), 0.05 * rng.normal(size=3)] for _ in axes.bodies])
     return axes, places
 
