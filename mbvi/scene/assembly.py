@@ -37,6 +37,8 @@ from .reductions import DEFAULT_REDUCTIONS
 _FEW_SPHERES = 33
 # more pairs with shapes that move on their own are found when near
 _MANY_PAIRS = 300
+# of more boxes and capsules than these that move, spheres meet only the near ones
+_FEW_SOLIDS = 20
 # more other shapes than these have their pairs listed when near
 _FEW_SHAPES = 60
 
@@ -73,8 +75,7 @@ class _ConstraintBuilder:
         if pairs:
             yield self._distances(system, pairs)
         if bulk:
-            solid = [s for s in self.shapes if isinstance(s.shape, Box | Capsule) and s.motion is None]
-            yield from self._sphere_walls(system, still, solid)
+            yield from self._sphere_walls(system, still, self._solids())
         if len(self.spheres) > 1:
             yield self._sphere_contacts(system)
         yield from self._moving_walls(system, single, moving)
@@ -134,9 +135,14 @@ class _ConstraintBuilder:
         """Return the spheres, if they are many: these meet walls, boxes and capsules in bulk."""
         return set(self.spheres) if len(self.spheres) > _FEW_SPHERES else set()
 
+    def _solids(self) -> list[PlacedShape]:
+        """Return the boxes and capsules that spheres meet in bulk: those of the world, and few others."""
+        solids = [s for s in self.shapes if isinstance(s.shape, Box | Capsule) and s.motion is None]
+        few = sum(s.body > 0 for s in solids) <= _FEW_SOLIDS
+        return [s for s in solids if few or not s.body]
+
     def _shape_pairs(self) -> Iterator[tuple[PlacedShape, PlacedShape]]:
-        spheres, bulk = set(self.spheres), self._bulk()
-        closed = {k for k, s in enumerate(self.shapes) if bulk and isinstance(s.shape, Box | Capsule)}
+        spheres = set(self.spheres)
         for i, a in enumerate(self.shapes):
             if i in spheres:
                 # they come last, and two of them are found in bulk
@@ -144,21 +150,22 @@ class _ConstraintBuilder:
             for j in range(i + 1, len(self.shapes)):
                 b = self.shapes[j]
                 # nothing of the world moves against the world
-                if a.body == b.body or (i in closed and j in bulk) or a.motion or b.motion:
+                if a.body == b.body or a.motion or b.motion:
                     continue
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
     def _crowd(self, system: System) -> Iterator[BroadPhasePairs]:
         """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
-        bulk, free = bool(self._bulk()), {self.shapes[k].name for k in self.spheres}
+        free = {self.shapes[k].name for k in self.spheres}
+        solid = {s.name for s in self._solids()} if self._bulk() else set()
         # where spheres meet all others in bulk, these are among themselves
-        alone = bulk and all(s.name in free or s.motion or isinstance(s.shape, Box | Capsule) for s in self.shapes)
+        alone = bool(solid) and all(s.name in free or s.motion or s.name in solid for s in self.shapes)
         shapes = [s for s in self.shapes if not (alone and s.name in free)]
         if len({s.body for s in shapes}) < 2:
             return
         sphere = np.array([s.name in free for s in shapes])
-        closed = np.array([bulk and isinstance(s.shape, Box | Capsule) for s in shapes])
+        closed = np.array([s.name in solid for s in shapes])
         number = {s.name: k for k, s in enumerate(shapes)}
         n = len(shapes)
         apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}

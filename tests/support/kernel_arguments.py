@@ -564,7 +564,7 @@ def wall_contacts(rng):
         HalfSpace(tuple(unit(rng)), rng.normal()),
         *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
     ]
-    walls = np.array([sphere_walls._wall_numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
+    walls = np.array([sphere_walls._wall_numbers(w) for w in shapes])
     kind = np.array([sphere_walls._kind_of(w) for w in shapes])
     return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
 
