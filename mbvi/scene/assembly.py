@@ -158,9 +158,10 @@ class _ConstraintBuilder:
     def _crowd(self, system: System) -> Iterator[BroadPhasePairs]:
         """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
         free = {self.shapes[k].name for k in self.spheres}
-        solid = {s.name for s in self._solids()} if self._bulk() else set()
+        bulk = bool(self._bulk())
+        solid = {s.name for s in self._solids()} if bulk else set()
         # where spheres meet all others in bulk, these are among themselves
-        alone = bool(solid) and all(s.name in free or s.motion or s.name in solid for s in self.shapes)
+        alone = bulk and all(s.name in free or s.motion or s.name in solid for s in self.shapes)
         shapes = [s for s in self.shapes if not (alone and s.name in free)]
         if len({s.body for s in shapes}) < 2:
             return
