@@ -17,6 +17,9 @@ from .rebuilt import Rebuilt
 from .rows import Array, Rows
 from .signed_distance import SignedDistances
 
+# shapes that are larger than the median by this factor may turn while a list is valid
+_LARGE = 4.0
+
 
 class BroadPhasePairs(Rebuilt, ConstraintFamily):
     """Every pair of shapes on different bodies, except those that `left_out` names.
@@ -37,8 +40,8 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
     Notes
     -----
     Constraint i n + j is the pair of shapes i < j of n shapes. A pair is listed if its bounding spheres are near each
-    other, and its bounding boxes too, which turn with the bodies. A list is valid until two shapes can have come nearer
-    to each other by the skin of the `VerletList`.
+    other, and its bounding boxes too, which turn with the bodies unless these are large. A list is valid until two
+    shapes can have come nearer to each other by the skin of the `VerletList`.
     """
 
     smooth = False
@@ -57,7 +60,11 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
     ) -> None:
         self.system, self._line, self._at_rest = system, line, at_rest
         self._shapes, self._left_out, self._restitution_of = table, left_out, restitution_of
-        self._neighbours = VerletList(table.bound)
+        # large bodies among small ones would end a list as soon as they turn a little: of these only spheres count
+        turning = (table.body == 0) | (table.bound <= _LARGE * np.median(table.bound))
+        middle, half = table.boxes
+        self._boxes = turning[:, None] * middle, np.where(turning[:, None], half, table.bound[:, None])
+        self._neighbours = VerletList(table.bound, turning * table.bound)
         # computed when first needed
         self._reach: Array | None = None
         self._listed = self._pairs_of(np.zeros(0, np.int64))
@@ -92,7 +99,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             self._list_count, last = self._neighbours.lists, self._listed
             near = np.empty(len(pairs), np.int64)
             # if two shapes can touch before they have moved by the skin
-            count = near_boxes(places, *self._shapes.boxes, pairs, self._neighbours.reach, near)
+            count = near_boxes(places, *self._boxes, pairs, self._neighbours.reach, near)
             self._listed = self._pairs_of(self._allowed(near[:count]))
             self._listed.keep_axes_of(last)
             self._listed.skip_resting(self._resting)

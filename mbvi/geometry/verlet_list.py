@@ -173,6 +173,8 @@ class VerletList:
     ----------
     radii : ndarray, shape (n,)
         Radii [m].
+    arms : ndarray, shape (n,), optional
+        How far points of each shape are from the centre of its sphere, where its rotation counts; 0 where it does not.
 
     Attributes
     ----------
@@ -188,8 +190,8 @@ class VerletList:
     valid for many; it affects speed only.
     """
 
-    def __init__(self, radii: Array) -> None:
-        self._radii = radii
+    def __init__(self, radii: Array, arms: Array | None = None) -> None:
+        self._radii, self._arms = radii, arms
         self._largest_skin = 2.0 * float(np.median(radii))
         self._skin = 0.3 * self._largest_skin
         self.reach, self._queries, self.lists = -np.inf, _FEWEST, 0
@@ -199,7 +201,7 @@ class VerletList:
     def within(self, centres: Array, reach: float, turns: Array | None = None) -> Array:
         """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending.
 
-        With rotations, shape (n, 3, 3), the list is valid also for shapes within the spheres that turn with them.
+        With rotations, shape (n, 3, 3), no point of a shape within its arm has come nearer while the list is valid.
         """
         if not np.isfinite(reach):
             self.lists += 1
@@ -210,10 +212,10 @@ class VerletList:
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
             travel = np.sqrt(np.vecdot(moved, moved))
-            if turns is not None:
+            if turns is not None and self._arms is not None:
                 # the chord of a rotation on a sphere of unit radius
                 turned = (turns - self._turns).reshape(-1, 9)
-                travel += np.sqrt(0.5 * np.vecdot(turned, turned)) * self._radii
+                travel += np.sqrt(0.5 * np.vecdot(turned, turned)) * self._arms
             # both spheres of a pair may have moved by the largest distance, towards each other
             if 2.0 * float(travel.max()) + reach <= self.reach:
                 self._queries += 1
