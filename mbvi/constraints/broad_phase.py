@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..geometry.near_boxes import near_boxes, place_shapes
 from ..geometry.shape_table import ShapeTable
 from ..geometry.sweep import may_pass
-from ..geometry.verlet_list import VerletList, near_boxes, place_shapes
+from ..geometry.verlet_list import VerletList
 from ..system import System
 from ..system.sparse_rows import dense
 from .family import ConstraintFamily

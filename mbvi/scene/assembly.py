@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,8 +26,9 @@ from ..problem import Problem
 from ..system import BlockSystem, System
 from .actuation import actuated
 from .blocks import Blocks, blocks_of
-from .items import SceneItems, SurfaceItem, entity
+from .items import SceneItems, SurfaceItem
 from .model import SceneModel
+from .pair_settings import LeftOut, LeftOutAround, Restitution
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS
 
@@ -172,7 +171,7 @@ class _ConstraintBuilder:
         apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
-        left_out = _LeftOut(sphere, closed, driven, known)
+        left_out = LeftOut(sphere, closed, driven, known)
         yield self._found_when_near(system, shapes, left_out)
 
     def _crowd_around(
@@ -188,11 +187,11 @@ class _ConstraintBuilder:
         walls = {id(s) for s in solid}
         closed = np.array([id(s) in walls for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
-        left_out = _LeftOutAround(len(shapes), sphere, closed)
+        left_out = LeftOutAround(len(shapes), sphere, closed)
         return self._found_when_near(seen, everything, left_out)
 
     def _found_when_near(self, system: Any, shapes: list[PlacedShape], left_out: Any) -> BroadPhasePairs:
-        e = _Restitution(self.items, tuple(s.name for s in shapes))
+        e = Restitution(self.items, tuple(s.name for s in shapes))
         return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
@@ -221,69 +220,6 @@ class _ConstraintBuilder:
         where, first, radii, names, group = self._all_spheres(system)
         e = np.array([[self.items.restitution_of(w, s.name) for w in walls] for s in self.items.spheres])
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
-
-
-@dataclass(frozen=True)
-class _LeftOut:
-    """Which pairs of shapes a crowd leaves out; a class, for a function within a function cannot be pickled.
-
-    `sphere`, `closed` and `driven` hold of each shape whether it is a sphere, one that spheres meet in bulk, and one
-    that moves on its own; `known` holds i n + j of other pairs, ascending.
-    """
-
-    sphere: Array
-    closed: Array
-    driven: Array
-    known: Array
-
-    def __call__(self, i: Array, j: Array) -> Array:
-        sphere, driven = self.sphere, self.driven
-        apart = np.isin(i * len(sphere) + j, self.known)
-        return np.asarray(sphere[i] & sphere[j] | self.closed[i] & sphere[j] | driven[i] | driven[j] | apart)
-
-
-@dataclass(frozen=True)
-class _LeftOutAround:
-    """The same of shapes about the first `count` ones, which move on their own."""
-
-    count: int
-    sphere: Array
-    closed: Array
-
-    def __call__(self, i: Array, j: Array) -> Array:
-        return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
-
-
-@dataclass(frozen=True)
-class _Restitution:
-    """e of pairs of shapes by their places in `names`; it is looked up once for each pair of groups of shapes.
-
-    Shapes are in one group if no setting of the scene tells them apart.
-    """
-
-    items: SceneItems
-    names: tuple[str, ...]
-
-    @cached_property
-    def _groups(self) -> tuple[Array, list[str]]:
-        """The group of each shape, and one name of each group."""
-        set_for = {name for pair in self.items.pair_restitution for name in pair}
-        known: dict[tuple[str, ...], int] = {}
-        group: list[int] = []
-        member: list[str] = []
-        for name in self.names:
-            key = tuple(n if n in set_for else "" for n in (name, entity(name)))
-            if key not in known:
-                known[key] = len(member)
-                member.append(name)
-            group.append(known[key])
-        return np.array(group, dtype=np.int64), member
-
-    def __call__(self, i: Array, j: Array) -> Array:
-        group, member = self._groups
-        pairs, place = np.unique(group[i] * len(member) + group[j], return_inverse=True)
-        sides = [divmod(pair, len(member)) for pair in pairs.tolist()]
-        return np.array([self.items.restitution_of(member[a], member[b]) for a, b in sides], dtype=float)[place]
 
 
 def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:
