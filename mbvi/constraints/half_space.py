@@ -15,6 +15,7 @@ import numpy as np
 from ..compiled import kernel
 from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
+from ..geometry.shape_table import indexed
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
 from ..geometry.support_points import Points, lowest, points_below, spread_below, stand
 from ..system import System
@@ -145,7 +146,9 @@ class HalfSpaceContacts(Pairs):
         The half-space of each pair.
     shapes : sequence of PlacedShape
         The shape of each pair.
-    names, restitution
+    names : sequence of str
+        The name of each pair.
+    restitution
         As `Pairs`.
     lines : ndarray, shape (n, 3), optional
         In a planar scene the plane's normal in the frame of each shape's body; of points on one line along it only the
@@ -167,7 +170,8 @@ class HalfSpaceContacts(Pairs):
         lines: Array | None = None,
     ) -> None:
         self.collinear_points = 0
-        super().__init__(system, [None] * len(shapes), shapes, names, restitution)
+        super().__init__(system, *indexed([None] * len(shapes), shapes), restitution)
+        self.names = tuple(names)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = system.single_mechanism
         numbers, graphs, begin = [np.zeros((0, 17))], [], [0]

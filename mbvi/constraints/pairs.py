@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled import kernel
-from ..geometry.shapes import PlacedShape
+from ..geometry.shape_table import ShapeTable
 from ..system import System
 from .candidates import PairCandidates
 from .family import ConstraintFamily
@@ -89,61 +90,50 @@ class Pairs(Rebuilt, ConstraintFamily):
     ----------
     system : System
         What moves the bodies.
-    first, second : sequence of PlacedShape or None
-        The shapes of each pair; None stands for a half-space of the world.
-    names : sequence of str
-        The name of each pair.
+    table : ShapeTable
+        The shapes.
+    sides : ndarray of int, shape (n, 2)
+        The shapes of each pair in the table; -1 stands for a half-space of the world.
     restitution : ndarray, shape (n,)
         e of each pair.
     """
 
     skips_resting = True
 
-    def __init__(
-        self,
-        system: System,
-        first: Sequence[PlacedShape | None],
-        second: Sequence[PlacedShape],
-        names: Sequence[str],
-        restitution: Array,
-    ) -> None:
-        self.system = system
-        self.names = tuple(names)
-        self.size = len(self.names)
+    def __init__(self, system: System, table: ShapeTable, sides: Array, restitution: Array) -> None:
+        self.system, self._shapes, self._sides = system, table, sides
+        self.size, self.numbers = len(sides), np.arange(len(sides))
         self.restitution: Array = restitution
-        self._first_body = np.array([0 if s is None else s.body for s in first], dtype=np.intp)
-        self._second_body = np.array([s.body for s in second], dtype=np.intp)
-        # the pairs of the last rows with their bodies and e, computed again only if the pairs differ
+        # a half-space is the last entry; it has no far side: no body passes through it
+        self._first_body, self._second_body = np.append(table.body, 0)[sides.T]
+        self.thickness: Array = np.add(*np.append(table.inner, np.inf)[sides.T])
+        # the pairs of the last rows with their numbers, bodies and e, computed again only if the pairs differ
         self._last_pair, self._last_key = np.zeros(0, np.int64), b""
         self._constants = self._last_pair, self._first_body[:0], self._second_body[:0], self.restitution[:0]
         # which pairs are at rest; the last candidates and those of them that are not at rest
         self._resting: Array | None = None
         self._last_awake: tuple[Array, Array] | None = None
-        self._set_reach(first, second)
         # for queries without a cache: every pair is a candidate
         self._every = PairCandidates(self.size)
 
-    def _set_reach(self, first: Sequence[PlacedShape | None], second: Sequence[PlacedShape]) -> None:
-        """Compute the reach, the envelope and the thickness of each pair."""
-        system = self.system
-        reaches: dict[str, Array] = {}
-        rows, envelope = [], np.zeros(system.nv)
-        dense = len(second) * system.nv <= _MOST_DENSE
-        for a, b in zip(first, second, strict=True):
-            sides = [np.zeros(system.nv) if s is None else _reach(system, s, reaches) for s in (a, b)]
-            # a velocity that moves both bodies moves them as one rigid body: their distance does not change
-            row = np.where((sides[0] > 0.0) & (sides[1] > 0.0), 0.0, sides[0] + sides[1])
-            np.maximum(envelope, row, out=envelope)
-            rows.append(row if dense else _sparse().csr_array(row[None]))
-        # shape (nv, n), dense or sparse
-        self._reach = (
-            np.array(rows).reshape(-1, system.nv).T.copy() if dense else _sparse().vstack(rows, format="csr").T
-        )
-        # a half-space has no far side: no body passes through it
-        self.thickness: Array = np.array(
-            [np.inf if a is None else a.shape.inner + b.shape.inner for a, b in zip(first, second, strict=True)]
-        )
-        self._envelope = envelope
+    @cached_property
+    def _reach(self) -> Any:
+        """The reach of each pair, shape (nv, n), dense or sparse."""
+        # a velocity that moves both bodies moves them as one rigid body: their distance does not change
+        if self.size * self.system.nv <= _MOST_DENSE:
+            each = np.array([*_reaches(self.system, self._shapes), np.zeros(self.system.nv)])
+            left, right = each[self._sides.T]
+            return np.where((left > 0.0) & (right > 0.0), 0.0, left + right).T.copy()
+        sparse = sparse_reaches(self.system, self._shapes)
+        left, right = (sparse[side] for side in self._sides.T)
+        rows, both = left + right, (left > 0.0).multiply(right > 0.0)
+        return (rows - rows.multiply(both)).T
+
+    @cached_property
+    def _envelope(self) -> Array:
+        reach = self._reach
+        most = reach.max(axis=1, initial=0.0) if isinstance(reach, np.ndarray) else reach.max(axis=1).toarray()
+        return np.asarray(most).reshape(-1)
 
     def envelope(self) -> Array:
         """Return the largest reach of any pair, shape (nv,)."""
@@ -207,7 +197,8 @@ class Pairs(Rebuilt, ConstraintFamily):
             key = pair.tobytes()
             if key != self._last_key:
                 self._last_key = key
-                self._constants = pair, self._first_body[pair], self._second_body[pair], self.restitution[pair]
+                bodies = self._first_body[pair], self._second_body[pair]
+                self._constants = self.numbers[pair], *bodies, self.restitution[pair]
             self._last_pair = pair
         return self._constants
 
@@ -268,17 +259,15 @@ class Pairs(Rebuilt, ConstraintFamily):
         return contacts.point, contacts.normal
 
 
-def _reach(system: System, placed: PlacedShape, known: dict[str, Array]) -> Array:
-    """Return the most that each velocity moves a point of a shape, shape (nv,); kept in `known` by name."""
-    if placed.body == 0:
-        return np.zeros(system.nv)
-    if placed.name not in known:
-        known[placed.name] = system.reach(placed.body, placed.position, placed.shape.bound)
-    return known[placed.name]
+def _reaches(system: System, table: ShapeTable) -> Iterator[Array]:
+    """Yield the most that each velocity moves a point of each shape, shape (nv,)."""
+    for s in table.placed:
+        yield system.reach(s.body, s.position, s.shape.bound) if s.body else np.zeros(system.nv)
 
 
-def _sparse() -> Any:
+def sparse_reaches(system: System, table: ShapeTable) -> Any:
+    """Return the most that each velocity moves a point of each shape, and a row of zeros, shape (s + 1, nv)."""
     # only scenes of many pairs need it, and its import is slow
-    from scipy import sparse
+    from scipy.sparse import csr_array, vstack
 
-    return sparse
+    return vstack([*(csr_array(r[None]) for r in _reaches(system, table)), csr_array((1, system.nv))], format="csr")

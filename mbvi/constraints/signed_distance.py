@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
@@ -13,14 +12,16 @@ from ..geometry.pair_contacts import write_contacts
 from ..geometry.pair_distances import distances_from_axes, distances_from_normals
 from ..geometry.primitive_pairs import NONE, PrimitivePairs
 from ..geometry.refined_distance import FAILED
-from ..geometry.separating_axis import SeparatingAxes
-from ..geometry.shapes import PlacedShape, length_unit
+from ..geometry.separating_axis import SeparatingAxes, carry_axes
+from ..geometry.shape_table import ShapeTable
 from ..system import System
 from .family import RowTable
 from .pairs import Array, Contacts, Pairs
 
 # contact points of a pair for which there is room at first
 _ROOM = 16
+# contacts of more pairs are not kept while bodies stand still: of so many some body always moves
+_MOST_KEPT = 1000
 # placements are rounded to multiples of 1 / this (lengths in units of the shapes' size), about 1e-14, so that a body at
 # rest has the same placement, bit by bit, at every step
 _GRID = 2.0**47
@@ -33,57 +34,64 @@ class SignedDistances(Pairs):
     ----------
     system : System
         What moves the bodies.
-    first, second : sequence of PlacedShape
-        The two shapes of each pair.
-    names, restitution
+    table, sides, restitution
         As `Pairs`.
     line : ndarray, shape (3,), optional
         The normal of the plane of a planar scene: of contact points on one line along it the first is kept.
     at_rest : bool
         Whether to keep the contacts of pairs, instead of computing them again, while their bodies stand still.
-    unit : float, optional
-        A power of two about as large as the shapes [m]; by default found from these shapes.
-    geometries : dict, optional
-        Coal geometries by shape and unit, which several families may share.
+    numbers : ndarray of int, shape (n,), optional
+        The numbers of the constraints; by default 0 to n - 1.
     """
 
     def __init__(
         self,
         system: System,
-        first: Sequence[PlacedShape],
-        second: Sequence[PlacedShape],
-        names: Sequence[str],
+        table: ShapeTable,
+        sides: Array,
         restitution: Array,
         line: Array | None = None,
         at_rest: bool = True,
-        unit: float | None = None,
-        geometries: dict[Any, Any] | None = None,
+        numbers: Array | None = None,
     ) -> None:
-        super().__init__(system, first, second, names, restitution)
+        super().__init__(system, table, sides, restitution)
+        self.numbers = self.numbers if numbers is None else numbers
         self._at_rest = at_rest
         # the last pairs, tolerance and placements of their bodies, and the contacts found
         self._last: tuple[tuple[bytes, float, bool, bytes], Contacts] | None = None
-        placed = {s.name: s for s in (*first, *second)}
-        shapes, number = list(placed.values()), {name: k for k, name in enumerate(placed)}
-        sides = [(number[a.name], number[b.name]) for a, b in zip(first, second, strict=True)]
-        grid = length_unit(s.shape.bound for s in shapes) if unit is None else unit
-        self._grid = np.array([[_GRID]] * 3 + [[_GRID / grid]])
+        self._grid = np.array([[_GRID]] * 3 + [[_GRID / table.unit]])
         self._cell = 1.0 / self._grid
-        self._axes = SeparatingAxes(shapes, np.array(sides, dtype=np.int64).reshape(-1, 2))
-        self._closed = PrimitivePairs(shapes, self._axes.shapes)
-        self._coal = CoalDistances(shapes, self._axes, self.names, {} if geometries is None else geometries)
-        self._flat = np.array([not (shapes[a].shape.smooth or shapes[b].shape.smooth) for a, b in sides], dtype=bool)
+        self._axes = SeparatingAxes(table, sides)
+        self._closed = PrimitivePairs(table, sides)
+        self._coal = CoalDistances(table, self._axes)
+        self._flat = ~np.logical_or(*table.smooth[sides.T])
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
-        self._bounds = np.empty(len(sides))
+        self._bounds = np.empty(self.size)
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth
         self._some_smooth, self._is_smooth = bool(self.smooth.any()), self.smooth.tolist().__getitem__
         self._some_closed = bool((self._closed.form != NONE).any())
 
+    @cached_property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The name of each pair."""
+        return tuple(self._shapes.name(a, b) for a, b in self._sides.tolist())
+
+    def keep_axes_of(self, other: SignedDistances) -> None:
+        """Take over what another list of pairs of the same shapes knows of those that are in both."""
+        before, axes = other._axes, self._axes
+        carry_axes(other.numbers, before.axis, before.shapes.start, self.numbers, axes.axis, axes.shapes.start)
+
+    def describe_paths(self) -> str:
+        """Return in words how many pairs take which path."""
+        closed = np.count_nonzero(self._closed.form)
+        ways = (closed, "in closed form"), (self.size - closed, "by search from the last axis, or by Coal")
+        return ", ".join(f"{n} {way}" for n, way in ways if n)
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
-        return f"{self.size} pairs of shapes"
+        return f"{self.size} pairs of shapes: {self.describe_paths()}"
 
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each pair, its least distance."""
@@ -125,6 +133,8 @@ class SignedDistances(Pairs):
             return self._measure(places, pairs, tolerance, rough)
         places = np.rint(places * self._grid)
         places *= self._cell
+        if len(pairs) > _MOST_KEPT:
+            return self._measure(places, pairs, tolerance, rough)
         # for the world the last placement is taken, which does no harm
         where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._axes.shapes.sides[pairs]]].tobytes()
         if self._last is None or self._last[0] != where:

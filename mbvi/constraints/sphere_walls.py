@@ -181,12 +181,20 @@ class SphereWalls(ConstraintFamily):
         self._group, self._e = group, group_restitution
         self._bodies = np.array([0 if isinstance(w, HalfSpace) else w.body for w in walls], dtype=np.int64)
         self._kind = np.array([_kind_of(w) for w in walls], dtype=np.int64)
-        self._local = np.array([_wall_numbers(w, np.eye(3), np.zeros(3)) for w in walls])
-        self._moving = [(a, w) for a, w in enumerate(walls) if isinstance(w, PlacedShape) and w.body]
+        self._local = np.array([_wall_numbers(w) for w in walls])
+        # walls on bodies, and which of their vectors are points: the centre of a box, the ends of a capsule
+        self._carried = [
+            (np.flatnonzero((self._bodies > 0) & (self._kind == kind)), points)
+            for kind, points in ((_BOX, slice(3, 4)), (_CAPSULE, slice(2)))
+        ]
         # a half-space has no far side: no sphere passes through it
         self._inner = np.array([np.inf if isinstance(w, HalfSpace) else w.shape.inner for w in walls])
         # the most that each velocity moves a point of the walls that are not fixed
-        self._reach = [(a, system.reach(w.body, w.position, w.shape.bound)) for a, w in self._moving]
+        self._reach = [
+            (a, system.reach(w.body, w.position, w.shape.bound))
+            for a, w in enumerate(walls)
+            if isinstance(w, PlacedShape) and w.body
+        ]
         self.size = len(self._radii) * len(self._kind)
         self.restitution = np.asarray(group_restitution[group].ravel())
 
@@ -203,12 +211,16 @@ class SphereWalls(ConstraintFamily):
 
     def _walls_at(self, q: Array) -> Array:
         """Return the argument `walls` of `wall_contacts`, in the world."""
-        if not self._moving:
-            return self._local
-        walls = self._local.copy()
-        places = self.system.placements(q, np.array([w.body for _, w in self._moving]))
-        for (a, w), place in zip(self._moving, places, strict=True):
-            walls[a] = _wall_numbers(w, place[:3].T, place[3])
+        walls = self._local
+        for here, points in self._carried:
+            if not here.size:
+                continue
+            if walls is self._local:
+                walls = self._local.copy()
+            places, width = self.system.placements(q, self._bodies[here]), 3 * points.stop
+            vectors = self._local[here, :width].reshape(-1, points.stop, 3) @ places[:, :3]
+            vectors[:, points] += places[:, 3:]
+            walls[here, :width] = vectors.reshape(len(here), width)
         return walls
 
     def _near(self, q: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
@@ -234,22 +246,7 @@ class SphereWalls(ConstraintFamily):
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
-        centres, walls, gap = plain_array(q[self._where]).reshape(-1, 3), self._walls_at(q), np.empty(len(pairs))
-        number, point, normal = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
-        for k, (i, a) in enumerate(zip(*np.divmod(pairs, len(self._kind)), strict=True)):
-            one, its = slice(i, i + 1), slice(a, a + 1)
-            wall_contacts(
-                centres[one],
-                self._radii[one],
-                self._kind[its],
-                walls[its],
-                np.inf,
-                number,
-                gap[k : k + 1],
-                point,
-                normal,
-            )
-        return gap
+        return self.gap(t, q)[pairs]
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair, shapes (n w, 3)."""
@@ -293,13 +290,13 @@ def _kind_of(wall: HalfSpace | PlacedShape) -> int:
     return _BOX if isinstance(wall.shape, Box) else _CAPSULE
 
 
-def _wall_numbers(wall: HalfSpace | PlacedShape, turn: Array, origin: Array) -> Array:
-    """Return the row of `walls` of `wall_contacts` for a wall whose body has this rotation and origin, shape (15,)."""
+def _wall_numbers(wall: HalfSpace | PlacedShape) -> Array:
+    """Return the row of `walls` of `wall_contacts` for a wall in the frame of its body, shape (15,)."""
     numbers = np.zeros(15)
     if isinstance(wall, HalfSpace):
         numbers[:3], numbers[3] = wall.normal, wall.offset
         return numbers
-    R, p = turn @ wall.rotation, turn @ wall.position + origin
+    R, p = wall.rotation, wall.position
     if isinstance(wall.shape, Box):
         numbers[:9], numbers[9:12], numbers[12:] = R.T.ravel(), p, 0.5 * np.array(wall.shape.size)
         return numbers

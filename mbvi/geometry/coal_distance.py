@@ -6,8 +6,6 @@ Functors and geometries are made when the distance of a pair is first computed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import frexp
 from typing import Any
 
 import coal
@@ -20,7 +18,8 @@ from .polyhedra import Polyhedron
 from .polyhedron_overlap import overlap
 from .refined_distance import COAL, FAILED, FLAT, refined
 from .separating_axis import SeparatingAxes, place_pair, place_shape
-from .shapes import Convex, PlacedShape
+from .shape_table import ShapeTable
+from .shapes import Convex
 
 # Tolerances for Coal, in units of the pair's size. At Coal's default, normals of curved shapes are wrong in the third
 # digit. At the fine one, about one penetration depth in some hundred is wrong by an order of magnitude, or not finite
@@ -35,23 +34,16 @@ class CoalDistances:
 
     Parameters
     ----------
-    placed : sequence of PlacedShape
+    table : ShapeTable
         The shapes.
     axes : SeparatingAxes
         Of these shapes and their pairs.
-    names : sequence of str
-        The name of each pair, for errors.
-    geometries : dict
-        Coal geometries by shape and unit; those that are missing are added.
     """
 
-    def __init__(
-        self, placed: Sequence[PlacedShape], axes: SeparatingAxes, names: Sequence[str], geometries: dict[Any, Any]
-    ) -> None:
-        self._placed, self._axes, self._names, self._geometries = placed, axes, names, geometries
-        sides = axes.shapes.sides.tolist()
-        self.bound = np.array([min(placed[a].shape.bound, placed[b].shape.bound) for a, b in sides])
-        self.unit = np.array([2.0 ** frexp(bound)[1] for bound in self.bound.tolist()])
+    def __init__(self, table: ShapeTable, axes: SeparatingAxes) -> None:
+        self._table, self._axes, self._geometries = table, axes, table.geometries
+        self.bound = np.minimum(*table.bound[axes.shapes.sides.T])
+        self.unit = np.ldexp(1.0, np.frexp(self.bound)[1])
         self._pairs: dict[int, tuple[Any, Any, list[int]]] = {}
         self._poses = coal.Transform3s(), coal.Transform3s()
         self._world = np.empty((2, 4, 3))
@@ -101,11 +93,11 @@ class CoalDistances:
 
     def overlap(self, places: Array, pair: int) -> tuple[float, Array, Array, int]:
         """Return the same of two polyhedra that overlap, without Coal: all axes of faces and edges are tried."""
-        one, other = (self._placed[side].shape for side in self._axes.shapes.sides[pair].tolist())
+        sides = self._axes.shapes.sides[pair].tolist()
+        one, other = (self._table.placed[side].shape for side in sides)
         if not (isinstance(one, Polyhedron) and isinstance(other, Polyhedron)):
-            raise MbviError(
-                f"{self._names[pair]}: Coal finds no penetration depth; take a smaller step or simpler shapes"
-            )
+            name = self._table.name(*sides)
+            raise MbviError(f"{name}: Coal finds no penetration depth; take a smaller step or simpler shapes")
         place_pair(places, self._axes.shapes, pair, self._world)
         distance, normal = overlap(one, self._world[0], other, self._world[1])
         found, exact, point = refined(self._axes, places, pair, normal)
@@ -115,7 +107,7 @@ class CoalDistances:
         known, unit = self._pairs.get(pair), float(self.unit[pair])
         if known is None:
             sides = self._axes.shapes.sides[pair].tolist()
-            shapes = [self._geometry(self._placed[side].shape, unit) for side in sides]
+            shapes = [self._geometry(self._table.placed[side].shape, unit) for side in sides]
             known = self._pairs[pair] = coal.ComputeDistance(*shapes), shapes, sides
         for world, pose, side in zip(self._world, self._poses, known[2], strict=True):
             # arrays are passed faster than tables

@@ -6,20 +6,21 @@ The other pairs with a cylinder have none: their signed distance is a root of a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arguments import Array
 from ..compiled import kernel
 from .ball_contact import ball_contact
 from .box_box import box_contacts
-from .separating_axis import Shapes
 from .shape_cores import place_cores
-from .shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
+from .shape_table import BALL, CAPSULE, CYLINDER, ShapeTable
 
 # closed forms: none; the first shape is a sphere; the second is; both are boxes or capsules
 NONE, FIRST_BALL, SECOND_BALL, BOXES = 0, 1, 2, 3
+# the closed form of a pair of kinds
+_FORM = np.full((5, 5), BOXES)
+_FORM[CYLINDER:], _FORM[:, CYLINDER:] = NONE, NONE
+_FORM[: CYLINDER + 1, BALL], _FORM[BALL, : CYLINDER + 1] = SECOND_BALL, FIRST_BALL
 # most contacts of a pair: eight corners of a patch, and the deepest point
 _MOST = 9
 
@@ -95,27 +96,15 @@ def ball_contacts(
     return len(measured)
 
 
-def closed_form(first: PlacedShape, second: PlacedShape) -> int:
-    """Return the code of the closed form of two shapes, `NONE` if there is none."""
-    shapes = first.shape, second.shape
-    balls = [isinstance(s, Sphere) or (isinstance(s, Capsule) and s.length == 0.0) for s in shapes]
-    cores = [isinstance(s, Sphere | Capsule | Box) for s in shapes]
-    if balls[0] and (cores[1] or isinstance(shapes[1], Cylinder)):
-        return FIRST_BALL
-    if balls[1] and (cores[0] or isinstance(shapes[0], Cylinder)):
-        return SECOND_BALL
-    return BOXES if all(cores) else NONE
-
-
 class PrimitivePairs:
     """Contacts of those pairs of a list that have a closed form.
 
     Parameters
     ----------
-    shapes : sequence of PlacedShape
+    table : ShapeTable
         The shapes.
-    tables : Shapes
-        The arrays of these shapes and their pairs.
+    sides : ndarray of int, shape (n, 2)
+        The two shapes of each pair.
 
     Attributes
     ----------
@@ -125,14 +114,14 @@ class PrimitivePairs:
         Which pairs have a continuous gradient: sphere and sphere, sphere and capsule.
     """
 
-    def __init__(self, shapes: Sequence[PlacedShape], tables: Shapes) -> None:
-        self._frame, self._fixed, self._sizes = tables[:3]
-        self._sides = sides = tables.sides
-        self.form = np.array([closed_form(shapes[a], shapes[b]) for a, b in sides.tolist()], dtype=np.int64)
-        self.smooth = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
-        self.smooth &= np.array([isinstance(s.shape, Sphere | Capsule) for s in shapes])[sides].all(axis=1)
+    def __init__(self, table: ShapeTable, sides: Array) -> None:
+        self._frame, self._fixed, self._sizes = table.arrays[:3]
+        self._sides, (first, second) = sides, table.kind[sides.T]
+        self.form = _FORM[first, second]
+        balls = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
+        self.smooth = balls & (first <= CAPSULE) & (second <= CAPSULE)
         self._only_balls = not (self.form == BOXES).any()
-        self._room = self._rows(_MOST)
+        self._room = _MOST
 
     def contacts(self, places: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
         """Return the contacts of pairs that have a closed form.
@@ -155,17 +144,19 @@ class PrimitivePairs:
             its signed distance.
         """
         shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs
-        if len(self._room[0]) < len(pairs):
-            self._room = self._rows(2 * len(pairs))
+        self._room = max(self._room, 4 * len(pairs))
+        found = self._rows(self._room)
         if self._only_balls:
-            count = ball_contacts(*shared, *self._room)
+            count = ball_contacts(*shared, *found)
         else:
-            count = primitive_contacts(*shared, tolerance, *self._room)
-            if count > len(self._room[0]):
-                self._room = self._rows(2 * count)
-                primitive_contacts(*shared, tolerance, *self._room)
-        pair, gap, point, normal = self._room
-        return pair[:count].copy(), gap[:count].copy(), point[:count].copy(), normal[:count].copy()
+            count = primitive_contacts(*shared, tolerance, *found)
+            if count > self._room:
+                self._room = 2 * count
+                found = self._rows(self._room)
+                primitive_contacts(*shared, tolerance, *found)
+        pair, gap, point, normal = found
+        return pair[:count], gap[:count], point[:count], normal[:count]
 
-    def _rows(self, count: int) -> tuple[Array, Array, Array, Array]:
+    @staticmethod
+    def _rows(count: int) -> tuple[Array, Array, Array, Array]:
         return np.empty(count, np.int64), np.empty(count), np.empty((count, 3)), np.empty((count, 3))

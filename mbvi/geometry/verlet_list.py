@@ -109,7 +109,7 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
     level = np.minimum(np.log2(radii / radii.min()).astype(np.int64), _LEVELS - 1)
     largest = np.zeros(int(level.max()) + 1)
     np.maximum.at(largest, level, radii)
-    pairs = np.empty(12 * len(radii), np.int64)
+    pairs = np.empty(24 * len(radii), np.int64)
     while True:
         count = _near_balls(centres, radii, level, 2.0 * largest + reach, reach, pairs)
         if count <= len(pairs):
@@ -124,6 +124,8 @@ class VerletList:
     ----------
     radii : ndarray, shape (n,)
         Radii [m].
+    arms : ndarray, shape (n,), optional
+        How far points of each shape are from the centre of its sphere, where its rotation counts; 0 where it does not.
 
     Attributes
     ----------
@@ -139,25 +141,34 @@ class VerletList:
     valid for many; it affects speed only.
     """
 
-    def __init__(self, radii: Array) -> None:
-        self._radii = radii
+    def __init__(self, radii: Array, arms: Array | None = None) -> None:
+        self._radii, self._arms = radii, arms
         self._largest_skin = 2.0 * float(np.median(radii))
         self._skin = 0.3 * self._largest_skin
         self.reach, self._queries, self.lists = -np.inf, _FEWEST, 0
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
+        self._turns: Array | None = None
 
-    def within(self, centres: Array, reach: float) -> Array:
-        """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending."""
+    def within(self, centres: Array, reach: float, turns: Array | None = None) -> Array:
+        """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending.
+
+        With rotations, shape (n, 3, 3), no point of a shape within its arm has come nearer while the list is valid.
+        """
         if not np.isfinite(reach):
             self.lists += 1
-            self.reach, self._where = -np.inf, np.zeros((0, 3))
+            self.reach, self._where = np.inf, np.zeros((0, 3))
             i, j = np.triu_indices(len(centres), 1)
             return i * len(centres) + j
         if len(self._where):
             moved = centres - self._where
             moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
+            travel = np.sqrt(np.vecdot(moved, moved))
+            if turns is not None and self._arms is not None:
+                # the chord of a rotation on a sphere of unit radius
+                turned = (turns - self._turns).reshape(-1, 9)
+                travel += np.sqrt(0.5 * np.vecdot(turned, turned)) * self._arms
             # both spheres of a pair may have moved by the largest distance, towards each other
-            if 2.0 * float(np.sqrt(np.vecdot(moved, moved).max())) + reach <= self.reach:
+            if 2.0 * float(travel.max()) + reach <= self.reach:
                 self._queries += 1
                 return self._pairs
         if self._queries < _FEWEST:
@@ -165,6 +176,7 @@ class VerletList:
         elif self._queries > _MOST:
             self._skin *= 0.8
         self._queries, self.reach, self._where = 0, reach + self._skin, centres.copy()
+        self._turns = turns if turns is None else turns.copy()
         self.lists += 1
-        self._pairs = near_balls(centres, self._radii, self.reach)
+        self._pairs = near_balls(self._where, self._radii, self.reach)
         return self._pairs

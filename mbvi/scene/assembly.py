@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from ..constraints import (
     SphereWalls,
 )
 from ..errors import InputError
+from ..geometry.shape_table import ShapeTable, indexed
 from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
@@ -28,6 +28,7 @@ from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
+from .pair_settings import LeftOut, LeftOutAround, Restitution
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS
 
@@ -35,6 +36,8 @@ from .reductions import DEFAULT_REDUCTIONS
 _FEW_SPHERES = 33
 # more pairs with shapes that move on their own are found when near
 _MANY_PAIRS = 300
+# of more boxes and capsules than these that move, spheres meet only the near ones
+_FEW_SOLIDS = 20
 # more other shapes than these have their pairs listed when near
 _FEW_SHAPES = 60
 
@@ -71,8 +74,7 @@ class _ConstraintBuilder:
         if pairs:
             yield self._distances(system, pairs)
         if bulk:
-            solid = [s for s in self.shapes if isinstance(s.shape, Box | Capsule) and s.motion is None]
-            yield from self._sphere_walls(system, still, solid)
+            yield from self._sphere_walls(system, still, self._solids())
         if len(self.spheres) > 1:
             yield self._sphere_contacts(system)
         yield from self._moving_walls(system, single, moving)
@@ -101,9 +103,7 @@ class _ConstraintBuilder:
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
         e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
-        return SignedDistances(
-            system, first, second, [f"{a.name} | {b.name}" for a, b in pairs], e, self.line, self.at_rest
-        )
+        return SignedDistances(system, *indexed(first, second), e, self.line, self.at_rest)
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
@@ -134,9 +134,14 @@ class _ConstraintBuilder:
         """Return the spheres, if they are many: these meet walls, boxes and capsules in bulk."""
         return set(self.spheres) if len(self.spheres) > _FEW_SPHERES else set()
 
+    def _solids(self) -> list[PlacedShape]:
+        """Return the boxes and capsules that spheres meet in bulk: those of the world, and few others."""
+        solids = [s for s in self.shapes if isinstance(s.shape, Box | Capsule) and s.motion is None]
+        few = sum(s.body > 0 for s in solids) <= _FEW_SOLIDS
+        return [s for s in solids if few or not s.body]
+
     def _shape_pairs(self) -> Iterator[tuple[PlacedShape, PlacedShape]]:
-        spheres, bulk = set(self.spheres), self._bulk()
-        closed = {k for k, s in enumerate(self.shapes) if bulk and isinstance(s.shape, Box | Capsule)}
+        spheres = set(self.spheres)
         for i, a in enumerate(self.shapes):
             if i in spheres:
                 # they come last, and two of them are found in bulk
@@ -144,28 +149,30 @@ class _ConstraintBuilder:
             for j in range(i + 1, len(self.shapes)):
                 b = self.shapes[j]
                 # nothing of the world moves against the world
-                if a.body == b.body or (i in closed and j in bulk) or a.motion or b.motion:
+                if a.body == b.body or a.motion or b.motion:
                     continue
                 if (a.name, b.name) not in self.apart:
                     yield a, b
 
     def _crowd(self, system: System) -> Iterator[BroadPhasePairs]:
         """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
-        bulk, free = bool(self._bulk()), {self.shapes[k].name for k in self.spheres}
+        free = {self.shapes[k].name for k in self.spheres}
+        bulk = bool(self._bulk())
+        solid = {s.name for s in self._solids()} if bulk else set()
         # where spheres meet all others in bulk, these are among themselves
-        alone = bulk and all(s.name in free or s.motion or isinstance(s.shape, Box | Capsule) for s in self.shapes)
+        alone = bulk and all(s.name in free or s.motion or s.name in solid for s in self.shapes)
         shapes = [s for s in self.shapes if not (alone and s.name in free)]
         if len({s.body for s in shapes}) < 2:
             return
         sphere = np.array([s.name in free for s in shapes])
-        closed = np.array([bulk and isinstance(s.shape, Box | Capsule) for s in shapes])
+        closed = np.array([s.name in solid for s in shapes])
         number = {s.name: k for k, s in enumerate(shapes)}
         n = len(shapes)
         apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
-        left_out = _LeftOut(sphere, closed, driven, known)
-        yield BroadPhasePairs(system, shapes, left_out, self.items.restitution_of, self.line, self.at_rest)
+        left_out = LeftOut(sphere, closed, driven, known)
+        yield self._found_when_near(system, shapes, left_out)
 
     def _crowd_around(
         self,
@@ -177,10 +184,15 @@ class _ConstraintBuilder:
     ) -> BroadPhasePairs:
         """Return the pairs of some shapes of the world with all that are moving; solid ones meet single ones only."""
         everything, alone = shapes + moving, {id(s) for s in single}
-        closed = np.array([any(s is one for one in solid) for s in everything])
+        walls = {id(s) for s in solid}
+        closed = np.array([id(s) in walls for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
-        left_out = _LeftOutAround(len(shapes), sphere, closed)
-        return BroadPhasePairs(seen, everything, left_out, self.items.restitution_of, self.line, self.at_rest)
+        left_out = LeftOutAround(len(shapes), sphere, closed)
+        return self._found_when_near(seen, everything, left_out)
+
+    def _found_when_near(self, system: Any, shapes: list[PlacedShape], left_out: Any) -> BroadPhasePairs:
+        e = Restitution(self.items, tuple(s.name for s in shapes))
+        return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest)
 
     def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
@@ -208,37 +220,6 @@ class _ConstraintBuilder:
         where, first, radii, names, group = self._all_spheres(system)
         e = np.array([[self.items.restitution_of(w, s.name) for w in walls] for s in self.items.spheres])
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
-
-
-@dataclass(frozen=True)
-class _LeftOut:
-    """Which pairs of shapes a crowd leaves out; a class, for a function within a function cannot be pickled.
-
-    `sphere`, `closed` and `driven` hold of each shape whether it is a sphere, one that spheres meet in bulk, and one
-    that moves on its own; `known` holds i n + j of other pairs, ascending.
-    """
-
-    sphere: Array
-    closed: Array
-    driven: Array
-    known: Array
-
-    def __call__(self, i: Array, j: Array) -> Array:
-        sphere, driven = self.sphere, self.driven
-        apart = np.isin(i * len(sphere) + j, self.known)
-        return np.asarray(sphere[i] & sphere[j] | self.closed[i] & sphere[j] | driven[i] | driven[j] | apart)
-
-
-@dataclass(frozen=True)
-class _LeftOutAround:
-    """The same of shapes about the first `count` ones, which move on their own."""
-
-    count: int
-    sphere: Array
-    closed: Array
-
-    def __call__(self, i: Array, j: Array) -> Array:
-        return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
 
 
 def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:

@@ -127,10 +127,10 @@ class SceneItems:
     def names(self) -> set[str]:
         """Return the names in use."""
         return {
-            *map(_entity, self.walls),
+            *map(entity, self.walls),
             *(s.name for s in self.surfaces),
             *(r.robot.name for r in self.robots),
-            *(_entity(b.name) for b in self.bodies),
+            *(entity(b.name) for b in self.bodies),
             *(s.name for s in self.spheres),
         }
 
@@ -160,13 +160,14 @@ class SceneItems:
 
     def restitution_of(self, a: str, b: str) -> float:
         """Return e between two shapes: the setting of a shape takes precedence over that of its robot or body."""
-        for first in (a, _entity(a)):
-            for second in (b, _entity(b)):
+        for first in (a, entity(a)):
+            for second in (b, entity(b)):
                 e = self.pair_restitution.get(frozenset((first, second)))
                 if e is not None:
                     return e
         return self.restitution
 
 
-def _entity(name: str) -> str:
+def entity(name: str) -> str:
+    """Return the name of the robot or of the group of bodies that a shape belongs to."""
     return name.split("/", 1)[0].split("[", 1)[0]

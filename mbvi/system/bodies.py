@@ -8,9 +8,9 @@ from scipy.sparse import csr_array
 from ..compiled import plain_array
 from ..geometry import rotations
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
-from .sparse_rows import MOST_DENSE, rows_of_two
+from .sparse_rows import MOST_DENSE, rows_from, rows_of_two
 from .system import Array, System
-from .turning import accelerations, chart_rates, integrate, placements, separation_rows
+from .turning import accelerations, chart_rates, integrate, placements, separation_rows, sparse_separation_rows
 
 
 class Spheres(System):
@@ -208,11 +208,19 @@ class FreeBodies(System):
         return places
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
-        rows = np.empty((2, len(point), 6))
-        q, kernel_arguments = plain_array(q), (plain_array(point), plain_array(normal))
+        m, q = len(point), plain_array(q)
+        first, second = np.ascontiguousarray(first, np.int64), np.ascontiguousarray(second, np.int64)
+        point, normal = plain_array(point), plain_array(normal)
+        if self.sparse:
+            data, columns, starts = np.empty(12 * m), np.empty(12 * m, np.int32), np.empty(m + 1, np.int32)
+            count = sparse_separation_rows(
+                q, first, second, point, normal, data, columns.view(np.uint32), starts.view(np.uint32)
+            )
+            return rows_from(data[:count], columns[:count], starts, (m, self.nv))
+        rows = np.empty((2, m, 6))
         for side, own, sign in zip((first, second), rows, (-1.0, 1.0), strict=True):
-            separation_rows(q, np.ascontiguousarray(side, np.int64), sign, *kernel_arguments, own)
-        return rows_of_two(self.nv, self.sparse, first, second, *rows)
+            separation_rows(q, side, sign, point, normal, own)
+        return rows_of_two(self.nv, False, first, second, *rows)
 
     def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
         spin = v.reshape(-1, 6)[bodies - 1, 3:]

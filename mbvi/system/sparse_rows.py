@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..compiled import kernel, plain_array
+
 Array = np.ndarray
 
 # rows with more columns than this are sparse
@@ -48,32 +50,56 @@ def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array,
             here = np.flatnonzero(side)
             rows[here[:, None], b * side[here, None] - b + np.arange(b)] += block[here]
         return rows
-    bodies = np.stack([first, second], axis=1)
-    columns = (b * bodies - b)[:, :, None] + np.arange(b)
-    values = np.stack([left, right], axis=1)
-    there = bodies > 0
-    starts = np.zeros(m + 1, np.int32)
-    if there.all():
-        starts[1:] = 2 * b * np.arange(1, m + 1)
-    else:
-        np.cumsum(b * there.sum(axis=1), out=starts[1:])
-        columns, values = columns[there], values[there]
-    return rows_from(values.ravel(), columns.ravel().astype(np.int32), starts, (m, nv))
+    data, columns, starts = np.empty(2 * b * m), np.empty(2 * b * m, np.int64), np.empty(m + 1, np.int64)
+    sides = np.ascontiguousarray(first, np.int64), np.ascontiguousarray(second, np.int64)
+    count = write_blocks(*sides, plain_array(left), plain_array(right), data, columns, starts)
+    return rows_from(data[:count], columns[:count].astype(np.int32), starts.astype(np.int32), (m, nv))
+
+
+@kernel("i8(i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1])")
+def write_blocks(
+    first: Array, second: Array, left: Array, right: Array, data: Array, columns: Array, starts: Array
+) -> int:
+    """Write sparse rows with entries in the blocks of two bodies; return how many entries there are.
+
+    Parameters
+    ----------
+    first, second, left, right
+        As of `rows_of_two`.
+    data, columns, starts : ndarray, shapes (2 m b,), (2 m b,), (m + 1,)
+        Receive the entries, their columns, and where each row begins.
+    """
+    m, b = left.shape
+    count = 0
+    for row in range(m):
+        starts[row] = count
+        if first[row] > 0:
+            for k in range(b):
+                data[count], columns[count] = left[row, k], b * first[row] - b + k
+                count += 1
+        if second[row] > 0:
+            for k in range(b):
+                data[count], columns[count] = right[row, k], b * second[row] - b + k
+                count += 1
+    starts[m] = count
+    return count
 
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
     """Return rows composed of blocks of several systems: indices of the rows, first column, and entries of each."""
-    rows, columns, values = [], [], []
-    for here, start, part in parts:
-        block = csr_array(part).tocoo()
-        rows.append(here[block.coords[0]])
-        columns.append(block.coords[1] + start)
-        values.append(block.data)
-    if not rows:
-        return csr_array((m, nv))
+    blocks = [(here, start, csr_array(part)) for here, start, part in parts]
     # of the integer type that kernels expect
-    places = np.concatenate(rows).astype(np.int32), np.concatenate(columns).astype(np.int32)
-    return csr_array((np.concatenate(values), places), shape=(m, nv))
+    starts = np.zeros(m + 1, np.int32)
+    for here, _, block in blocks:
+        starts[1 + here] += np.diff(block.indptr)
+    np.cumsum(starts, out=starts)
+    place, data, columns = starts[:-1].copy(), np.empty(starts[-1]), np.empty(starts[-1], np.int32)
+    for here, start, block in blocks:
+        count = np.diff(block.indptr)
+        at = np.repeat(place[here] - block.indptr[:-1], count) + np.arange(block.nnz)
+        data[at], columns[at] = block.data, block.indices + start
+        place[here] += count
+    return rows_from(data, columns, starts, (m, nv))
 
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:

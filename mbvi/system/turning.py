@@ -121,6 +121,53 @@ def placements(q: Array, bodies: Array, places: Array) -> None:
             place[3, c] = q[i + c]
 
 
+@kernel("void(f8[::1], i8, f8, f8[:,::1], f8[:,::1], i8, f8[::1], i8)")
+def _write_row(q: Array, body: int, sign: float, points: Array, normals: Array, k: int, out: Array, at: int) -> None:
+    """Write the rate of point k of a body along normal k, per velocity, into six entries of `out` from `at` on."""
+    i = 7 * (body - 1)
+    a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
+    x, y, z, w = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2], q[i + 6]
+    out[at], out[at + 1], out[at + 2] = a, b, c
+    a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
+    # rotated into the body's axes
+    x, y, z = -q[i + 3], -q[i + 4], -q[i + 5]
+    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    out[at + 3] = a + w * d + y * f - z * e
+    out[at + 4] = b + w * e + z * d - x * f
+    out[at + 5] = c + w * f + x * e - y * d
+
+
+@kernel("i8(f8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], u4[::1], u4[::1])")
+def sparse_separation_rows(
+    q: Array, first: Array, second: Array, points: Array, normals: Array, data: Array, columns: Array, starts: Array
+) -> int:
+    """Write the gradients of the separation of pairs of bodies, as sparse rows; return how many entries there are.
+
+    Parameters
+    ----------
+    q : ndarray, shape (7 n,)
+        Centres and quaternions.
+    first, second : ndarray of int, shape (k,)
+        Numbers of bodies, from 1 on; 0 is the world, which has no entries.
+    points, normals : ndarray, shape (k, 3)
+        In the world; normals lead from the first bodies to the second.
+    data, columns, starts : ndarray, shapes (12 k,), (12 k,), (k + 1,)
+        Receive the entries, their columns, and where each row begins.
+    """
+    count = 0
+    for k in range(len(first)):
+        starts[k] = count
+        for side in range(2):
+            body = first[k] if side == 0 else second[k]
+            if body > 0:
+                _write_row(q, body, -1.0 if side == 0 else 1.0, points, normals, k, data, count)
+                for c in range(6):
+                    columns[count + c] = 6 * (body - 1) + c
+                count += 6
+    starts[len(first)] = count
+    return count
+
+
 @kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1])")
 def separation_rows(q: Array, bodies: Array, sign: float, points: Array, normals: Array, rows: Array) -> None:
     """Write the rates of points of bodies along normals, per velocity.
@@ -138,22 +185,13 @@ def separation_rows(q: Array, bodies: Array, sign: float, points: Array, normals
     rows : ndarray, shape (k, 6)
         Receives the rows.
     """
+    out = rows.reshape(-1)
     for k in range(len(bodies)):
         if bodies[k] == 0:
             for c in range(6):
                 rows[k, c] = 0.0
-            continue
-        i = 7 * (bodies[k] - 1)
-        a, b, c = sign * normals[k, 0], sign * normals[k, 1], sign * normals[k, 2]
-        x, y, z, w = points[k, 0] - q[i], points[k, 1] - q[i + 1], points[k, 2] - q[i + 2], q[i + 6]
-        rows[k, 0], rows[k, 1], rows[k, 2] = a, b, c
-        a, b, c = y * c - z * b, z * a - x * c, x * b - y * a
-        # rotated into the body's axes
-        x, y, z = -q[i + 3], -q[i + 4], -q[i + 5]
-        d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-        rows[k, 3] = a + w * d + y * f - z * e
-        rows[k, 4] = b + w * e + z * d - x * f
-        rows[k, 5] = c + w * f + x * e - y * d
+        else:
+            _write_row(q, bodies[k], sign, points, normals, k, out, 6 * k)
 
 
 @kernel("void(f8[::1], i8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereContacts, SphereWalls
+from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
 from mbvi.geometry.verlet_list import VerletList, near_balls
 from mbvi.system import BlockSystem, FreeBodies, Spheres
@@ -144,7 +145,7 @@ def test_a_crowd_gives_the_rows_of_listed_pairs(rng):
     near = np.linalg.norm(problem.q0.reshape(-1, 7)[i, :3] - problem.q0.reshape(-1, 7)[j, :3], axis=1) < 0.5
     i, j = i[near], j[near]
     names = [f"{shapes[a].name} | {shapes[b].name}" for a, b in zip(i, j, strict=True)]
-    listed = SignedDistances(problem.system, [shapes[a] for a in i], [shapes[b] for b in j], names, np.zeros(len(i)))
+    listed = SignedDistances(problem.system, *indexed([shapes[a] for a in i], [shapes[b] for b in j]), np.zeros(len(i)))
     found = crowd.contacts(0.0, problem.q0, 0.1)
     expected = listed.contacts(0.0, problem.q0, 0.1)
     assert len(found.gap) > 30

@@ -13,6 +13,7 @@ from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, Sp
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import NONE
 from mbvi.geometry.refined_distance import UNIQUE
+from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 from support.paths import ROBOTS
@@ -79,7 +80,7 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
     system, compared = bodies(2), 0
     for _ in range(6):
         shapes = placed(first, 1, rng), placed(second, 2, rng)
-        contacts = SignedDistances(system, [shapes[0]], [shapes[1]], ["pair"], np.zeros(1))
+        contacts = SignedDistances(system, *indexed([shapes[0]], [shapes[1]]), np.zeros(1))
         direction = rng.normal(size=3)
         q = configuration(rng, np.array([np.zeros(3), apart * direction / np.linalg.norm(direction)]))
         shift = 1e-6
@@ -204,7 +205,7 @@ def test_a_box_on_a_box_gets_four_points_each_with_its_own_gap(tilt, depth):
     system = bodies(1)
     below = PlacedShape("below", Box((2.0, 2, 1)), 0, np.eye(3), np.zeros(3))
     above = PlacedShape("above", Box((0.4, 0.4, 0.4)), 1, np.eye(3), np.zeros(3))
-    contacts = SignedDistances(system, [below], [above], ["pair"], np.zeros(1))
+    contacts = SignedDistances(system, *indexed([below], [above]), np.zeros(1))
     q = np.array([0.3, 0.2, 0.7 - depth, 0, np.sin(tilt / 2), 0, np.cos(tilt / 2)])
     q[2] -= 0.2 * abs(tilt) * (depth == 0)
     found = contacts.measure(q, np.array([0]), 1e-9)
@@ -221,7 +222,7 @@ def test_a_rod_across_the_edge_of_a_table_has_two_points():
     system = bodies(1)
     table = PlacedShape("table", Box((1.0, 1, 1)), 0, np.eye(3), np.zeros(3))
     rod = PlacedShape("rod", Cylinder(0.05, 0.8), 1, np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.zeros(3))
-    contacts = SignedDistances(system, [table], [rod], ["pair"], np.zeros(1))
+    contacts = SignedDistances(system, *indexed([table], [rod]), np.zeros(1))
     q = np.array([0.3, 0, 0.55, 0, 0, 0, 1])
     active = contacts.contacts(0.0, q, 1e-7)
     np.testing.assert_allclose(sorted(active.point[:, 0]), [-0.1, 0.5], atol=1e-6)
@@ -355,7 +356,7 @@ def test_axes_of_faces_and_edges_give_the_depth_that_coal_gives(seed):
     assert distance == pytest.approx(coal.distance(a.coal(), poses[0], b.coal(), poses[1], request, result), abs=1e-6)
     np.testing.assert_allclose(normal, result.normal, atol=1e-4)
     still = [PlacedShape(f"s{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
-    contacts = SignedDistances(bodies(2), still[:1], still[1:], ["pair"], np.zeros(1))
+    contacts = SignedDistances(bodies(2), *indexed(still[:1], still[1:]), np.zeros(1))
     refined, along, point, state = contacts._coal.overlap(np.array(places), 0)
     assert state == UNIQUE
     # the edges of `overlap` are rounded to twelve digits

@@ -13,6 +13,7 @@ import mbvi
 from mbvi.constraints import SignedDistances
 from mbvi.geometry.convex_polygon import common_polygon, convex_hull
 from mbvi.geometry.polyhedron_overlap import overlap
+from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
 from mbvi.system import FreeBodies
 from support.comparisons import beside
@@ -25,7 +26,7 @@ seeds = st.integers(0, 10_000)
 def pair(first, second):
     system = FreeBodies(np.ones(2), np.tile(np.eye(3), (2, 1, 1)), np.zeros(3), ("a", "b"))
     shapes = [PlacedShape(f"s{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((first, second))]
-    return SignedDistances(system, shapes[:1], shapes[1:], ["pair"], np.zeros(1))
+    return SignedDistances(system, *indexed(shapes[:1], shapes[1:]), np.zeros(1))
 
 
 def pose(where, turn):

@@ -16,6 +16,7 @@ from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
 from mbvi.geometry.refined_distance import FAILED, refined
 from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from support.distance_kernel_arguments import separated
 
@@ -42,9 +43,10 @@ class Measured:
         shapes = [s for a, b, _, _ in poses for s in (a, b)]
         placed = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate(shapes)]
         self.sides = np.arange(len(shapes)).reshape(-1, 2)
-        self.axes = SeparatingAxes(placed, self.sides)
+        table = ShapeTable(placed)
+        self.axes = SeparatingAxes(table, self.sides)
         self.places = np.array([np.vstack([R.T, x]) for _, _, *both in poses for R, x in both])
-        self.pairs = PrimitivePairs(placed, self.axes.shapes)
+        self.pairs = PrimitivePairs(table, self.sides)
         self.pair, self.gap, self.point, self.normal = self.measure(tolerance)
 
     def measure(self, tolerance):
@@ -398,8 +400,7 @@ def test_shapes_of_the_world_and_on_bodies(rng):
     on_body = rotation(rng), rng.normal(size=3)
     placed = [PlacedShape("a", a, 0, *where), PlacedShape("b", b, 1, *on_body)]
     sides, body = np.array([[0, 1], [1, 0]]), (rotation(rng), rng.normal(size=3))
-    axes = SeparatingAxes(placed, sides)
-    pairs = PrimitivePairs(placed, axes.shapes)
+    pairs = PrimitivePairs(ShapeTable(placed), sides)
     pair, gap, point, normal = pairs.contacts(np.array([np.vstack([body[0].T, body[1]])]), np.array([0, 1]), -np.inf)
     expected = Measured([(a, b, where, (body[0] @ on_body[0], body[0] @ on_body[1] + body[1]))])
     assert pair.tolist() == [0, 1]
@@ -415,7 +416,7 @@ def test_which_pairs_have_a_closed_form():
     ]  # fmt: skip
     placed = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate(shapes)]
     sides = np.array([(a, b) for a in range(7) for b in range(7)])
-    pairs = PrimitivePairs(placed, SeparatingAxes(placed, sides).shapes)
+    pairs = PrimitivePairs(ShapeTable(placed), sides)
     expected = np.full((7, 7), NONE)
     expected[2:4, 2:4] = BOXES
     expected[:5, :2], expected[:2, :5] = SECOND_BALL, FIRST_BALL

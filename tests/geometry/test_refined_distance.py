@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from mbvi.geometry import refined_distance
 from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined
 from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 from support.distance_kernel_arguments import SHAPES, rotation, separated, unit
 from support.plain.separating_axis import _compose, reach_plain
@@ -22,7 +23,7 @@ BODIES = np.array([0, 1])
 def placed(a, b, where_a, where_b):
     shapes = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
     places = np.array([np.vstack([R.T, p]) for R, p in (where_a, where_b)])
-    return SeparatingAxes(shapes, BODIES[None]), places
+    return SeparatingAxes(ShapeTable(shapes), BODIES[None]), places
 
 
 def touching(a, b, rng, gap):

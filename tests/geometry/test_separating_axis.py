@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi.constraints import SignedDistances
 from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.projection import Projector
 from support.paths import ROBOTS
@@ -59,7 +60,7 @@ class Pair:
             PlacedShape(name, shape(kind, rng), body, rotation(rng), 0.1 * rng.normal(size=3))
             for name, kind, body in zip("ab", rng.permutation([first, second]).tolist(), owners, strict=True)
         ]
-        self.axes = SeparatingAxes(self.placed, np.array([[0, 1]]))
+        self.axes = SeparatingAxes(ShapeTable(self.placed), np.array([[0, 1]]))
         self.places = np.array([[*rotation(rng), rng.normal(size=3) * apart] for _ in self.axes.bodies])
 
     def pose(self, side):
@@ -200,7 +201,7 @@ def test_of_many_pairs_those_that_are_due_and_not_cleared_are_asked_in_order():
     rng = np.random.default_rng(11)
     placed = [PlacedShape(kind, shape(kind, rng), k, rotation(rng), np.zeros(3)) for k, kind in enumerate(KINDS)]
     sides = np.array([(a, b) for a in range(6) for b in range(a)])
-    axes = SeparatingAxes(placed, sides)
+    axes = SeparatingAxes(ShapeTable(placed), sides)
     places = np.array([[*rotation(rng), 0.5 * rng.normal(size=3)] for _ in axes.bodies])
     known = np.flatnonzero(rng.random(len(sides)) < 0.8)
     axes.keep(places, known, np.array([unit(rng) for _ in known]))

@@ -4,7 +4,7 @@ import numpy as np
 
 from mbvi.geometry import box_box, box_patch, shape_cores
 from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
-from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from support.distance_kernel_arguments import rotation, unit
 
@@ -21,10 +21,10 @@ def pairs_of(rng, shapes):
         for k, shape in enumerate(shapes)
     ]
     sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
-    axes = SeparatingAxes(placed, sides)
-    places = np.array([np.vstack([np.eye(3), 0.05 * rng.normal(size=3)]) for _ in axes.bodies])
-    pairs = PrimitivePairs(placed, axes.shapes)
-    return (places, *axes.shapes[:3], sides), pairs, np.flatnonzero(pairs.form != NONE)
+    table = ShapeTable(placed)
+    places = np.array([np.vstack([np.eye(3), 0.05 * rng.normal(size=3)]) for _ in table.bodies])
+    pairs = PrimitivePairs(table, sides)
+    return (places, *table.arrays[:3], sides), pairs, np.flatnonzero(pairs.form != NONE)
 
 
 def cores(rng, shapes=BOXES_AND_CAPSULES, normal=True):

@@ -5,6 +5,7 @@ import numpy as np
 from mbvi.geometry import kinks, refined_distance, separating_axis
 from mbvi.geometry import normal_search as search
 from mbvi.geometry.separating_axis import SeparatingAxes, place_pair
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
@@ -34,7 +35,7 @@ def axes_of(rng):
         PlacedShape(f"{k}", shape, body, rotation(rng), where)
         for k, (shape, body, where) in enumerate(zip(shapes, bodies, at, strict=True))
     ]
-    axes = SeparatingAxes(placed, np.array([[0, 1]]))
+    axes = SeparatingAxes(ShapeTable(placed), np.array([[0, 1]]))
     places = np.array([[*rotation(rng), 0.05 * rng.normal(size=3)] for _ in axes.bodies])
     return axes, places
 
@@ -171,6 +172,21 @@ def make_normal(rng):
     return unit(rng), np.ascontiguousarray(basis), rank
 
 
+def hulls_of(rng):
+    """Two hulls whose centres are near each other, a direction between them, and their extents along it."""
+    placed = [PlacedShape(f"{k}", Hull(rng.normal(size=(12, 3))), k + 1, np.eye(3), np.zeros(3)) for k in range(2)]
+    axes = SeparatingAxes(ShapeTable(placed), np.array([[0, 1]]))
+    places = np.array([[*rotation(rng), k * rng.uniform(0.5, 3.0) * unit(rng)] for k in range(2)])
+    n = places[1, 3] / np.linalg.norm(places[1, 3])
+    return world_of(axes, places), axes.shapes, 0, n, 0.1 * rng.random(), 1.0
+
+
+def polygons(rng):
+    """Points of two polygons in a plane, in the first places of arrays."""
+    k, m = rng.integers(1, 6, size=2)
+    return rng.normal(size=(8, 2)), 0.5 * rng.normal(size=(8, 2)), int(k), int(m)
+
+
 DISTANCE_ARGUMENTS = {
     "dot": lambda rng: tuple(rng.normal(size=(2, 3))),
     "cross": lambda rng: (*rng.normal(size=(2, 3)), np.zeros(3)),
@@ -207,6 +223,10 @@ DISTANCE_ARGUMENTS = {
     "outermost": outermost,
     "connected": connected,
     "pair_separation": pair_of,
+    "between_centres": lambda rng: (*hulls_of(rng)[:3], np.zeros(3)),
+    "widest_angle": lambda rng: hulls_of(rng)[:5],
+    "is_greatest": hulls_of,
+    "disc_radius": polygons,
     "_points_about": points_about,
     "separation_of": pair_of,
     "_maximise": maximise,

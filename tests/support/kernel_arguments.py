@@ -10,6 +10,7 @@ from mbvi.constraints import HalfSpaceContacts, sphere_walls
 from mbvi.constraints.half_space import points_within
 from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
+from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
@@ -393,7 +394,7 @@ def shape_pairs(rng, shapes=SHAPES):
     """Shapes on some bodies and the world, all their pairs, and where the bodies are."""
     placed = placed_on(rng, range(4), shapes)
     sides = np.array([(a, b) for a in range(len(placed)) for b in range(len(placed)) if a != b])
-    axes = SeparatingAxes(placed, sides)
+    axes = SeparatingAxes(ShapeTable(placed), sides)
     places = np.array([place(rng) for _ in axes.bodies]).reshape(-1, 4, 3)
     axes.axis[:] = unit(rng, len(sides))
     axes.axis[rng.random(len(sides)) < 0.2] = np.nan
@@ -485,7 +486,7 @@ def wall_contacts(rng):
         HalfSpace(tuple(unit(rng)), rng.normal()),
         *placed_on(rng, [0], [Box((0.9, 0.4, 1.2)), Capsule(0.1, 0.8)]),
     ]
-    walls = np.array([sphere_walls._wall_numbers(w, np.eye(3), np.zeros(3)) for w in shapes])
+    walls = np.array([sphere_walls._wall_numbers(w) for w in shapes])
     kind = np.array([sphere_walls._kind_of(w) for w in shapes])
     return centres, radii, kind, walls, rng.choice([0.0, 0.5, np.inf]), *room_for(3 * len(radii))
 
@@ -712,6 +713,69 @@ def raise_levels(rng):
     return number, rng.normal(size=12), known, np.zeros(len(known))
 
 
+def placing_side(rng):
+    _, axes, places = shape_pairs(rng)
+    s, side = int(rng.integers(len(axes.frame))), int(rng.integers(2))
+    return places, axes.frame, axes.shapes.fixed, s, side, np.full((2, 4, 3), np.nan)
+
+
+def core_reach(rng):
+    _, axes, _ = shape_pairs(rng, [s for s in SHAPES if isinstance(s, Sphere | Capsule | Box)])
+    world = np.array([place(rng), place(rng)])
+    side, sign = int(rng.integers(2)), float(rng.choice([-1.0, 1.0]))
+    return world, side, sign, unit(rng), axes.shapes.sizes, int(rng.integers(len(axes.frame)))
+
+
+def placing_shapes(rng):
+    _, axes, places = shape_pairs(rng)
+    return places, axes.frame, axes.shapes.fixed, np.full((len(axes.frame), 4, 3), np.nan)
+
+
+def near_boxes(rng):
+    n = int(rng.integers(2, 12))
+    world = np.array([place(rng) for _ in range(n)])
+    i, j = np.triu_indices(n, 1)
+    pairs = (i * n + j)[rng.random(len(i)) < 0.7]
+    half = 0.5 * 10.0 ** rng.uniform(-1.0, 0.0, (n, 3))
+    return world, 0.1 * rng.normal(size=(n, 3)), half, pairs, 0.3 * rng.random(), np.full(len(pairs), -1)
+
+
+def carry_axes(rng):
+    parts = []
+    for _ in range(2):
+        n = int(rng.integers(0, 12))
+        number = np.sort(rng.choice(20, n, replace=False))
+        parts += [number, rng.normal(size=(n, 3)), rng.integers(0, 9, (n, 2))]
+    return parts
+
+
+def bodies_of_rows(rng):
+    m = int(rng.integers(0, 8))
+    first = rng.integers(0, 4, m)
+    return m, first, rng.integers(first == 0, 4, m)
+
+
+def write_blocks(rng):
+    m, first, second = bodies_of_rows(rng)
+    left, right = rng.normal(size=(2, m, 3))
+    return first, second, left, right, np.full(6 * m, np.nan), np.full(6 * m, -1), np.full(m + 1, -1)
+
+
+def sparse_separation_rows(rng):
+    m, first, second = bodies_of_rows(rng)
+    numbers = np.full(12 * m, 99, np.uint32), np.full(m + 1, 99, np.uint32)
+    q = free_bodies(rng)[0]
+    return q, first, second, rng.normal(size=(m, 3)), unit(rng, m), np.full(12 * m, np.nan), *numbers
+
+
+def write_row(rng):
+    q, _, _, point, normal, *_ = sparse_separation_rows(rng)
+    if not len(point):
+        return write_row(rng)
+    sign = float(rng.choice([-1.0, 1.0]))
+    return q, int(rng.integers(1, 4)), sign, point, normal, int(rng.integers(len(point))), np.full(9, np.nan), 3
+
+
 ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
@@ -790,6 +854,14 @@ ARGUMENTS = {
     "reach": reach,
     "_clear": clear,
     "_keep": keep,
+    "place_side": placing_side,
+    "core_reach": core_reach,
+    "place_shapes": placing_shapes,
+    "near_boxes": near_boxes,
+    "carry_axes": carry_axes,
+    "write_blocks": write_blocks,
+    "sparse_separation_rows": sparse_separation_rows,
+    "_write_row": write_row,
     "_record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse
@@ -861,9 +933,9 @@ def specified(name, result, arguments):
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "first_of_lines":
         return [result, arguments[-1][:result]]
-    if name in ("list_candidates", "filter_active", "_clear"):
+    if name in ("list_candidates", "filter_active", "_clear", "near_boxes"):
         # in its first places only
-        count = result if name == "_clear" else result[0]
+        count = result if name in ("_clear", "near_boxes") else result[0]
         arguments[-1] = arguments[-1][:count]
     return [*(result if isinstance(result, tuple) else [result]), *arguments]
 
