@@ -10,13 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi import reference
 from support.paths import ROOT
+from support.references import CASES, every_case
 
 E = (0.0, 0.5, 1.0)
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.2, 6)
-CASES = {(e, case.name): case for e in E for case in reference.references(e)}
-every = pytest.mark.parametrize("case", CASES.values(), ids=[f"{name}, e = {e:g}" for e, name in CASES])
 
 
 def touching(case, step):
@@ -46,7 +44,7 @@ def cone(J, rng, count=20):
         yield w * rng.uniform(0, 3)
 
 
-@every
+@every_case
 def test_reactions_are_perfect_and_only_where_constraints_are_active(case, rng):
     """(3), (4): h R = M (v+ - v-) - h g vanishes away from walls and meets both conditions of perfect constraints."""
     for step, before, M, push in walk(case):
@@ -63,7 +61,7 @@ def test_reactions_are_perfect_and_only_where_constraints_are_active(case, rng):
         assert np.abs(along @ R).max() <= scale
 
 
-@every
+@every_case
 def test_each_step_solves_the_measure_differential_inclusion(case, rng):
     """(9), (11), (P4): h g - M (v+ - v-) is in the subdifferential of the indicator of T at the mean velocity."""
     e = float(case.problem.restitution[0])
@@ -128,7 +126,7 @@ def smooth_grid(case, count=400):
 
 
 @pytest.mark.slow
-@every
+@every_case
 def test_variation_percussions_and_speeds_are_bounded_uniformly_in_h(case):
     """Lemmas 3.3, 3.4 and 3.6, (P1), and the energy estimate before Proposition 3.1, over steps."""
     runs = sweep(case)
@@ -151,7 +149,7 @@ def test_variation_percussions_and_speeds_are_bounded_uniformly_in_h(case):
     assert max(d.energy_excess for d in found) <= 1e-11 * max(1.0, fastest**2)
 
 
-@every
+@every_case
 def test_the_limit_is_in_k(case):
     """(2): a run leaves K by no more than h times its speed, so that the limit does not."""
     for h in (1e-2, 2.3e-3, 5.1e-4)[: 2 if case.duration > 2 else 3]:

@@ -10,10 +10,9 @@ import mbvi
 from mbvi import reference
 from mbvi.reference import located
 from mbvi.reference.law import law
+from support.references import CASES, every_case
 
 E = (0.0, 0.5, 1.0)
-ALL = {(e, r.name): r for e in E for r in reference.references(e)}
-every = pytest.mark.parametrize("case", ALL.values(), ids=[f"{name}, e = {e:g}" for e, name in ALL])
 # the forcing of these does work
 FORCED = ("impact oscillator", "chaotic oscillator")
 
@@ -41,7 +40,7 @@ def test_each_has_a_name_of_its_own():
         assert len(set(names)) == len(names) >= 12
 
 
-@every
+@every_case
 def test_it_starts_where_its_problem_starts(case):
     q, v = case.at(case.problem.t0)
     np.testing.assert_array_equal(q, case.problem.q0)
@@ -51,13 +50,13 @@ def test_it_starts_where_its_problem_starts(case):
     assert ((case.impacts > 0) & (case.impacts <= case.duration)).all()
 
 
-@every
+@every_case
 def test_it_stays_in_k(case):
     gaps = [case.problem.constraints.gap(t, case.at(t)[0]) for t in np.linspace(0, case.duration, 400)]
     assert np.min(gaps) > -1e-10
 
 
-@every
+@every_case
 def test_the_configuration_moves_with_the_velocity(case):
     system = case.problem.system
     for t in between(case):
@@ -67,7 +66,7 @@ def test_the_configuration_moves_with_the_velocity(case):
         np.testing.assert_allclose(rate, v, atol=1e-8)
 
 
-@every
+@every_case
 def test_the_equation_of_motion_holds_between_impacts(case):
     """Equations (1), (3) and (4): M dv/dt - g is zero, or a nonnegative combination of touching gradients."""
     system = case.problem.system
@@ -81,7 +80,7 @@ def test_the_equation_of_motion_holds_between_impacts(case):
         assert (share >= -1e-6).all()
 
 
-@every
+@every_case
 def test_the_law_holds_at_impacts(case):
     """(5), (7), (13)-(15): admissible velocities, a jump along the gradients that press, and these are reflected."""
     e = float(case.problem.restitution[0])
@@ -102,7 +101,7 @@ def test_the_law_holds_at_impacts(case):
 
 
 @pytest.mark.parametrize(
-    "case", [r for (e, n), r in ALL.items() if n not in FORCED], ids=[str(k) for k in ALL if k[1] not in FORCED]
+    "case", [r for (e, n), r in CASES.items() if n not in FORCED], ids=[str(k) for k in CASES if k[1] not in FORCED]
 )
 def test_the_energy_never_rises_and_is_kept_at_e_1(case):
     system = case.problem.system

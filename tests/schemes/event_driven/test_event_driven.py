@@ -12,11 +12,10 @@ from mbvi.schemes.event_driven.runge_kutta import Flow
 from mbvi.studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot
 from support.programs import kill_writing
+from support.references import every_case
 from support.scenes import swinging
 
 G = 9.81
-CASES = {(e, case.name): case for e in (0.0, 0.5, 1.0) for case in reference.references(e)}
-every = pytest.mark.parametrize("case", CASES.values(), ids=[f"{name}, e = {e:g}" for e, name in CASES])
 
 
 def solve(case, tolerance):
@@ -24,7 +23,7 @@ def solve(case, tolerance):
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
-@every
+@every_case
 def test_the_true_error_keeps_to_the_tolerance(case, tolerance):
     """Configurations at any time, from the dense output, and the times of impacts."""
     run, difference = solve(case, tolerance), case.problem.system.difference

@@ -548,6 +548,7 @@ _WITH_METHODS = (
 )  # fmt: skip
 
 
+@functools.cache
 def public_callables() -> dict[str, tuple[str, ...]]:
     """Return the parameters of every public function, constructor and method that takes some."""
     found: dict[str, Callable[..., Any]] = {}
