@@ -18,7 +18,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 from .contact_patch import MOST_GATHERED, shared_region
-from .proved_depth import between_centres, is_greatest
+from .proved_depth import between_centres, is_greatest, widest_angle
 from .refined_distance import COAL, FAILED, FLAT, refine_pair
 from .separating_axis import Shapes, axis_in_world, pair_separation, place_pair
 from .vectors import dot, normalise
@@ -26,8 +26,9 @@ from .vectors import dot, normalise
 # lengths relative to the bounding radius of the smaller shape: points of a face that is parallel to another are level
 # to within the first; a refined distance may be below Coal's by the second
 _LEVEL, BELOW = 1e-8, 1e-5
-# hulls that overlap by more than this are not searched from their axes
-_SHALLOW = 0.1
+# hulls that overlap by more than this are not searched from their axes, nor those of which too many directions would
+# have to be ruled out [rad]
+_SHALLOW, _WIDE = 0.05, 3.0
 
 
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1])")
@@ -69,7 +70,8 @@ def distances_from_axes(
             if dot(n, n) > 0.0:
                 normalise(n)
                 apart = pair_separation(world, shapes, pair, n)
-        if apart > -_SHALLOW * bound[pair]:
+        # the search from here is of use only if its result can be proved
+        if apart > 0.0 or (apart > -_SHALLOW * bound[pair] and widest_angle(world, shapes, pair, n, -apart) < _WIDE):
             found, apart = refine_pair(world, shapes, pair, n, middle[i])
             if found != FAILED and apart <= 0.0 and not is_greatest(world, shapes, pair, n, -apart, bound[pair]):
                 found = FAILED

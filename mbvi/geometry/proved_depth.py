@@ -50,6 +50,9 @@ def widest_angle(world: Array, shapes: Shapes, pair: int, n: Array, depth: float
 
     world, shapes, pair, n and depth are as of `is_greatest`.
     """
+    # shapes other than hulls have no ball
+    if not (shapes.inside[shapes.sides[pair, 0], 3] > 0.0 and shapes.inside[shapes.sides[pair, 1], 3] > 0.0):
+        return np.pi
     between = np.empty(3)
     radius = between_centres(world, shapes, pair, between) - depth
     far = np.sqrt(dot(between, between))
@@ -104,9 +107,6 @@ def is_greatest(world: Array, shapes: Shapes, pair: int, n: Array, depth: float,
     depth, bound : float
         Minus that maximum, and the bounding radius of the smaller shape [m].
     """
-    # shapes other than hulls have no ball
-    if not (shapes.inside[shapes.sides[pair, 0], 3] > 0.0 and shapes.inside[shapes.sides[pair, 1], 3] > 0.0):
-        return False
     angle = widest_angle(world, shapes, pair, n, depth)
     if angle >= np.pi:
         return False
