@@ -6,10 +6,11 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
-from ..errors import ProjectionError, UnsuitableError
+from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
 from ..system.system import Array
+from .newton_bounds import newton_bounds
 from .scheme import Scheme, Timing
 from .step import Step
 
@@ -25,13 +26,19 @@ class StewartTrinkle(Scheme):
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, for the
     rows within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y
     instead, where y is the same projection under J y >= -f / h. The displacement that removes penetration thus does not
-    enter the velocity. For e = 0.
+    enter the velocity.
+
+    Where e > 0, a contact that v_i closes within the step has J w >= -e J v_i instead, and open contacts that v_i does
+    not close have no bound (`newton_bounds`). If w would close one of these, q_{i+1} = q_i + h y with the y nearest to
+    w under J y >= -f / h.
 
     Notes
     -----
-    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, because it is
-    spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds the
-    first and its part of the percussion. The reach is twice the displacement of the fastest body.
+    Order 1; velocity level; any e in [0, 1], one per constraint; several constraints at once by one projection, which
+    never raises the kinetic energy. At e = 0 an impact ends on the constraint instead of up to h |v-| inside, because
+    it is spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds
+    the first and its part of the percussion. At e > 0 an impact comes up to a step early, and leaves a gap. The reach
+    is twice the displacement of the fastest body.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
     projection penetrates. Elsewhere gradients change within a step. A contact that was out of reach, or that penetrates
@@ -39,16 +46,12 @@ class StewartTrinkle(Scheme):
     retried. Smaller penetration is removed in the next step.
 
     A step evaluates M and g once and, where it is not retried, the gradients once and the gaps twice. Its projection
-    has more rows than that of `Paoli`.
+    has more rows than that of `Paoli`; where a body that bounces meets a third one it needs two.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
 
     timing = Timing(jump=0.0)
-
-    def check(self, problem: Problem) -> None:
-        """Raise `UnsuitableError` if some e is above 0; where pairs are listed only when near, `step` raises it."""
-        _check(problem.constraints.largest_restitution)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
@@ -58,8 +61,13 @@ class StewartTrinkle(Scheme):
         rows = _at_earlier_time(
             problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
+        velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
-            displacing, corrected = _end_velocity(problem, rows, h, projector, free_motion)
+            if rows.restitution.any():
+                displacing, velocity = _bouncing(problem, rows, v, h, projector, free_motion)
+            else:
+                displacing, corrected = _displacing(problem, rows, h, projector, free_motion)
+                velocity = None if corrected else displacing
             place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
@@ -71,8 +79,10 @@ class StewartTrinkle(Scheme):
                 break
             added = _at_earlier_time(take(at_end, missed), h)
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
-        # the displacement that removes penetration does not enter the velocity
-        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else displacing
+        if velocity is None:
+            # the displacement that removes penetration does not enter the velocity
+            velocity = _open_gaps(rows, h, projector, free_motion, 0.0)
+        w, percussion, residual = velocity
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
         return Step(end, place, w, rows, rates, max(residual, displacing.residual))
@@ -92,14 +102,13 @@ def _open_gaps(
     """
     if not rows.gap.size:
         return Projection(free_motion.free, np.zeros(0), 0.0)
-    _check(float(rows.restitution.max()))
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
     return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
 
 
-def _end_velocity(
+def _displacing(
     problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
 ) -> tuple[Projection, bool]:
     """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
@@ -110,6 +119,29 @@ def _end_velocity(
             # where contacts contradict each other penetration remains, and the run records it
             pass
     return _open_gaps(rows, h, projector, free_motion, 0.0), False
+
+
+def _bouncing(
+    problem: Problem, rows: Rows, v: Array, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
+) -> tuple[Projection, Projection]:
+    """Return the velocity along which the configuration moves, and the velocity after the step, where some e > 0.
+
+    The first is the nearest to the second with which no gap is negative at the end. They differ where an impact lets a
+    body approach another one within the step.
+    """
+    bounds = newton_bounds(problem, rows, v, h, free_motion)
+    lower, bound, percussion = bounds.lower, np.flatnonzero(~bounds.open), np.zeros(len(rows.gap))
+    if rows.rate is not None:
+        lower = lower - rows.rate
+    w, percussion[bound], residual = projector.project(
+        free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound]
+    )
+    velocity, gap = Projection(w, percussion, residual), rows.gap + h * rows.speeds(w)
+    if gap.min(initial=0.0) >= -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
+        return velocity, velocity
+    # a projector of its own: its percussions are not those of the step
+    moving = FreeMotion(w, free_motion.metric)
+    return _displacing(problem, rows, h, Projector(projector.residual, projector.solver), moving)[0], velocity
 
 
 def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
@@ -139,14 +171,6 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     gap = gap.copy()
     np.minimum.at(gap, place, at_end.gap[known])
     return gap
-
-
-def _check(e: float) -> None:
-    if e > 0.0:
-        raise UnsuitableError(
-            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
-            "Centered, or set the restitution to 0"
-        )
 
 
 def _reach(problem: Problem, q: Array, displacement: Array) -> float:
