@@ -10,6 +10,7 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
 from ..system.system import Array
+from .end_repair import near_rows, repair
 from .newton_bounds import newton_bounds
 from .scheme import Scheme, Timing
 from .step import Step
@@ -41,9 +42,10 @@ class StewartTrinkle(Scheme):
     is twice the displacement of the fastest body.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
-    projection penetrates. Elsewhere gradients change within a step. A contact that was out of reach, or that penetrates
-    at the end of the step by more than 1e-3 of the scene's length, then gets a row as it is there, and the step is
-    retried. Smaller penetration is removed in the next step.
+    projection penetrates. Elsewhere gradients change within a step. A contact of a pair that was out of reach then gets
+    a row as it is at the end of the step, and the step is retried. Among many bodies that turn, contacts deeper than
+    1e-3 of the scene's length are pushed out at the end of the step, linearised there (`repair`). Otherwise such
+    contacts get rows and the step is retried, and smaller penetration is removed in the next step.
 
     A step evaluates M and g once and, where it is not retried, the gradients once and the gaps twice. Its projection
     has more rows than that of `Paoli`; where a body that bounces meets a third one it needs two.
@@ -61,10 +63,15 @@ class StewartTrinkle(Scheme):
         rows = _at_earlier_time(
             problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
+        # gradients of many turning bodies change within a step: contacts are then linearised again at its end
+        turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
+        allowed = _RETRY_DEPTH * problem.length
         velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():
-                displacing, velocity = _bouncing(problem, rows, v, h, projector, free_motion)
+                displacing, velocity = _bouncing(problem, rows, v, h, projector, free_motion, allowed * turning)
+            elif turning:
+                displacing = velocity = _open_gaps(rows, h, projector, free_motion, 0.0)
             else:
                 displacing, corrected = _displacing(problem, rows, h, projector, free_motion)
                 velocity = None if corrected else displacing
@@ -72,13 +79,21 @@ class StewartTrinkle(Scheme):
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
-            at_end = problem.constraints.active(end, place, deepest)
-            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
-            missed = ~_is_among(at_end.constraint, rows.constraint) | deep
+            at_end = (
+                near_rows(problem, end, place, allowed) if turning else problem.constraints.active(end, place, deepest)
+            )
+            depth = -problem.constraints.levers(at_end.constraint) * at_end.gap
+            missed = ~_is_among(at_end.constraint, rows.constraint)
+            missed = missed & (depth > problem.tolerance) if turning else missed | (depth > allowed)
             if retry == _MOST_RETRIES or not missed.any():
                 break
             added = _at_earlier_time(take(at_end, missed), h)
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
+        if turning:
+            place, moved, at_end = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
+            # gaps to first order may be far off: none is smaller than the least at the end
+            least = float((problem.constraints.levers(at_end.constraint) * at_end.gap).min(initial=0.0))
+            gap = np.maximum(gap + rows.jacobian @ moved, least / lever)
         if velocity is None:
             # the displacement that removes penetration does not enter the velocity
             velocity = _open_gaps(rows, h, projector, free_motion, 0.0)
@@ -122,12 +137,18 @@ def _displacing(
 
 
 def _bouncing(
-    problem: Problem, rows: Rows, v: Array, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
+    problem: Problem,
+    rows: Rows,
+    v: Array,
+    h: float,
+    projector: Projector,
+    free_motion: FreeMotion | TreeFreeMotion,
+    allowed: float,
 ) -> tuple[Projection, Projection]:
     """Return the velocity along which the configuration moves, and the velocity after the step, where some e > 0.
 
     The first is the nearest to the second with which no gap is negative at the end. They differ where an impact lets a
-    body approach another one within the step.
+    body approach another one within the step, deeper than `allowed` [m].
     """
     bounds = newton_bounds(problem, rows, v, h, free_motion)
     lower, bound, percussion = bounds.lower, np.flatnonzero(~bounds.open), np.zeros(len(rows.gap))
@@ -137,7 +158,8 @@ def _bouncing(
         free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound]
     )
     velocity, gap = Projection(w, percussion, residual), rows.gap + h * rows.speeds(w)
-    if gap.min(initial=0.0) >= -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
+    allowed = max(allowed, _residual_depth(rows, h, projector, free_motion) + problem.tolerance)
+    if gap.min(initial=0.0) >= -allowed:
         return velocity, velocity
     # a projector of its own: its percussions are not those of the step
     moving = FreeMotion(w, free_motion.metric)
