@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..projection.column_blocks import compose
+
 Array = np.ndarray
 
 # rows with more columns than this are sparse
@@ -63,17 +65,7 @@ def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array,
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
     """Return rows composed of blocks of several systems: indices of the rows, first column, and entries of each."""
-    rows, columns, values = [], [], []
-    for here, start, part in parts:
-        block = csr_array(part).tocoo()
-        rows.append(here[block.coords[0]])
-        columns.append(block.coords[1] + start)
-        values.append(block.data)
-    if not rows:
-        return csr_array((m, nv))
-    # of the integer type that kernels expect
-    places = np.concatenate(rows).astype(np.int32), np.concatenate(columns).astype(np.int32)
-    return csr_array((np.concatenate(values), places), shape=(m, nv))
+    return rows_from(*compose(parts, (m, nv)), (m, nv))
 
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:

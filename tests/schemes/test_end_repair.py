@@ -1,4 +1,4 @@
-"""Position repair at the end of a step: what is deep is pushed out, nothing else gets deeper, and nothing else moves."""
+"""Position repair at the end of a step: what is deep is pushed out, and nothing else moves."""
 
 import numpy as np
 import pytest
@@ -88,6 +88,7 @@ def test_two_hundred_boxes_poured_need_few_projections(e, monkeypatch):
 
     monkeypatch.setattr(Projector, "project", counted)
     deepest = 0.0
+    number = 0
     for number, step in enumerate(mbvi.steps(problem, mbvi.StewartTrinkle(), step=2e-3, residual=1e-3), 1):
         found = problem.constraints.active(step.t, step.q, 0.0).gap.min(initial=0.0)
         assert step.active.gap.min(initial=0.0) == pytest.approx(found, abs=1e-6 * EDGE)
