@@ -6,12 +6,11 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
-from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
+from ..projection import Projection, Projector
 from ..system.system import Array
 from .end_repair import near_rows, repair
-from .newton_bounds import newton_bounds
+from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
 from .scheme import Scheme, Timing
 from .step import Step
 
@@ -19,6 +18,8 @@ from .step import Step
 _MOST_RETRIES = 6
 # penetration at the end of a step above which it is retried, in lengths of the scene
 _RETRY_DEPTH = 1e-3
+# depth at the beginning of a step, in allowed depths, from which on contacts count as deep
+_LIKELY = 1e-3
 
 
 class StewartTrinkle(Scheme):
@@ -66,21 +67,25 @@ class StewartTrinkle(Scheme):
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
         allowed = _RETRY_DEPTH * problem.length
+        # where contacts are deep at the beginning, some will be at the end too
+        heap = turning and _depth(problem, rows) > _LIKELY * allowed
         velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():
-                displacing, velocity = _bouncing(problem, rows, v, h, projector, free_motion, allowed * turning)
+                displacing, velocity = bouncing_velocities(
+                    problem, rows, v, h, projector, free_motion, allowed * turning
+                )
             elif turning:
-                displacing = velocity = _open_gaps(rows, h, projector, free_motion, 0.0)
+                displacing = velocity = open_gaps(rows, h, projector, free_motion, 0.0)
             else:
-                displacing, corrected = _displacing(problem, rows, h, projector, free_motion)
+                displacing, corrected = displacing_velocity(problem, rows, h, projector, free_motion)
                 velocity = None if corrected else displacing
             place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
             at_end = (
-                near_rows(problem, end, place, allowed) if turning else problem.constraints.active(end, place, deepest)
+                near_rows(problem, end, place, allowed) if heap else problem.constraints.active(end, place, deepest)
             )
             depth = -problem.constraints.levers(at_end.constraint) * at_end.gap
             missed = ~_is_among(at_end.constraint, rows.constraint)
@@ -89,90 +94,28 @@ class StewartTrinkle(Scheme):
                 break
             added = _at_earlier_time(take(at_end, missed), h)
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
-        if turning:
+        if heap or (turning and depth.max(initial=0.0) > allowed):
+            at_end = at_end if heap else near_rows(problem, end, place, allowed)
             place, moved, at_end = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
             # gaps to first order may be far off: none is smaller than the least at the end
-            least = float((problem.constraints.levers(at_end.constraint) * at_end.gap).min(initial=0.0))
-            gap = np.maximum(gap + rows.jacobian @ moved, least / lever)
+            gap = np.maximum(gap + rows.jacobian @ moved, -_depth(problem, at_end) / lever)
         if velocity is None:
             # the displacement that removes penetration does not enter the velocity
-            velocity = _open_gaps(rows, h, projector, free_motion, 0.0)
+            velocity = open_gaps(rows, h, projector, free_motion, 0.0)
         w, percussion, residual = velocity
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
         return Step(end, place, w, rows, rates, max(residual, displacing.residual))
 
 
+def _depth(problem: Problem, rows: Rows) -> float:
+    """Return the largest depth of the rows [m]."""
+    return -float((problem.constraints.levers(rows.constraint) * rows.gap).min(initial=0.0))
+
+
 def _at_earlier_time(rows: Rows, time: float) -> Rows:
     """Return rows with gaps less what the prescribed motion of walls adds to them in `time` [s]."""
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
-
-
-def _open_gaps(
-    rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion, most: float
-) -> Projection:
-    """Return the velocity with which no gap of the rows is negative after a step.
-
-    Of each penetration at most `most` is removed [m or rad].
-    """
-    if not rows.gap.size:
-        return Projection(free_motion.free, np.zeros(0), 0.0)
-    lower = -np.maximum(rows.gap, -most) / h
-    if rows.rate is not None:
-        lower -= rows.rate
-    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
-
-
-def _displacing(
-    problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
-) -> tuple[Projection, bool]:
-    """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
-    if rows.gap.size and rows.gap.min() < -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
-        try:
-            return _open_gaps(rows, h, projector, free_motion, np.inf), True
-        except ProjectionError:
-            # where contacts contradict each other penetration remains, and the run records it
-            pass
-    return _open_gaps(rows, h, projector, free_motion, 0.0), False
-
-
-def _bouncing(
-    problem: Problem,
-    rows: Rows,
-    v: Array,
-    h: float,
-    projector: Projector,
-    free_motion: FreeMotion | TreeFreeMotion,
-    allowed: float,
-) -> tuple[Projection, Projection]:
-    """Return the velocity along which the configuration moves, and the velocity after the step, where some e > 0.
-
-    The first is the nearest to the second with which no gap is negative at the end. They differ where an impact lets a
-    body approach another one within the step, deeper than `allowed` [m].
-    """
-    bounds = newton_bounds(problem, rows, v, h, free_motion)
-    lower, bound, percussion = bounds.lower, np.flatnonzero(~bounds.open), np.zeros(len(rows.gap))
-    if rows.rate is not None:
-        lower = lower - rows.rate
-    w, percussion[bound], residual = projector.project(
-        free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound]
-    )
-    velocity, gap = Projection(w, percussion, residual), rows.gap + h * rows.speeds(w)
-    allowed = max(allowed, _residual_depth(rows, h, projector, free_motion) + problem.tolerance)
-    if gap.min(initial=0.0) >= -allowed:
-        return velocity, velocity
-    # a projector of its own: its percussions are not those of the step
-    moving = FreeMotion(w, free_motion.metric)
-    return _displacing(problem, rows, h, Projector(projector.residual, projector.solver), moving)[0], velocity
-
-
-def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
-    """Return the penetration that the residual of a projection may leave [m].
-
-    It is not removed, because that would cost a second projection in each step.
-    """
-    largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
-    return 2.0 * h * projector.residual * largest
 
 
 def _is_among(numbers: Array, known: Array) -> Array:
