@@ -18,7 +18,7 @@ from .step import Step
 _MOST_RETRIES = 6
 # penetration at the end of a step above which it is retried, in lengths of the scene
 _RETRY_DEPTH = 1e-3
-# depth at the beginning of a step, in allowed depths, from which on contacts count as deep
+# depth to first order at the end, in allowed depths, from which on all contacts near the end are searched
 _LIKELY = 1e-3
 
 
@@ -67,8 +67,6 @@ class StewartTrinkle(Scheme):
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
         allowed = _RETRY_DEPTH * problem.length
-        # where contacts are deep at the beginning, some will be at the end too
-        heap = turning and _depth(problem, rows) > _LIKELY * allowed
         velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():
@@ -83,7 +81,10 @@ class StewartTrinkle(Scheme):
             place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
-            deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
+            least = float((lever * gap).min(initial=0.0))
+            deepest = min(-problem.tolerance, least - 1e-12 * problem.length)
+            # gaps to first order that are negative may be far off
+            heap = turning and least < -_LIKELY * allowed
             at_end = (
                 near_rows(problem, end, place, allowed) if heap else problem.constraints.active(end, place, deepest)
             )
@@ -97,8 +98,9 @@ class StewartTrinkle(Scheme):
         if heap or (turning and depth.max(initial=0.0) > allowed):
             at_end = at_end if heap else near_rows(problem, end, place, allowed)
             place, moved, at_end = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
-            # gaps to first order may be far off: none is smaller than the least at the end
-            gap = np.maximum(gap + rows.jacobian @ moved, -_depth(problem, at_end) / lever)
+            # no gap is smaller than the least at the end
+            least = float((problem.constraints.levers(at_end.constraint) * at_end.gap).min(initial=0.0))
+            gap = np.maximum(gap + rows.jacobian @ moved, least / lever)
         if velocity is None:
             # the displacement that removes penetration does not enter the velocity
             velocity = open_gaps(rows, h, projector, free_motion, 0.0)
@@ -106,11 +108,6 @@ class StewartTrinkle(Scheme):
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
         return Step(end, place, w, rows, rates, max(residual, displacing.residual))
-
-
-def _depth(problem: Problem, rows: Rows) -> float:
-    """Return the largest depth of the rows [m]."""
-    return -float((problem.constraints.levers(rows.constraint) * rows.gap).min(initial=0.0))
 
 
 def _at_earlier_time(rows: Rows, time: float) -> Rows:
