@@ -8,10 +8,11 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import blas, lapack
-from scipy.sparse import csr_array, hstack
+from scipy.sparse import csr_array
 
 from ..arguments import array
 from ..errors import InputError
+from .column_blocks import compose, cut
 
 Array = np.ndarray
 
@@ -219,8 +220,10 @@ class BlockMetric:
         return np.concatenate([p.solve_rows(r) for p, r in zip(self.parts, pieces, strict=True)], axis=1)
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
-        parts = [p.whiten_rows(rows[:, s]) for p, s in zip(self.parts, self.slices, strict=True)]
-        return hstack(parts, format="csr")
+        every, parts = np.arange(rows.shape[0]), []
+        for metric, columns in zip(self.parts, self.slices, strict=True):
+            parts.append((every, columns.start, metric.whiten_rows(cut(rows, columns))))
+        return csr_array(compose(parts, rows.shape), shape=rows.shape)
 
     def dense(self) -> Array:
         n = self.slices[-1].stop

@@ -15,6 +15,8 @@ from ..system.system import Array, Part
 # up to this number of constraints `EventDriven` costs at most twice the time of steps of 1e-3 s; measured by
 # benchmarks/default_scheme.py
 _FEW = 100
+# from this number of free bodies on they count as grains, among which robots move
+_GRAINS = 15
 # the step relative to each time scale: the time in which a body travels its own size, the time in which it falls by its
 # size, one over the rate of the fastest mode, the duration
 _TRAVEL, _FALL, _MODE, _RUN = 0.1, 0.02, 0.2, 0.01
@@ -76,14 +78,14 @@ def default_scheme(problem: Problem, duration: float) -> tuple[Scheme | EventDri
 def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     """Return the default scheme of fixed steps, and its name with its options.
 
-    `StewartTrinkle` for many free bodies without restitution, because they then land without penetration. Else
-    `Centered` with position projection.
+    `StewartTrinkle` for many free bodies, also with robots among them, because they then land without penetration.
+    Else `Centered` with position projection.
     """
-    free = all(part.free_bodies for part in parts_of(problem.system))
-    if problem.scene is not None and free and _count(problem) > _FEW:
-        items = problem.scene.items
-        if items.restitution == 0.0 and not any(items.pair_restitution.values()):
-            return StewartTrinkle(), "StewartTrinkle()"
+    parts = parts_of(problem.system)
+    grains = sum(part.independent_bodies for part in parts if part.free_bodies)
+    free = all(part.free_bodies for part in parts)
+    if problem.scene is not None and (free or grains >= _GRAINS) and _count(problem) > _FEW:
+        return StewartTrinkle(), "StewartTrinkle()"
     return Centered(project_positions=True), "Centered(project_positions=True)"
 
 

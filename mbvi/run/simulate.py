@@ -46,7 +46,7 @@ def steps(
     problem : Problem
         The problem to run.
     scheme : Scheme, optional
-        By default `Centered(project_positions=True)`; for many free bodies at e = 0, `StewartTrinkle()`.
+        By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`.
     step : float
         Time step h [s].
     residual : float
@@ -102,7 +102,7 @@ def simulate(
         By default chosen for the problem; the run's first note gives the scheme and the reason.
         `EventDriven(tolerance=1e-6)` for few constraints with continuous gradients. `Centered(project_positions=True)`
         for many constraints, for gradients that jump, under a control or an external force, and wherever a step is
-        given. `StewartTrinkle()` for many free bodies at e = 0.
+        given. `StewartTrinkle()` for many free bodies.
     duration : float
         Duration [s]; the last step is shortened so that the run ends there. `SchatzmanPaoli` takes whole steps only:
         the last state is interpolated.
@@ -137,8 +137,7 @@ def simulate(
         If duration, step, every or residual is not positive and finite, the solver is none of those, or record is
         another word.
     UnsuitableError
-        If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies, `StewartTrinkle` with
-        e > 0.
+        If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies.
     TrajectoryFileError
         If `out` cannot be written: before the first step, or when the disk is full; `out` then keeps the states written
         before. A file is read back and compared with the run before it is marked complete.

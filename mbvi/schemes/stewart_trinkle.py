@@ -6,10 +6,11 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
-from ..errors import ProjectionError, UnsuitableError
 from ..problem import Problem
-from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
+from ..projection import Projection, Projector
 from ..system.system import Array
+from .end_repair import near_rows, repair
+from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
 from .scheme import Scheme, Timing
 from .step import Step
 
@@ -17,6 +18,8 @@ from .step import Step
 _MOST_RETRIES = 6
 # penetration at the end of a step above which it is retried, in lengths of the scene
 _RETRY_DEPTH = 1e-3
+# depth to first order at the end, in allowed depths, from which on all contacts near the end are searched
+_LIKELY = 1e-3
 
 
 class StewartTrinkle(Scheme):
@@ -25,30 +28,33 @@ class StewartTrinkle(Scheme):
     v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -max(f(q_i), 0) / h, with M, g, f and J at q_i, for the
     rows within reach; q_{i+1} = q_i + h v_{i+1} along the retraction. Where a contact penetrates, q_{i+1} = q_i + h y
     instead, where y is the same projection under J y >= -f / h. The displacement that removes penetration thus does not
-    enter the velocity. For e = 0.
+    enter the velocity.
+
+    Where e > 0, a contact that v_i closes within the step has J w >= -e J v_i instead, and open contacts that v_i does
+    not close have no bound (`newton_bounds`). If w would close one of these, q_{i+1} = q_i + h y with the y nearest to
+    w under J y >= -f / h.
 
     Notes
     -----
-    Order 1; velocity level; e = 0 only. An impact ends on the constraint instead of up to h |v-| inside, because it is
-    spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds the
-    first and its part of the percussion. The reach is twice the displacement of the fastest body.
+    Order 1; velocity level; any e in [0, 1], one per constraint; several constraints at once by one projection, which
+    never raises the kinetic energy. At e = 0 an impact ends on the constraint instead of up to h |v-| inside, because
+    it is spread over two steps: the first closes the gap, the second removes the remaining velocity. The record holds
+    the first and its part of the percussion. At e > 0 an impact comes up to a step early, and leaves a gap. The reach
+    is twice the displacement of the fastest body.
 
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
-    projection penetrates. Elsewhere gradients change within a step. A contact that was out of reach, or that penetrates
-    at the end of the step by more than 1e-3 of the scene's length, then gets a row as it is there, and the step is
-    retried. Smaller penetration is removed in the next step.
+    projection penetrates. Elsewhere gradients change within a step. A contact of a pair that was out of reach then gets
+    a row as it is at the end of the step, and the step is retried. Among many bodies that turn, contacts deeper than
+    1e-3 of the scene's length are pushed out at the end of the step, linearised there (`repair`). Otherwise such
+    contacts get rows and the step is retried, and smaller penetration is removed in the next step.
 
     A step evaluates M and g once and, where it is not retried, the gradients once and the gaps twice. Its projection
-    has more rows than that of `Paoli`.
+    has more rows than that of `Paoli`; where a body that bounces meets a third one it needs two.
     D. Stewart and J. Trinkle, An implicit time-stepping scheme for rigid body dynamics with inelastic collisions and
     Coulomb friction (1996).
     """
 
     timing = Timing(jump=0.0)
-
-    def check(self, problem: Problem) -> None:
-        """Raise `UnsuitableError` if some e is above 0; where pairs are listed only when near, `step` raises it."""
-        _check(problem.constraints.largest_restitution)
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
@@ -58,21 +64,47 @@ class StewartTrinkle(Scheme):
         rows = _at_earlier_time(
             problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
+        # gradients of many turning bodies change within a step: contacts are then linearised again at its end
+        turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
+        allowed = _RETRY_DEPTH * problem.length
+        velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
-            displacing, corrected = _end_velocity(problem, rows, h, projector, free_motion)
+            if rows.restitution.any():
+                displacing, velocity = bouncing_velocities(
+                    problem, rows, v, h, projector, free_motion, allowed * turning
+                )
+            elif turning:
+                displacing = velocity = open_gaps(rows, h, projector, free_motion, 0.0)
+            else:
+                displacing, corrected = displacing_velocity(problem, rows, h, projector, free_motion)
+                velocity = None if corrected else displacing
             place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
-            deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
-            at_end = problem.constraints.active(end, place, deepest)
-            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
-            missed = ~_is_among(at_end.constraint, rows.constraint) | deep
+            least = float((lever * gap).min(initial=0.0))
+            deepest = min(-problem.tolerance, least - 1e-12 * problem.length)
+            # gaps to first order that are negative may be far off
+            heap = turning and least < -_LIKELY * allowed
+            at_end = (
+                near_rows(problem, end, place, allowed) if heap else problem.constraints.active(end, place, deepest)
+            )
+            depth = -problem.constraints.levers(at_end.constraint) * at_end.gap
+            missed = ~_is_among(at_end.constraint, rows.constraint)
+            missed = missed & (depth > problem.tolerance) if turning else missed | (depth > allowed)
             if retry == _MOST_RETRIES or not missed.any():
                 break
             added = _at_earlier_time(take(at_end, missed), h)
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
-        # the displacement that removes penetration does not enter the velocity
-        w, percussion, residual = _open_gaps(rows, h, projector, free_motion, 0.0) if corrected else displacing
+        if heap or (turning and depth.max(initial=0.0) > allowed):
+            at_end = at_end if heap else near_rows(problem, end, place, allowed)
+            place, moved, at_end = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
+            # no gap is smaller than the least at the end
+            least = float((problem.constraints.levers(at_end.constraint) * at_end.gap).min(initial=0.0))
+            gap = np.maximum(gap + rows.jacobian @ moved, least / lever)
+        if velocity is None:
+            # the displacement that removes penetration does not enter the velocity
+            velocity = open_gaps(rows, h, projector, free_motion, 0.0)
+        w, percussion, residual = velocity
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
         return Step(end, place, w, rows, rates, max(residual, displacing.residual))
@@ -81,44 +113,6 @@ class StewartTrinkle(Scheme):
 def _at_earlier_time(rows: Rows, time: float) -> Rows:
     """Return rows with gaps less what the prescribed motion of walls adds to them in `time` [s]."""
     return rows if rows.rate is None else rows._replace(gap=rows.gap - time * rows.rate)
-
-
-def _open_gaps(
-    rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion, most: float
-) -> Projection:
-    """Return the velocity with which no gap of the rows is negative after a step.
-
-    Of each penetration at most `most` is removed [m or rad].
-    """
-    if not rows.gap.size:
-        return Projection(free_motion.free, np.zeros(0), 0.0)
-    _check(float(rows.restitution.max()))
-    lower = -np.maximum(rows.gap, -most) / h
-    if rows.rate is not None:
-        lower -= rows.rate
-    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
-
-
-def _end_velocity(
-    problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
-) -> tuple[Projection, bool]:
-    """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
-    if rows.gap.size and rows.gap.min() < -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
-        try:
-            return _open_gaps(rows, h, projector, free_motion, np.inf), True
-        except ProjectionError:
-            # where contacts contradict each other penetration remains, and the run records it
-            pass
-    return _open_gaps(rows, h, projector, free_motion, 0.0), False
-
-
-def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
-    """Return the penetration that the residual of a projection may leave [m].
-
-    It is not removed, because that would cost a second projection in each step.
-    """
-    largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
-    return 2.0 * h * projector.residual * largest
 
 
 def _is_among(numbers: Array, known: Array) -> Array:
@@ -139,14 +133,6 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     gap = gap.copy()
     np.minimum.at(gap, place, at_end.gap[known])
     return gap
-
-
-def _check(e: float) -> None:
-    if e > 0.0:
-        raise UnsuitableError(
-            f"StewartTrinkle is for e = 0, and a contact here has e = {e:g}: take Paoli, MoreauJean or "
-            "Centered, or set the restitution to 0"
-        )
 
 
 def _reach(problem: Problem, q: Array, displacement: Array) -> float:

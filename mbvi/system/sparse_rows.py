@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
+from ..projection.column_blocks import compose
 
 Array = np.ndarray
 
@@ -87,19 +88,7 @@ def write_blocks(
 
 def side_by_side(nv: int, m: int, parts: list[tuple[Array, int, Array | csr_array]]) -> csr_array:
     """Return rows composed of blocks of several systems: indices of the rows, first column, and entries of each."""
-    blocks = [(here, start, csr_array(part)) for here, start, part in parts]
-    # of the integer type that kernels expect
-    starts = np.zeros(m + 1, np.int32)
-    for here, _, block in blocks:
-        starts[1 + here] += np.diff(block.indptr)
-    np.cumsum(starts, out=starts)
-    place, data, columns = starts[:-1].copy(), np.empty(starts[-1]), np.empty(starts[-1], np.int32)
-    for here, start, block in blocks:
-        count = np.diff(block.indptr)
-        at = np.repeat(place[here] - block.indptr[:-1], count) + np.arange(block.nnz)
-        data[at], columns[at] = block.data, block.indices + start
-        place[here] += count
-    return rows_from(data, columns, starts, (m, nv))
+    return rows_from(*compose(parts, (m, nv)), (m, nv))
 
 
 def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:

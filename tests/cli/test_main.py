@@ -91,12 +91,8 @@ def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
 
 
 @pytest.mark.parametrize("word", SchemeName)
-def test_every_word_of_a_scheme_runs_or_says_that_it_does_not_suit(run, word):
-    words = ("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
-    code, out, err = run(*words)
-    if code:
-        assert code == 2 and "is for e = 0" in err and word == "stewart-trinkle"
-        code, out, err = run(*words, "--restitution", 0)
+def test_every_word_of_a_scheme_runs(run, word):
+    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
     assert (code, err) == (0, "") and f"scheme       {type(word.make()).__name__}" in out
 
 

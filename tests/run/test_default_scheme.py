@@ -78,7 +78,7 @@ def test_one_box_is_smooth_and_two_are_not():
 
 def test_many_are_stepped_without_listing_their_pairs():
     scheme, step, reason = default_scheme(grains(1000), 1.0)
-    assert isinstance(scheme, mbvi.Centered)
+    assert isinstance(scheme, mbvi.StewartTrinkle)
     assert f"{1000 + 1000 * 999 // 2} constraints are many" in reason
     # the highest falls 24 times its size, and no more than a tenth of it in a step
     speed = np.sqrt(2 * 9.81 * (0.3 + 9 * 0.25))
@@ -262,16 +262,26 @@ def test_a_step_alone_is_for_the_default_time_stepping_scheme():
         np.testing.assert_array_equal(state.q, q)
 
 
-def test_many_bodies_without_restitution_land_on_each_other_instead_of_in_each_other():
-    scheme, step, reason = default_scheme(grains(27, e=0.0), 1.0)
+@pytest.mark.parametrize("e", [0.0, 0.6])
+def test_many_bodies_land_on_each_other_instead_of_in_each_other(e):
+    scheme, step, reason = default_scheme(grains(27, e=e), 1.0)
     assert isinstance(scheme, mbvi.StewartTrinkle) and reason.startswith(f"StewartTrinkle() at h = {step:g} s")
-    run = mbvi.simulate(grains(27, e=0.0), duration=1.0, every=10)
+    run = mbvi.simulate(grains(27, e=e), duration=1.0, every=10)
     assert run.scheme == "StewartTrinkle" and run.penetration().max() < 1e-6
-    run = mbvi.simulate(grains(27, e=0.0), duration=0.01, step=1e-3)
+    run = mbvi.simulate(grains(27, e=e), duration=0.01, step=1e-3)
     assert (run.scheme, run.step) == ("StewartTrinkle", 1e-3)
+
+
+def test_a_robot_among_many_grains_moves_as_they_do():
     assert isinstance(default_scheme(boxes(101), 1.0)[0], mbvi.StewartTrinkle)
-    for other in (grains(27, e=0.0, pair=0.1), grains(27, e=0.1), boxes(10)):
-        assert isinstance(default_scheme(other, 1.0)[0], mbvi.Centered)
+    assert isinstance(default_scheme(grains(27, e=0.0, pair=0.1), 1.0)[0], mbvi.StewartTrinkle)
+    assert isinstance(default_scheme(boxes(10), 1.0)[0], mbvi.Centered)
+    for count, scheme in ((5, mbvi.Centered), (27, mbvi.StewartTrinkle)):
+        scene = mbvi.Scene()
+        scene.add_halfspace((0, 0, 1))
+        scene.add_spheres([(0.3 * k, 0, 0.1) for k in range(count)], 0.1, 1.0)
+        scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 1))
+        assert isinstance(default_scheme(scene.build(), 1.0)[0], scheme)
 
 
 @pytest.mark.parametrize("case", [case for (e, _), case in CASES.items() if e == 0.5], ids=lambda case: case.name)

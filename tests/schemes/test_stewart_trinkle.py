@@ -7,10 +7,8 @@ from scipy.sparse.linalg import norm
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import BroadPhasePairs
 from mbvi.projection import Projector
 from mbvi.studies.shipped import cube_of_spheres
-from support.paths import ROBOTS
 
 H = 2e-3
 
@@ -215,48 +213,6 @@ def falling(*heights):
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_spheres([(0.0, k, z) for k, z in enumerate(heights)], 0.1, 1.0, name="balls")
     return scene
-
-
-def bead(e):
-    system = mbvi.LagrangianSystem(mass=lambda q: np.eye(1), force=lambda t, q, v: np.zeros(1), dim=1)
-    return mbvi.Problem(system, [mbvi.GapFunction(lambda q: q[0], lambda q: np.ones(1))], [1.0], [0.0], restitution=e)
-
-
-def limited():
-    scene = mbvi.Scene(restitution=0.5)
-    scene.add_urdf(ROBOTS / "hopper/hopper.urdf")
-    return scene.build()
-
-
-BOUNCING = {
-    "a sphere": lambda: falling(3.0).build(),
-    "forty": lambda: falling(*[3.0] * 40).build(),
-    "a given function": lambda: bead(0.5),
-    "joint limits": limited,
-}
-
-
-@pytest.mark.parametrize("make", BOUNCING.values(), ids=BOUNCING)
-def test_restitution_is_refused_before_the_first_step(make):
-    problem = make()
-    with pytest.raises(mbvi.UnsuitableError, match=r"e = 0\.5"):
-        mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=H, progress=False)
-    with pytest.raises(mbvi.UnsuitableError):
-        mbvi.steps(problem, mbvi.StewartTrinkle(), step=H)
-
-
-def test_in_a_crowd_of_shapes_restitution_is_refused_where_two_come_near():
-    scene = mbvi.Scene()
-    scene.add_halfspace((0, 0, 1), name="floor")
-    boxes = [scene.add_box((0.1, 0.1, 0.1), position=(k, 0, 0.05)) for k in range(70)]
-    falling = scene.add_box((0.1, 0.1, 0.1), position=(0, 0, 0.3))
-    scene.set_restitution(boxes[0], falling, 0.5)
-    problem = scene.build()
-    assert any(isinstance(c, BroadPhasePairs) for c in problem.constraints.constraints)
-    walk = mbvi.steps(problem, mbvi.StewartTrinkle(), step=1e-2)
-    next(walk)
-    with pytest.raises(mbvi.UnsuitableError, match=r"e = 0\.5"):
-        next(step for step in walk if step.t > 0.3)
 
 
 @pytest.mark.parametrize("count", [2, 40])

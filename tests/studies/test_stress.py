@@ -59,8 +59,15 @@ def test_a_cell_says_what_went_wrong_or_that_it_took_too_long():
 
     bad = StressScene("bad", scene.make, 1e-2, explode, "nothing", 0.0, 1.0)
     assert cell(bad, "Paoli", mbvi.Paoli(), 1e-3, 60.0).said == "MbviError: no number"
-    elastic = cell(scene, "StewartTrinkle", mbvi.StewartTrinkle(), 1e-3, 60.0)
-    assert elastic.verdict == "refused" and "StewartTrinkle is for e = 0" in elastic.said
+
+    def shaken(h):
+        moving = mbvi.Scene()
+        moving.add_halfspace((0, 0, 1), motion=mbvi.motion.Oscillation((0, 0, 0.01), 2.0))
+        moving.add_sphere(0.1, position=(0, 0, 1))
+        return moving.build()
+
+    refused = cell(dataclasses.replace(scene, make=shaken), "EventDriven", mbvi.EventDriven(), 1e-3, 60.0)
+    assert refused.verdict == "refused" and "EventDriven" in refused.said
 
     def mistaken(h):
         raise mbvi.InputError("no scene")
