@@ -21,6 +21,8 @@ from .sparse_islands import _SMALL, sort_by_island
 
 # sweeps over an island at most
 _SWEEPS = 200
+# the residual after a sweep relative to the largest change in it, until it was computed once
+_RATIO = 0.35
 
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
@@ -119,7 +121,7 @@ def accelerated_sweeps(
     z : ndarray, shape (n,)
         Receives A u.
     """
-    residual, weight, ratio, part = rows_residual(data, columns, starts, d, z, u), 1.0, 1.0, 0.0
+    residual, weight, ratio, part = rows_residual(data, columns, starts, d, z, u), 1.0, _RATIO, 0.0
     last, last_z = u.copy(), z.copy()
     for number in range(most):
         if residual <= target:
