@@ -73,9 +73,11 @@ def sweep(data: Array, columns: Array, starts: Array, d: Array, last: Array, z: 
         rate = -d[a]
         for k in range(begin, end):
             rate += data[k] * z[columns[k]]
-        new = max(u[a] - rate, 0.0)
-        step = new - u[a]
-        if step != 0.0:
+        old = u[a]
+        new = max(old - rate, 0.0)
+        # rows that stay active nearly always step: the processor foresees this branch, but not whether a step is zero
+        if old > 0.0 or new > 0.0:
+            step = new - old
             for k in range(begin, end):
                 z[columns[k]] += step * data[k]
             u[a] = new
