@@ -19,8 +19,8 @@ from ..compiled import kernel
 from .metric import Array
 from .sparse_islands import _SMALL, sort_by_island
 
-# sweeps over an island at most
-_SWEEPS = 200
+# sweeps over an island at most, and twice as many where the second half lowered the change of a sweep below this share
+_SWEEPS, _FALLEN = 200, 0.3
 # the residual after a sweep relative to the largest change in it, until it was computed once
 _RATIO = 0.35
 
@@ -119,14 +119,14 @@ def accelerated_sweeps(
     target : float
         The residual that is small enough.
     most : int
-        How many sweeps at most.
+        How many sweeps at most; twice as many where the progress in the second half of them says that this suffices.
     z : ndarray, shape (n,)
         Receives A u.
     """
     residual, weight, ratio, part = rows_residual(data, columns, starts, d, z, u), 1.0, _RATIO, 0.0
-    last, last_z = u.copy(), z.copy()
-    for number in range(most):
-        if residual <= target:
+    last, last_z, limit, before = u.copy(), z.copy(), most, 0.0
+    for number in range(2 * most):
+        if residual <= target or number == limit:
             break
         if number > 0:
             extrapolate(data, columns, starts, part, last_z, last, z, u)
@@ -136,9 +136,13 @@ def accelerated_sweeps(
             weight = 1.0
         else:
             part, weight = (weight - 1.0) / following, following
+        if number == most // 2:
+            before = change
+        elif number == most - 1 and change < _FALLEN * before and ratio * change * (change / before) ** 2 <= target:
+            limit = 2 * most
         # what the sweep changed tells roughly what the residual is, which costs another pass; it is computed from u,
         # for sums of changes drift
-        if ratio * change <= target or number == most - 1:
+        if ratio * change <= target or number == limit - 1:
             residual = rows_residual(data, columns, starts, d, z, u)
             if change == 0.0:
                 break
