@@ -87,10 +87,9 @@ def solve_island(starts: Array, columns: Array, G: Array, d: Array, target: floa
     starts, columns, G, d, target, u
         As `projected_pcg`.
     """
-    g, state, near, residual = np.empty(len(d)), np.zeros(STATE_SIZE), 0.0, np.inf
+    g, state, residual, near = np.empty(len(d)), np.zeros(STATE_SIZE), np.inf, _NEAR * target
     for _ in range(_CALLS):
         residual = projected_pcg(starts, columns, G, d, target, near, _ROUNDS, state, g, u)
-        near = _NEAR * target
         for _ in range(_TRIES):
             if not target < residual <= near or not refine_subset(starts, columns, G, target, g, u):
                 break

@@ -64,12 +64,9 @@ class WarmStart(NamedTuple):
     ----------
     u : ndarray, shape (m,)
         Zero for rows that the last projection did not have.
-    same_velocity : bool
-        Whether the last projection had the same velocity x: then this is a second one within a step.
     """
 
     u: Array
-    same_velocity: bool = False
 
 
 class Solver(Protocol):

@@ -1,8 +1,7 @@
-"""Kernel that solves the sparse dual island by island, started from the percussions of the last projection.
+"""Kernel that solves the sparse dual island by island by its Delassus matrix.
 
-Rows are scaled to unit length in the metric. A small island is solved to rounding by the dual
-active-set method. A large one whose percussions of the last step still fit is left alone; others are solved by
-`solve_island` to the target residual.
+Rows are scaled to unit length in the metric. A small island is solved to rounding by the dual active-set method. A
+large one whose percussions already fit is left alone; others are solved by `solve_island` to the target residual.
 """
 
 from __future__ import annotations
@@ -111,9 +110,9 @@ def solve_small_island(starts: Array, columns: Array, G: Array, d: Array, u: Arr
     return residual
 
 
-@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])")
 def _solve_islands(
-    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
 ) -> float:
     """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual.
 
@@ -129,8 +128,6 @@ def _solve_islands(
         How many islands there are.
     target : float
         The residual that is small enough.
-    carried : float
-        The part of u that a large island is started from where u itself does not fit.
     """
     m, worst = len(d), 0.0
     first, order, local = np.empty(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
@@ -150,8 +147,6 @@ def _solve_islands(
             solved = solve_small_island(matrix[0], matrix[1], matrix[2], own_d, own_u)
             residual = solved if solved < np.inf else residual
         if residual > target:
-            for i in range(n):
-                own_u[i] *= carried
             residual = solve_island(matrix[0], matrix[1], matrix[2], own_d, target, own_u)
         for i in range(n):
             u[rows[i]] = own_u[i]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InfeasibleError
+from .accelerated_sweeps import sweep_islands
 from .cascade import dense_solvers, first_good_enough
 from .fused_step import MOST_FUSED, FusedStep
 from .gram import gram, islands
@@ -23,9 +24,6 @@ _MARGIN = 0.9
 _ROUNDED = 1e-10
 # most rows of an island that the dense solvers solve if it fails
 _MOST_DENSE = 400
-# a large island whose last percussions no longer fit starts from this part of them: if it started from all, percussions
-# of dependent rows that cancel each other would grow from step to step
-_CARRIED = 0.8
 # room for entries of the Delassus matrix at first, for each row
 _ROOM = 128
 # size of the working set relative to the violated and active rows; a set of at least this share of all rows is enlarged
@@ -35,16 +33,16 @@ _WORKING, _ALL = 1.5, 0.5
 
 @dataclass(frozen=True)
 class SparsePCG:
-    """Projected preconditioned conjugate gradients on the sparse dual, for thousands of rows.
+    """Accelerated sweeps, then projected conjugate gradients, on the sparse dual, for thousands of rows.
 
-    G = A' A is sparse: two rows have an entry only if they share a body. A working set is solved: the violated rows,
-    those active in the last projection, and the nearest others. Rows that the answer violates join it. Rows that share
-    a body, directly or through other rows, form an island; islands have no body in common and are solved one by one. A
-    small island is solved to rounding by the compiled dual active-set method. A large one keeps the last percussions
-    if they still fit; otherwise sweeps of projected Gauss-Seidel find its active rows, and conjugate gradients with an
-    incomplete Cholesky factor solve the equations of these, cut off where a percussion would turn negative. An island
-    whose residual stays too large, for instance because masses differ by many powers of ten, is solved by the dense
-    solvers.
+    A working set is solved: the violated rows, those active in the last projection, and the nearest others. Rows that
+    the answer violates join it. Rows that share a body, directly or through other rows, form an island; islands have no
+    body in common and are solved one by one. A small island is solved to rounding by the compiled dual active-set
+    method. A large one keeps the last percussions if they still fit; otherwise accelerated sweeps of projected
+    Gauss-Seidel start from them. Where these do not reach the residual, the Delassus matrix G = A' A of the island is
+    formed: two rows have an entry only if they share a body. Conjugate gradients with an incomplete Cholesky factor
+    then solve the equations of the active rows, cut off where a percussion would turn negative. An island whose
+    residual stays too large, for instance because masses differ by many powers of ten, is solved by the dense solvers.
 
     Notes
     -----
@@ -55,14 +53,12 @@ class SparsePCG:
         """Return percussions to the residual of the QP, as far as it is reached; see `Solver`."""
         m = len(qp.d)
         u = np.zeros(m) if start is None else start.u.copy()
-        carried = 1.0 if start is not None and start.same_velocity else _CARRIED
         rounding = min(qp.tolerance, _ROUNDED * qp.largest)
         working, solved_densely = _working_set(qp.d, u), set[int]()
         label = None
         while True:
             if label is None:
-                label = _solve_working_set(qp, working, carried, u)
-                carried = 1.0
+                label = _solve_working_set(qp, working, u)
                 is_small = np.bincount(label + 1)[label + 1] <= _SMALL
                 allowed = np.where(is_small, rounding, qp.tolerance)
             z = qp.combine(u)
@@ -90,24 +86,40 @@ def _working_set(d: Array, u: Array) -> Array:
     return working | (d >= np.partition(d, len(d) - count)[len(d) - count])
 
 
-def _solve_working_set(qp: ScaledQP, working: Array, carried: float, u: Array) -> Array:
+def _solve_working_set(qp: ScaledQP, working: Array, u: Array) -> Array:
     """Solve for the working set; return the island of each row, -1 of others and of rows that repeat another."""
-    here = np.flatnonzero(working)
-    data, columns, starts = qp.rows.data, qp.rows.indices.astype(np.uint32), qp.rows.indptr.astype(np.uint32)
-    n, d = len(qp.x), qp.d[here]
-    if len(here) < len(qp.d):
-        sizes = np.diff(starts)
-        entries = np.repeat(working, sizes)
-        data, columns = data[entries], columns[entries]
-        starts = np.concatenate([[0], np.cumsum(sizes[here])]).astype(np.uint32)
-    rows, others, G = _gram(data, columns, starts, n)
-    kept, part = ~_repeated(rows, others, G, d), u[here]
-    label, within = np.full(len(qp.d), -1), np.empty(len(here), np.int64)
-    count = islands(columns, starts, n, kept, within)
-    target = _MARGIN * qp.tolerance
-    _solve_islands(rows, others, G, d, within, count, target, carried, part)
+    here, rows = np.flatnonzero(working), qp.rows
+    part = _chosen(rows.data, rows.indices.astype(np.uint32), rows.indptr.astype(np.uint32), working)
+    n, d, percussion, within = len(qp.x), qp.d[here], u[here], np.empty(len(here), np.int64)
+    label, target = np.full(len(qp.d), -1), _MARGIN * qp.tolerance
+    count = islands(*part[1:], n, np.ones(len(here), bool), within)
+    reached = np.empty(count, bool)
+    sweep_islands(*part, n, d, within, target, reached, percussion)
+    left = ~reached[within]
+    if left.any():
+        theirs = percussion[left]
+        again = _solve_left(*_chosen(*part, left), n, d[left], target, theirs)
+        percussion[left], within[left] = theirs, np.where(again < 0, -1, count + again)
     u[:] = 0.0
-    u[here], label[here] = part, within
+    u[here], label[here] = percussion, within
+    return label
+
+
+def _chosen(data: Array, columns: Array, starts: Array, chosen: Array) -> tuple[Array, Array, Array]:
+    """Return the chosen ones of sparse rows."""
+    if chosen.all():
+        return data, columns, starts
+    sizes = np.diff(starts)
+    entries = np.repeat(chosen, sizes)
+    return data[entries], columns[entries], np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.uint32)
+
+
+def _solve_left(data: Array, columns: Array, starts: Array, n: int, d: Array, target: float, u: Array) -> Array:
+    """Solve the islands that sweeps did not by their Delassus matrix, from u; return labels as `islands` does."""
+    rows, others, G = _gram(data, columns, starts, n)
+    kept, label = ~_merge_repeated(rows, others, G, d, u), np.empty(len(d), np.int64)
+    count = islands(columns, starts, n, kept, label)
+    _solve_islands(rows, others, G, d, label, count, target, u)
     return label
 
 
@@ -151,8 +163,8 @@ def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Ar
         room = count
 
 
-def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:
-    """Return a mask of the rows that equal another row with a d as large or larger, shape (m,)."""
+def _merge_repeated(starts: Array, columns: Array, G: Array, d: Array, u: Array) -> Array:
+    """Return a mask of the rows that equal another row with a d as large or larger, which gets their u, shape (m,)."""
     repeated, same = np.zeros(len(d), bool), np.flatnonzero(G >= _SAME)
     if len(same) == len(d):
         # these are the diagonal entries: no row equals another
@@ -161,4 +173,7 @@ def _repeated(starts: Array, columns: Array, G: Array, d: Array) -> Array:
     other = a != b
     a, b = a[other], b[other]
     repeated[a[(d[b] > d[a]) | ((d[b] == d[a]) & (b < a))]] = True
+    moved = repeated[a] & ~repeated[b]
+    np.add.at(u, b[moved], u[a[moved]])
+    u[repeated] = 0.0
     return repeated

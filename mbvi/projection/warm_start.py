@@ -22,18 +22,16 @@ class LastPercussions:
         Ascending keys of their contacts (`contact_keys`); None if rows have no keys.
     """
 
-    __slots__ = ("_x", "keys", "percussion")
+    __slots__ = ("keys", "percussion")
 
     def __init__(self) -> None:
         self.percussion = np.zeros(0)
         self.keys: Array | None = None
-        self._x: Array | None = None
 
     def start(self, qp: ScaledQP, keys: Array | None) -> WarmStart | None:
         """Return the scaled start of a projection, or None if there are no last percussions for its rows."""
-        same, self._x = qp.x is self._x, qp.x
         found = self._matched(len(qp.lower), keys)
-        return None if found is None else WarmStart(found * qp.lengths / qp.scale, same)
+        return None if found is None else WarmStart(found * qp.lengths / qp.scale)
 
     def _matched(self, m: int, keys: Array | None) -> Array | None:
         """Return the last percussion of each row, None if there is none."""

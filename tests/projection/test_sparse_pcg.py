@@ -9,6 +9,7 @@ from scipy.sparse import csr_array, vstack
 import mbvi
 from mbvi.compiled import compile_all
 from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
+from mbvi.projection.accelerated_sweeps import accelerated_sweeps, extrapolate, sweep
 from mbvi.projection.refinement import refine_subset, solve_island
 from mbvi.system.sparse_rows import rows_of_two
 
@@ -55,6 +56,67 @@ def test_the_answer_meets_the_conditions_to_the_residual_that_was_asked(seed, re
     assert found <= residual
     assert told == pytest.approx(found, rel=1e-3, abs=1e-13)
     assert balance < 1e-12
+
+
+def unit_rows(rng, n):
+    """Sparse unit rows of a heap as the kernels take them, their matrix, and violations that some velocity removes."""
+    _, metric, J = heap(rng, n)
+    U = metric.whiten_rows(J)
+    U = csr_array(U / np.sqrt((U * U).sum(axis=1))[:, None])
+    told = U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
+    return told, U, U @ rng.normal(size=U.shape[1]) - 0.3 * rng.random(U.shape[0])
+
+
+@settings(deadline=None, max_examples=12)
+@given(SEEDS)
+def test_a_sweep_lowers_the_energy_and_both_kernels_keep_the_velocity(seed):
+    rng = np.random.default_rng(seed)
+    told, U, d = unit_rows(rng, 60)
+    u, last = rng.random(len(d)), rng.random(len(d))
+    z, last_z, before = U.T @ u, U.T @ last, u.copy()
+    change, uphill = sweep(*told, d, last, z, u)
+    assert (u >= 0.0).all()
+    assert change == np.abs(u - before).max()
+    assert uphill == pytest.approx((before - u) @ (u - last), abs=1e-12)
+    np.testing.assert_allclose(z, U.T @ u, atol=1e-12)
+    assert 0.5 * z @ z - d @ u < 0.5 * (U.T @ before) @ (U.T @ before) - d @ before
+    after = u.copy()
+    extrapolate(*told, 0.7, last_z, last, z, u)
+    assert (last == after).all()
+    assert (u >= 0.0).all()
+    np.testing.assert_allclose(z, U.T @ u, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=12)
+@given(SEEDS, st.sampled_from([1e-2, 1e-4, 1e-6]))
+def test_accelerated_sweeps_tell_their_residual_and_stay_where_it_is_reached(seed, target):
+    rng = np.random.default_rng(seed)
+    told, U, d = unit_rows(rng, 80)
+    u, z = np.zeros(len(d)), np.empty(U.shape[1])
+    reached = accelerated_sweeps(*told, d, target, 2000, z, u)
+    assert reached <= target
+    assert reached == pytest.approx(np.abs(np.minimum(u, U @ (U.T @ u) - d)).max(), rel=1e-6, abs=1e-14)
+    np.testing.assert_allclose(z, U.T @ u, atol=1e-12)
+    found = u.copy()
+    assert accelerated_sweeps(*told, d, target, 2000, z, u) == reached
+    assert (u == found).all()
+
+
+def test_acceleration_solves_a_column_in_a_tenth_of_the_sweeps():
+    """Sweeps upwards carry the weight of a column of equal spheres one sphere down at a time."""
+    height, target = 40, 1e-4
+    up = np.tile([0.0, 0.0, 1.0], (height, 1))
+    J = rows_of_two(3 * height, True, np.arange(height), np.arange(1, height + 1), -up, up)
+    U = csr_array(J / np.sqrt((J * J).sum(axis=1))[:, None])
+    told = U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
+    d, u, z, plain = U @ np.tile([0.0, 0.0, 1.0], height), np.zeros(height), np.zeros(3 * height), 0
+    while np.abs(np.minimum(u, U @ z - d)).max() > target:
+        sweep(*told, d, u.copy(), z, u)
+        plain += 1
+    assert plain > 1000
+    found = np.zeros(height)
+    assert accelerated_sweeps(*told, d, target, plain // 10, z, found) <= target
+    np.testing.assert_allclose(z, np.tile([0.0, 0.0, 1.0], height), atol=0.1)
 
 
 @settings(deadline=None, max_examples=12)

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pinocchio as pin
-from scipy.sparse import csr_array
+from scipy.sparse import block_array, csr_array
 
 from mbvi.constraints import HalfSpaceContacts, sphere_walls
 from mbvi.constraints.half_space import points_within
@@ -626,7 +626,50 @@ def solve_islands(rng):
     kept[0] = True
     count = islands_plain(U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], kept, label)
     start = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
-    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, 0.8, start
+    return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
+
+
+def combine_rows(rng):
+    U, columns, starts = unit_rows(rng)
+    u = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return U.data, columns, starts, u, np.full(U.shape[1], np.nan)
+
+
+def rows_residual(rng):
+    data, columns, starts, u, z = combine_rows(rng)
+    return data, columns, starts, rng.normal(size=len(u)), z, u
+
+
+def sweep(rng):
+    U, columns, starts = unit_rows(rng)
+    u, last, d = rng.random(U.shape[0]), rng.random(U.shape[0]), rng.normal(size=U.shape[0])
+    return U.data, columns, starts, d, last, U.T @ u, u
+
+
+def extrapolate(rng):
+    U, columns, starts = unit_rows(rng)
+    u, last = rng.random(U.shape[0]), rng.random(U.shape[0])
+    return U.data, columns, starts, rng.random(), U.T @ last, last, U.T @ u, u
+
+
+def accelerated_sweeps(rng):
+    U, columns, starts = unit_rows(rng)
+    u = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
+    return U.data, columns, starts, missing_rates(rng, U), 1e-3, 30, np.full(U.shape[1], np.nan), u
+
+
+def sweep_islands(rng):
+    """Two islands of many rows in few columns, and a small one."""
+    U = block_array([[None, normal_rows(rng, 60, 9)], [normal_rows(rng, 55, 12), None]], format="csr")
+    U = block_array([[U, None], [None, normal_rows(rng, 5, 4)]], format="csr")
+    label, u = np.repeat([0, 1, 2], [60, 55, 5]), rng.random(120)
+    columns, starts = U.indices.astype(np.uint32), U.indptr.astype(np.uint32)
+    return U.data, columns, starts, U.shape[1], missing_rates(rng, U), label, 1e-2, np.ones(3, bool), u
+
+
+def normal_rows(rng, m, n):
+    rows = rng.normal(size=(m, n))
+    return csr_array(rows / np.linalg.norm(rows, axis=1)[:, None])
 
 
 def sort_by_island(rng):
@@ -802,6 +845,12 @@ ARGUMENTS = {
     "restrict_to_face": restrict_to_face,
     "pcg_on_face": pcg_on_face,
     "line_search": line_search,
+    "combine_rows": combine_rows,
+    "rows_residual": rows_residual,
+    "sweep": sweep,
+    "extrapolate": extrapolate,
+    "accelerated_sweeps": accelerated_sweeps,
+    "sweep_islands": sweep_islands,
     "refine_subset": refine_subset,
     "solve_island": solve_island,
     "_solve_islands": solve_islands,

@@ -12,7 +12,7 @@ from support.plain.refinement import solve_island_plain
 
 
 def solve_islands_plain(
-    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, carried: float, u: Array
+    starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
 ) -> float:
     """Solve min u' G u / 2 - d' u over u >= 0 island by island; return the largest natural residual."""
     A, worst = csr_array((G, columns, starts), shape=(len(d), len(d))), 0.0
@@ -34,7 +34,6 @@ def solve_islands_plain(
                 part[S[:size]] = solution[:size]
         residual = float(np.abs(np.minimum(part, inner @ part - d[here])).max())
         if residual > target:
-            part *= carried
             residual = solve_island_plain(
                 inner.indptr.astype(np.uint32), inner.indices.astype(np.uint32), inner.data, d[here], target, part
             )
