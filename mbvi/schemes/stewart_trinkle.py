@@ -45,6 +45,7 @@ class StewartTrinkle(Scheme):
     """
 
     timing = Timing(jump=0.0)
+    accepts_depth = True
 
     def check(self, problem: Problem) -> None:
         """Raise `UnsuitableError` if some e is above 0; where pairs are listed only when near, `step` raises it."""
@@ -65,7 +66,7 @@ class StewartTrinkle(Scheme):
             # rows deeper at the end than every known row; penetration within the tolerance is left
             deepest = min(-problem.tolerance, float((lever * gap).min(initial=0.0)) - 1e-12 * problem.length)
             at_end = problem.constraints.active(end, place, deepest)
-            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_RETRY_DEPTH * problem.length
+            deep = problem.constraints.levers(at_end.constraint) * at_end.gap < -_retry_depth(problem, projector)
             missed = ~_is_among(at_end.constraint, rows.constraint) | deep
             if retry == _MOST_RETRIES or not missed.any():
                 break
@@ -96,7 +97,7 @@ def _open_gaps(
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
-    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
+    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint, h)
 
 
 def _end_velocity(
@@ -117,8 +118,15 @@ def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: Fre
 
     It is not removed, because that would cost a second projection in each step.
     """
+    if projector.accepted is not None:
+        return 0.5 * projector.accepted.depth
     largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
     return 2.0 * h * projector.residual * largest
+
+
+def _retry_depth(problem: Problem, projector: Projector) -> float:
+    """Return the penetration at the end of a step above which it is retried [m]."""
+    return _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
 
 
 def _is_among(numbers: Array, known: Array) -> Array:
