@@ -10,6 +10,7 @@ import typer
 
 from ..errors import InputError
 from ..studies.pictures import check_pictures
+from .piles import chart_piles
 from .scheme_names import SchemeName
 
 if TYPE_CHECKING:
@@ -22,7 +23,11 @@ _TARGET = 1e-4
 
 _Problems = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[PROBLEM]...", help="Names of problems; --list prints them.", show_default=False),
+    typer.Argument(
+        metavar="[PROBLEM]...",
+        help="Names of problems, or piles and names of its scenes; --list prints them.",
+        show_default=False,
+    ),
 ]
 _Schemes = Annotated[
     str,
@@ -38,11 +43,13 @@ def chart(
     schemes: _Schemes = "",
     e: Annotated[float, typer.Option(help="Restitution; scenes of many spheres have their own.")] = 0.5,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Of piles: few settings of each engine.")] = False,
     out: _Out = Path("out/chart"),
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
-    """Chart error against CPU time and against step."""
+    """Chart error against CPU time and against step; of piles worst depth against CPU time."""
     from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
+    from ..studies.chart.piles import PICTURES
     from ..studies.chart.records import write_csv
     from ..studies.engines import PEERS
 
@@ -50,9 +57,18 @@ def chart(
     if listed:
         print("\n  ".join(["problems", *CASES]))
         print("without a name: " + "; ".join(DEFAULT_CASES))
+        for name, picture in PICTURES.items():
+            print(f"scenes of {name}: {'; '.join(picture.scenes)}")
         print("\n  ".join(["schemes", *words]))
         print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
         return
+    if problems and problems[0] in PICTURES:
+        if schemes:
+            raise InputError(f"{problems[0]} are run by StewartTrinkle: leave out --schemes")
+        chart_piles(problems, peers, quick, out)
+        return
+    if quick:
+        raise InputError("--quick is an option of piles")
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)

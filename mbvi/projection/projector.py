@@ -28,8 +28,8 @@ _MOST_CHECKED = 400
 
 # error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
 _SHARE = 0.25
-# the largest residual that follows from a depth: bodies at rest would otherwise move at the speeds it leaves
-_MOST_RESIDUAL = 1e-3
+# the largest residual that follows from a depth
+_MOST_RESIDUAL = 1e-2
 
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
 
@@ -39,23 +39,28 @@ class AcceptedDepth(NamedTuple):
 
     Attributes
     ----------
+    relative : float
+        Relative to a size of the bodies.
     depth : float
-        [m].
+        The same as a length [m].
     levers : callable
-        Returns the factor that turns gaps of constraints, given by their numbers, into lengths.
+        Returns the factors that turn gaps of constraints, given by their numbers, into lengths.
     """
 
+    relative: float
     depth: float
     levers: Callable[[Array], Array | float]
 
     def residual(self, qp: ScaledQP, contacts: Array | None, h: float) -> float:
-        """Return the relative residual with which the gaps of a step h [s] are off by a quarter of the depth.
+        """Return the relative residual with which the gaps of a step h [s] are off by a quarter of the depth at most.
 
         A scaled row whose residual is r times the largest scaled speed s has the rate error r s l, where l is the
-        length of its gradient in the metric.
+        length of its gradient in the metric. The residual is never larger than the relative depth or 1e-2: slow bodies
+        would otherwise move at the speeds that it leaves.
         """
         lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
-        return float(_SHARE * self.depth / (h * qp.scale * qp.largest * lengths.max()))
+        found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
+        return min(found, self.relative, _MOST_RESIDUAL)
 
 
 class Projector:
@@ -198,10 +203,9 @@ class Projector:
         return result
 
     def _accepted_residual(self, residual: float, sparse: bool) -> float:
-        """Return the residual of a projection, limited; dense rows are solved at least as well as without a depth."""
+        """Return the residual of a projection; dense rows are solved at least as well as without a depth."""
         if not sparse:
             return min(residual, self.residual)
-        residual = min(residual, _MOST_RESIDUAL)
         self.strictest, self.loosest = min(self.strictest, residual), max(self.loosest, residual)
         return residual
 

@@ -45,7 +45,7 @@ def projector_of(
     if depth is None:
         return Projector(DEFAULT_RESIDUAL if residual is None else residual, solver), []
     size = smallest_size(problem)
-    accepted = AcceptedDepth(depth * size, problem.constraints.levers)
+    accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
     note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"
     return Projector(DEFAULT_RESIDUAL, solver, accepted), [note]
 

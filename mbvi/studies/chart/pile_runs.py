@@ -161,19 +161,31 @@ def sweep_ours(picture: str, scene: str, steps: Sequence[float], depths: Sequenc
     return tuple(found)
 
 
-def sweep_peer_piles(module: str, picture: str, scene: str, steps: Sequence[float]) -> tuple[PileRecord, ...]:
+def sweep_peer_piles(
+    module: str, picture: str, scene: str, steps: Sequence[float], budget: float
+) -> tuple[PileRecord, ...]:
     """Run another engine on a scene of a picture in all its variants at each step; called in a worker process.
 
     Parameters
     ----------
     module : str
         Name of the adapter, such as "piles_in_mujoco". Its function `variants(pile)` returns how to set the engine.
+    picture, scene : str
+        Their names.
+    steps : sequence of float
+        Time steps [s], the longest first.
+    budget : float
+        Steps are left out from the first that would cost more, judged by the one before [s].
     """
     pile, found = PICTURES[picture].scenes[scene](), []
     engine = import_module(f"..engines.{module}", __package__)
     for variant in engine.variants(pile):
+        each = 0.0
         for h in steps:
+            if each * pile.duration / h > budget:
+                break
             cost = run_peer(pile, variant, h)
+            each = cost.cpu * h
             if np.isfinite(cost.depth):
                 found.append(_record(picture, scene, pile, variant.line, variant.setting, h, NOT_MEASURED, cost))
     if not found:

@@ -86,7 +86,7 @@ class Pile:
 
 
 def spheres(count: int) -> Pile:
-    """Return spheres that fall from a lattice into a box as wide as the lattice."""
+    """Return spheres that fall from a lattice into a box as wide as the lattice; r = 0.02 m."""
     n = int(np.ceil(count ** (1 / 3)))
     grid = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1).reshape(-1, 3)
     grid = grid[np.argsort(grid[:, 2], kind="stable")][:count]
@@ -99,7 +99,7 @@ def spheres(count: int) -> Pile:
 
 
 def boxes(count: int) -> Pile:
-    """Return cubes in random poses that fall into a box."""
+    """Return cubes of 0.04 m in random poses that fall into a box 0.4 m wide."""
     edge = 2.0 * _RADIUS
     return _poured(f"{count} boxes", (Box((edge, edge, edge)),) * count, ("edges", edge))
 
@@ -107,9 +107,10 @@ def boxes(count: int) -> Pile:
 def mixed(count: int) -> Pile:
     """Return boxes, capsules and spheres, a third each, in random poses that fall into a box."""
     edge, third = 2.0 * _RADIUS, count // 3
-    shapes = (Box((edge, edge, edge)),) * third + (Capsule(_RADIUS, 1.2 * _RADIUS),) * third
-    shapes += (Sphere(_RADIUS),) * (count - len(shapes))
-    return _poured(f"{count} boxes, capsules, spheres", shapes, ("radii", _RADIUS))
+    shapes: list[Box | Capsule | Sphere] = [Box((edge, edge, edge))] * third
+    shapes += [Capsule(_RADIUS, 1.2 * _RADIUS)] * third
+    shapes += [Sphere(_RADIUS)] * (count - len(shapes))
+    return _poured(f"{count} boxes, capsules, spheres", tuple(shapes), ("radii", _RADIUS))
 
 
 def _poured(name: str, shapes: tuple[Box | Capsule | Sphere, ...], unit: tuple[str, float]) -> Pile:
