@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..arguments import positive
 from ..errors import InputError
 from ..studies.pictures import check_pictures
 from .piles import chart_piles
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 # the error for which the cost is printed
 _TARGET = 1e-4
+# CPU time of one run of a pile [s]
+_PILE_BUDGET = 60.0
 
 _Problems = Annotated[
     list[str] | None,
@@ -35,6 +38,12 @@ _Schemes = Annotated[
         metavar="NAME,...", help="Names separated by commas.", show_default="all that are made for the problem"
     ),
 ]
+_Budget = Annotated[
+    float | None,
+    typer.Option(
+        help="Of piles: CPU time that a run may cost, judged by the run before [s].", show_default=f"{_PILE_BUDGET:g}"
+    ),
+]
 _Out = Annotated[Path, typer.Option(metavar="STEM", help="Where to write: STEM.png, STEM.svg and STEM.csv.")]
 
 
@@ -43,7 +52,7 @@ def chart(
     schemes: _Schemes = "",
     e: Annotated[float, typer.Option(help="Restitution; scenes of many spheres have their own.")] = 0.5,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Of piles: few settings of each engine.")] = False,
+    budget: _Budget = None,
     out: _Out = Path("out/chart"),
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
@@ -65,10 +74,10 @@ def chart(
     if problems and problems[0] in PICTURES:
         if schemes:
             raise InputError(f"{problems[0]} are run by StewartTrinkle: leave out --schemes")
-        chart_piles(problems, peers, quick, out)
+        chart_piles(problems, peers, _PILE_BUDGET if budget is None else positive(budget, "budget"), out)
         return
-    if quick:
-        raise InputError("--quick is an option of piles")
+    if budget is not None:
+        raise InputError("--budget is an option of piles")
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)

@@ -12,15 +12,12 @@ from ..studies.pictures import check_pictures
 if TYPE_CHECKING:
     from ..studies.chart.pile_runs import PileRecord
 
-# steps [s] and accepted depths of mbvi, and steps of other engines; fewer of each by --quick
-_STEPS, _QUICK_STEPS = (2e-3, 1e-3), (2e-3,)
-_DEPTHS, _QUICK_DEPTHS = (1e-2, 1e-3, 1e-4), (1e-2, 1e-3)
-_PEER_STEPS, _QUICK_PEER_STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4), (2e-3, 1e-3)
-# CPU time that a run of another engine may cost, judged by the longer step before it [s]
-_BUDGET, _QUICK_BUDGET = 100.0, 10.0
+# steps [s] and accepted depths of mbvi, and steps of other engines
+_STEPS, _DEPTHS = (2e-3, 1e-3), (1e-2, 1e-3, 1e-4)
+_PEER_STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 
 
-def chart_piles(words: Sequence[str], peers: bool, quick: bool, out: Path) -> None:
+def chart_piles(words: Sequence[str], peers: bool, budget: float, out: Path) -> None:
     """Measure and draw one picture of piles.
 
     Parameters
@@ -29,8 +26,8 @@ def chart_piles(words: Sequence[str], peers: bool, quick: bool, out: Path) -> No
         The name of the picture, then the names of its scenes; all of them if none is named.
     peers : bool
         Whether to run other engines that are installed.
-    quick : bool
-        Whether to run few settings of each engine.
+    budget : float
+        CPU time that a run may cost, judged by the run before it [s]; shorter steps are left out.
     out : Path
         Where to write, without suffix.
     """
@@ -46,7 +43,7 @@ def chart_piles(words: Sequence[str], peers: bool, quick: bool, out: Path) -> No
         if name not in known:
             raise InputError(f"no scene {name!r} of {picture}; known are {'; '.join(known)}")
     check_pictures(out.parent)
-    records = _measured(picture, scenes or list(known), peers, quick)
+    records = _measured(picture, scenes or list(known), peers, budget)
     write_table(records, out.with_suffix(".csv"), PileRecord)
     figure = draw_piles(records, f"One thread; {machine()}.")
     for suffix in (".png", ".svg"):
@@ -58,7 +55,7 @@ def chart_piles(words: Sequence[str], peers: bool, quick: bool, out: Path) -> No
     print(f"table        {out.with_suffix('.csv')}")
 
 
-def _measured(picture: str, scenes: Sequence[str], peers: bool, quick: bool) -> list[PileRecord]:
+def _measured(picture: str, scenes: Sequence[str], peers: bool, budget: float) -> list[PileRecord]:
     from tqdm import tqdm
 
     from ..studies.chart.pile_runs import sweep_ours, sweep_peer_piles
@@ -70,20 +67,18 @@ def _measured(picture: str, scenes: Sequence[str], peers: bool, quick: bool) -> 
         for peer in PEERS:
             if peer.piles and not peer.installed:
                 print(f"{peer.name} is not installed: {peer.install}")
-    steps, depths = (_QUICK_STEPS, _QUICK_DEPTHS) if quick else (_STEPS, _DEPTHS)
-    peer_steps, budget = (_QUICK_PEER_STEPS, _QUICK_BUDGET) if quick else (_PEER_STEPS, _BUDGET)
     records: list[PileRecord] = []
     with tqdm(total=len(scenes) * (1 + len(running)), unit="sweep", disable=None) as bar:
         for scene in scenes:
             bar.set_description(f"{scene}, mbvi")
             with worker() as call:
-                records += call(sweep_ours, picture, scene, steps, depths)
+                records += call(sweep_ours, picture, scene, _STEPS, _DEPTHS, budget)
             bar.update()
             for peer in running:
                 bar.set_description(f"{scene}, {peer.name}")
                 with worker(silent=True) as call:
                     try:
-                        records += call(sweep_peer_piles, peer.piles, picture, scene, peer_steps, budget)
+                        records += call(sweep_peer_piles, peer.piles, picture, scene, _PEER_STEPS, budget)
                     except (ImportError, RuntimeError, ValueError, MbviError) as error:
                         # an error of another engine costs its own points only
                         bar.write(f"{peer.name} failed on {scene}: {error}")

@@ -150,12 +150,17 @@ class _Judge:
         return max(0.0, -float(gap.min(initial=0.0))) / self._unit
 
 
-def sweep_ours(picture: str, scene: str, steps: Sequence[float], depths: Sequence[float]) -> tuple[PileRecord, ...]:
-    """Run mbvi on a scene of a picture, at each step and each accepted depth; called in a worker process."""
-    pile, found = PICTURES[picture].scenes[scene](), []
+def sweep_ours(
+    picture: str, scene: str, steps: Sequence[float], depths: Sequence[float], budget: float
+) -> tuple[PileRecord, ...]:
+    """Run mbvi on a scene of a picture, at each step and each accepted depth; see `sweep_peer_piles`."""
+    pile, found, each = PICTURES[picture].scenes[scene](), [], 0.0
     for h in steps:
+        if each * pile.duration / h > budget:
+            break
         for depth in depths:
             cost = run_ours(pile, h, depth)
+            each = cost.cpu * h
             line = f"mbvi, h = {1e3 * h:g} ms"
             found.append(_record(picture, scene, pile, line, "StewartTrinkle()", h, depth, cost))
     return tuple(found)

@@ -32,8 +32,8 @@ class Iterations:
 
 
 def variants(pile: Pile) -> tuple[Iterations, ...]:
-    """Return how PyBullet is set: 50 iterations as delivered, and ten times as many."""
-    return tuple(Iterations(f"{NAME}, {count} iterations", count) for count in (50, 500))
+    """Return how PyBullet is set: with the number of iterations as delivered."""
+    return (Iterations(f"{NAME}, 50 iterations", 50),)
 
 
 class PileInPyBullet:
