@@ -80,13 +80,15 @@ class PileInMuJoCo:
 
 
 def _add(spec: mujoco.MjSpec, shape: Box | Capsule | Sphere, centre: Array, turn: Array) -> None:
-    body = spec.worldbody.add_body(pos=centre, quat=turn[[3, 0, 1, 2]])
     kinds = mujoco.mjtGeom
     if isinstance(shape, Sphere):
+        # without rotation, which would turn the axes of its joints
+        body = spec.worldbody.add_body(pos=centre)
         for axis in np.eye(3):
             body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], mass=1.0)
         return
+    body = spec.worldbody.add_body(pos=centre, quat=turn[[3, 0, 1, 2]])
     body.add_freejoint()
     if isinstance(shape, Box):
         body.add_geom(type=kinds.mjGEOM_BOX, size=0.5 * np.array(shape.size), mass=1.0)
