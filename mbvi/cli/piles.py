@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..studies.chart.pile_runs import PileRecord
 
 # steps [s] and accepted depths of mbvi, and steps of other engines
-_STEPS, _DEPTHS = (2e-3, 1e-3), (1e-2, 1e-3, 1e-4)
+_STEPS, _DEPTHS = (4e-3, 2e-3, 1e-3), (1e-2, 1e-3, 1e-4)
 _PEER_STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 
 

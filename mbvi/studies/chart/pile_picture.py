@@ -44,19 +44,14 @@ def draw_piles(records: Sequence[PileRecord], footnote: str = "") -> Figure:
     handles = {
         label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    columns = min(3, len(handles))
-    figure.legend(
-        list(handles.values()),
-        list(handles),
-        loc="outside lower center",
-        ncols=columns,
-        fontsize="small",
-        frameon=False,
-    )
+    note = "Numbers at points: of mbvi the depth that it was given, of other engines the step."
+    legend = figure.legend(
+        list(handles.values()), list(handles), loc="outside lower center", ncols=min(4, len(handles)), fontsize="small",
+        frameon=False, title=f"{note} {footnote}".strip(), title_fontsize="x-small",
+    )  # fmt: skip
+    legend.get_title().set_color("0.35")
     title = f"{PICTURES[records[0].picture].title}: worst depth against cost, lower left is better"
     figure.suptitle(title, fontsize="medium")
-    note = "Numbers at points: of mbvi the depth it was given, of other engines the step."
-    figure.supxlabel(f"{note} {footnote}".strip(), fontsize="x-small", color="0.35")
     return figure
 
 
@@ -98,17 +93,22 @@ def _line(axes: Any, records: Sequence[PileRecord], style: dict[str, Any]) -> No
     depths = [max(r.depth, _LEAST) for r in points]
     axes.loglog([r.cpu for r in points], depths, label=points[0].line, markersize=6, linewidth=1.3, **style)
     for r, depth in zip(points, depths, strict=True):
-        text = f"{r.accuracy:g}" if ours else f"{1e3 * r.step:g} ms"
+        text = f"{r.accuracy:.0e}".replace("e-0", "e-") if ours else f"{1e3 * r.step:g} ms"
         axes.annotate(
             text, (r.cpu, depth), xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=style["color"]
         )
 
 
 def _frame(axes: Any, first: PileRecord) -> None:
-    axes.axhline(_COMPARED, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.axhline(_COMPARED, color="0.4", linewidth=1.0, linestyle=":", zorder=0)
     axes.set_title(f"{first.pile}, {first.duration:g} s", fontsize="medium")
     axes.set(xlabel="CPU time per simulated second [s / s]", ylabel=f"worst depth [{first.unit}]")
     axes.tick_params(labelleft=True)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(True, which="major", color="0.92", zorder=0)
     # room for the numbers at the points
     axes.margins(x=0.16, y=0.08)
