@@ -104,8 +104,13 @@ def test_records_come_back_as_they_were_written(records, tmp_path):
 
 def test_steps_beyond_the_budget_are_left_out(few):
     every = sweep_peer_piles("piles_in_mujoco", few, "spheres", (H, 1e-3), 60.0)
-    first = sweep_peer_piles("piles_in_mujoco", few, "spheres", (H, 1e-3), 1e-9)
-    assert [r.step for r in every] == [H, 1e-3] * 2 and [r.step for r in first] == [H] * 2
+    assert [r.step for r in every] == [H, 1e-3] * 2
+    # two runs of the first step: one of the second would cost a hundred times as much
+    two = 2.0 * max(r.cpu * r.duration for r in every if r.step == H)
+    first = sweep_peer_piles("piles_in_mujoco", few, "spheres", (H, 1e-5), two)
+    assert [r.step for r in first] == [H] * 2
+    with pytest.raises(mbvi.MbviError, match="needs over 2e-09 s of CPU time for 9 spheres at h"):
+        sweep_peer_piles("piles_in_mujoco", few, "spheres", (H, 1e-3), 1e-9)
 
 
 def test_the_picture_has_a_panel_for_each_scene_and_one_legend(records):
@@ -152,7 +157,7 @@ def test_the_command_lists_the_scenes_of_piles(run):
 
 @pytest.mark.slow
 def test_the_command_writes_picture_and_table(run, tmp_path):
-    code, out, _ = run("piles", "boxes", "--peers", "--budget", "1e-3", "--out", "made/piles")
+    code, out, _ = run("piles", "boxes", "--peers", "--budget", "0.5", "--out", "made/piles")
     assert code == 0 and "| 200 boxes | mbvi | 2 | 0.01 |" in out
     found = read_table(tmp_path / "made/piles.csv", PileRecord)
     assert {r.scene for r in found} == {"boxes"} and any(r.line.startswith("MuJoCo") for r in found)

@@ -118,8 +118,18 @@ def run_ours(pile: Pile, h: float, depth: float | None = None, residual: float |
     return Cost(spent / pile.duration, max(depths), depths[-1], float(run.residual.max()))
 
 
-def run_peer(pile: Pile, variant: Variant, h: float) -> Cost:
-    """Run another engine; the time is that of its steps alone."""
+class TooSlowError(MbviError):
+    """A run of another engine was given up, because it needs more CPU time than it may."""
+
+
+def run_peer(pile: Pile, variant: Variant, h: float, limit: float = np.inf) -> Cost:
+    """Run another engine; the time is that of its steps alone.
+
+    Raises
+    ------
+    TooSlowError
+        If these need more CPU time than `limit` [s].
+    """
     engine, judge, every = variant.make(pile, h), _Judge(pile), _samples(h)
     steps, spent, depths = round(pile.duration / h), 0.0, [0.0]
     for first in range(0, steps, every):
@@ -127,6 +137,8 @@ def run_peer(pile: Pile, variant: Variant, h: float) -> Cost:
         for _ in range(min(every, steps - first)):
             engine.advance()
         spent += process_time() - begin
+        if spent > limit:
+            raise TooSlowError(f"{variant.line} needs over {limit:g} s of CPU time for {pile.name} at h = {h:g} s")
         depths.append(judge.depth(pile.configuration(*engine.read())))
     return Cost(spent / pile.duration, max(depths), depths[-1])
 
@@ -180,21 +192,32 @@ def sweep_peer_piles(
     steps : sequence of float
         Time steps [s], the longest first.
     budget : float
-        Steps are left out from the first that would cost more, judged by the one before [s].
+        CPU time of a run: steps are left out from the first that would cost more, judged by the one before, or that
+        costs over twice as much [s].
+
+    Raises
+    ------
+    MbviError
+        If no step can be run.
     """
     pile, found = PICTURES[picture].scenes[scene](), []
+    given_up: TooSlowError | None = None
     engine = import_module(f"..engines.{module}", __package__)
     for variant in engine.variants(pile):
         each = 0.0
         for h in steps:
             if each * pile.duration / h > budget:
                 break
-            cost = run_peer(pile, variant, h)
+            try:
+                cost = run_peer(pile, variant, h, 2.0 * budget)
+            except TooSlowError as error:
+                given_up = error
+                break
             each = cost.cpu * h
             if np.isfinite(cost.depth):
                 found.append(_record(picture, scene, pile, variant.line, variant.setting, h, NOT_MEASURED, cost))
     if not found:
-        raise MbviError(f"{module} diverges on {pile.name} at all steps")
+        raise given_up or MbviError(f"it diverges on {pile.name} at all steps")
     return tuple(found)
 
 
