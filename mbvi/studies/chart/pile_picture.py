@@ -94,9 +94,9 @@ def _line(axes: Any, records: Sequence[PileRecord], style: dict[str, Any]) -> No
     axes.loglog([r.cpu for r in points], depths, label=points[0].line, markersize=6, linewidth=1.3, **style)
     for r, depth in zip(points, depths, strict=True):
         text = f"{r.accuracy:.0e}".replace("e-0", "e-") if ours else f"{1e3 * r.step:g} ms"
-        axes.annotate(
-            text, (r.cpu, depth), xytext=(5, 4), textcoords="offset points", fontsize=6.5, color=style["color"]
-        )
+        # on the side where the lines of others are not
+        place = {"xytext": (-4, -8), "ha": "right"} if ours else {"xytext": (5, 4), "ha": "left"}
+        axes.annotate(text, (r.cpu, depth), textcoords="offset points", fontsize=6.5, color=style["color"], **place)
 
 
 def _frame(axes: Any, first: PileRecord) -> None:

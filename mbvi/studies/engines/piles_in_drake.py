@@ -34,7 +34,7 @@ class Solver:
 
     line: str
     approximation: DiscreteContactApproximation
-    setting: str = "discrete steps, point contact of the delivered stiffness, one point per pair, friction 0"
+    setting: str = "discrete steps, point contact of the delivered stiffness, friction 0"
 
     def make(self, pile: Pile, h: float) -> PileInDrake:
         """Return the adapter with a pile at its start."""
@@ -43,7 +43,7 @@ class Solver:
 
 def variants(pile: Pile) -> tuple[Solver, ...]:
     """Return how Drake is set."""
-    return (Solver(f"{NAME}, SAP", DiscreteContactApproximation.kSap),)
+    return (Solver(f"{NAME}, SAP, one point per pair", DiscreteContactApproximation.kSap),)
 
 
 class PileInDrake:
