@@ -38,8 +38,9 @@ def draw_piles(records: Sequence[PileRecord], footnote: str = "") -> Figure:
     styles = _styles(records)
     for axes, scene in zip(panels, scenes, strict=True):
         mine = [r for r in records if r.scene == scene]
-        for line in dict.fromkeys(r.line for r in mine):
-            _line(axes, [r for r in mine if r.line == line], styles[line])
+        lines = list(dict.fromkeys(r.line for r in mine))
+        for line in lines:
+            _line(axes, [r for r in mine if r.line == line], styles[line], left=line == lines[0])
         _frame(axes, mine[0])
     handles = {
         label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -87,15 +88,15 @@ def _styles(records: Sequence[PileRecord]) -> dict[str, dict[str, Any]]:
     return styles
 
 
-def _line(axes: Any, records: Sequence[PileRecord], style: dict[str, Any]) -> None:
+def _line(axes: Any, records: Sequence[PileRecord], style: dict[str, Any], left: bool) -> None:
+    """Draw the points of a line, with their numbers on the left or on the right."""
     ours = not np.isnan(records[0].accuracy)
     points = sorted(records, key=lambda r: -(r.accuracy if ours else r.step))
     depths = [max(r.depth, _LEAST) for r in points]
     axes.loglog([r.cpu for r in points], depths, label=points[0].line, markersize=6, linewidth=1.3, **style)
     for r, depth in zip(points, depths, strict=True):
         text = f"{r.accuracy:.0e}".replace("e-0", "e-") if ours else f"{1e3 * r.step:g} ms"
-        # on the side where the lines of others are not
-        place = {"xytext": (-4, -8), "ha": "right"} if ours else {"xytext": (5, 4), "ha": "left"}
+        place = {"xytext": (-4, -8), "ha": "right"} if left else {"xytext": (5, 4), "ha": "left"}
         axes.annotate(text, (r.cpu, depth), textcoords="offset points", fontsize=6.5, color=style["color"], **place)
 
 
