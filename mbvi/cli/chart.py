@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # the error for which the cost is printed
 _TARGET = 1e-4
 # CPU time of one run of a pile [s]
-_PILE_BUDGET = 60.0
+_PILE_BUDGET = 20.0
 
 _Problems = Annotated[
     list[str] | None,

@@ -158,7 +158,7 @@ def test_the_command_lists_the_scenes_of_piles(run):
 @pytest.mark.slow
 def test_the_command_writes_picture_and_table(run, tmp_path):
     code, out, _ = run("piles", "boxes", "--peers", "--budget", "0.5", "--out", "made/piles")
-    assert code == 0 and "| 200 boxes | mbvi | 2 | 0.01 |" in out
+    assert code == 0 and "| 200 boxes | mbvi | 4 | 0.01 |" in out
     found = read_table(tmp_path / "made/piles.csv", PileRecord)
     assert {r.scene for r in found} == {"boxes"} and any(r.line.startswith("MuJoCo") for r in found)
     # depths are given relative to half an edge, and drawn relative to an edge
