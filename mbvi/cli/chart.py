@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..arguments import positive
 from ..errors import InputError
 from ..studies.pictures import check_pictures
+from .piles import chart_piles
 from .scheme_names import SchemeName
 
 if TYPE_CHECKING:
@@ -19,15 +21,27 @@ if TYPE_CHECKING:
 
 # the error for which the cost is printed
 _TARGET = 1e-4
+# CPU time of one run of a pile [s]
+_PILE_BUDGET = 20.0
 
 _Problems = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[PROBLEM]...", help="Names of problems; --list prints them.", show_default=False),
+    typer.Argument(
+        metavar="[PROBLEM]...",
+        help="Names of problems, or piles and names of its scenes; --list prints them.",
+        show_default=False,
+    ),
 ]
 _Schemes = Annotated[
     str,
     typer.Option(
         metavar="NAME,...", help="Names separated by commas.", show_default="all that are made for the problem"
+    ),
+]
+_Budget = Annotated[
+    float | None,
+    typer.Option(
+        help="Of piles: CPU time that a run may cost, judged by the run before [s].", show_default=f"{_PILE_BUDGET:g}"
     ),
 ]
 _Out = Annotated[Path, typer.Option(metavar="STEM", help="Where to write: STEM.png, STEM.svg and STEM.csv.")]
@@ -38,11 +52,13 @@ def chart(
     schemes: _Schemes = "",
     e: Annotated[float, typer.Option(help="Restitution; scenes of many spheres have their own.")] = 0.5,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
+    budget: _Budget = None,
     out: _Out = Path("out/chart"),
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
-    """Chart error against CPU time and against step."""
+    """Chart error against CPU time and against step; of piles worst depth against CPU time."""
     from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
+    from ..studies.chart.piles import PICTURES
     from ..studies.chart.records import write_csv
     from ..studies.engines import PEERS
 
@@ -50,9 +66,18 @@ def chart(
     if listed:
         print("\n  ".join(["problems", *CASES]))
         print("without a name: " + "; ".join(DEFAULT_CASES))
+        for name, picture in PICTURES.items():
+            print(f"scenes of {name}: {'; '.join(picture.scenes)}")
         print("\n  ".join(["schemes", *words]))
         print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
         return
+    if problems and problems[0] in PICTURES:
+        if schemes:
+            raise InputError(f"{problems[0]} are run by StewartTrinkle: leave out --schemes")
+        chart_piles(problems, peers, _PILE_BUDGET if budget is None else positive(budget, "budget"), out)
+        return
+    if budget is not None:
+        raise InputError("--budget is an option of piles")
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)

@@ -12,6 +12,8 @@ from .sizes import Array, Size
 # time step, in units of the time of a fall through a mean diameter; speed that counts as rest, in units of the speed
 # after that fall
 _POUR, _STILL = 0.03, 0.03
+# residual of the projections: radii are made smaller by the penetration that it leaves
+_RESIDUAL = 1e-6
 
 
 def poured(
@@ -58,7 +60,7 @@ def poured(
     problem, g = scene.build(), 9.81
     unit = float(np.sqrt(2.0 * loose.radii.mean() / g))
     fall = float(np.sqrt(2.0 * np.ptp(loose.positions[:, 2]) / g)) + unit
-    for step in steps(problem, StewartTrinkle(), step=_POUR * unit):
+    for step in steps(problem, StewartTrinkle(), step=_POUR * unit, residual=_RESIDUAL):
         still = float(np.sqrt(3.0 * (step.v**2).mean())) < _STILL * g * unit
         if step.t > fall and (still or step.t > 10.0 * fall):
             break

@@ -6,13 +6,14 @@ from .free_motion import FreeMotion
 from .fused_step import LinearGaps
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
-from .projector import ChosenSolver, Projector, checked_solver
+from .projector import AcceptedDepth, ChosenSolver, Projector, checked_solver
 from .proxqp import ProxQP
 from .scaled_qp import Projection
 from .sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion, TreeMetric
 
 __all__ = [
+    "AcceptedDepth",
     "ActiveSet",
     "BlockMetric",
     "BodiesMetric",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -25,7 +26,41 @@ SOLVERS = (ProxQP, ActiveSet, DualActiveSet, SparsePCG)
 # most rows of a failed problem that the dual active-set method checks for contradictions
 _MOST_CHECKED = 400
 
+# error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
+_SHARE = 0.25
+# the largest residual that follows from a depth
+_MOST_RESIDUAL = 1e-2
+
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
+
+
+class AcceptedDepth(NamedTuple):
+    """The penetration that a run accepts.
+
+    Attributes
+    ----------
+    relative : float
+        Relative to a size of the bodies.
+    depth : float
+        The same as a length [m].
+    levers : callable
+        Returns the factors that turn gaps of constraints, given by their numbers, into lengths.
+    """
+
+    relative: float
+    depth: float
+    levers: Callable[[Array], Array | float]
+
+    def residual(self, qp: ScaledQP, contacts: Array | None, h: float) -> float:
+        """Return the relative residual with which the gaps of a step h [s] are off by a quarter of the depth at most.
+
+        A scaled row whose residual is r times the largest scaled speed s has the rate error r s l, where l is the
+        length of its gradient in the metric. The residual is never larger than the relative depth or 1e-2: slow bodies
+        would otherwise move at the speeds that it leaves.
+        """
+        lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
+        found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
+        return min(found, self.relative, _MOST_RESIDUAL)
 
 
 class Projector:
@@ -41,16 +76,31 @@ class Projector:
         The relative KKT residual above which a projection raises.
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
         The only solver of every projection.
+    accepted : AcceptedDepth, optional
+        Replaces the residual in projections of sparse rows that give the length of their step.
+
+    Attributes
+    ----------
+    strictest, loosest : float
+        The least and the largest residual that followed from the accepted depth; inf and 0 before the first.
     """
 
-    def __init__(self, residual: float = 1e-6, solver: ChosenSolver | None = None) -> None:
-        self.residual = residual
-        self.solver = solver
+    def __init__(
+        self, residual: float = 1e-6, solver: ChosenSolver | None = None, accepted: AcceptedDepth | None = None
+    ) -> None:
+        self.residual, self.solver, self.accepted = residual, solver, accepted
+        self.strictest, self.loosest = np.inf, 0.0
         self._last = LastPercussions()
         self._fused = FusedStep(self._last, residual) if solver is None else None
 
     def project(
-        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None = None
+        self,
+        x: Array,
+        metric: Metric,
+        J: Array | csr_array,
+        lower: Array,
+        contacts: Array | None = None,
+        h: float | None = None,
     ) -> Projection:
         """Project x, as `mbvi.project` but without checks of the arguments.
 
@@ -58,12 +108,15 @@ class Projector:
         ----------
         contacts : ndarray of int, shape (m,), optional
             The constraint of each row. Sparse rows are matched by it with the percussions of the last projection.
+        h : float, optional
+            Length of the step after which the rates must keep gaps open [s]; the residual then follows from the
+            accepted depth.
         """
         if self._fused is not None and 0 < len(lower) <= MOST_FUSED and isinstance(J, np.ndarray):
             found = self._fused.project(x, metric, J, lower)
             if found is not None:
                 return found
-        return self._solve(x, metric, J, lower, contacts)
+        return self._solve(x, metric, J, lower, contacts, h)
 
     def law(
         self,
@@ -123,14 +176,22 @@ class Projector:
         return self._fused.settle(motion, gaps, w, displacement, law, rates)
 
     def _solve(
-        self, x: Array, metric: Metric, J: Array | csr_array, lower: Array, contacts: Array | None
+        self,
+        x: Array,
+        metric: Metric,
+        J: Array | csr_array,
+        lower: Array,
+        contacts: Array | None,
+        h: float | None = None,
     ) -> Projection:
         """Scale the QP, call the solvers, and check the residual."""
         qp = ScaledQP(x, metric, J, lower, self.residual)
         if qp.satisfied:
             return Projection(x, np.zeros(len(lower)), 0.0)
         if not (qp.lengths > 0.0).all():
-            return self._without_zero_rows(qp, contacts)
+            return self._without_zero_rows(qp, contacts, h)
+        if self.accepted is not None and h is not None:
+            qp.relative_tolerance = self._accepted_residual(self.accepted.residual(qp, contacts, h), qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         found, residual = first_good_enough(qp, self._solvers(qp), start)
@@ -141,12 +202,19 @@ class Projector:
         self._last.keep(result.percussion, keys)
         return result
 
+    def _accepted_residual(self, residual: float, sparse: bool) -> float:
+        """Return the residual of a projection; dense rows are solved at least as well as without a depth."""
+        if not sparse:
+            return min(residual, self.residual)
+        self.strictest, self.loosest = min(self.strictest, residual), max(self.loosest, residual)
+        return residual
+
     def _solvers(self, qp: ScaledQP) -> Iterable[Solver]:
         if self.solver is not None:
             return [self.solver]
         return [SparsePCG()] if qp.sparse else dense_solvers()
 
-    def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None) -> Projection:
+    def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None, h: float | None) -> Projection:
         """Project without the rows whose gradient is zero: J w >= lower reads 0 >= lower there."""
         kept = qp.lengths > 0.0
         if (qp.lower[~kept] > 0.0).any():
@@ -154,7 +222,7 @@ class Projector:
                 "a constraint whose gradient vanishes demands a positive rate: no velocity gives it", _problem(qp)
             )
         contacts = None if contacts is None else contacts[kept]
-        part = self.project(qp.x, qp.metric, qp.J[kept], qp.lower[kept], contacts)
+        part = self.project(qp.x, qp.metric, qp.J[kept], qp.lower[kept], contacts, h)
         percussion = np.zeros(len(qp.lower))
         percussion[kept] = part.percussion
         return Projection(part.velocity, percussion, part.residual)
@@ -167,7 +235,7 @@ class Projector:
         relative = qp.relative(residual)
         return ProjectionError(
             f"the projection onto {len(qp.lower)} constraints{solver} stopped at the relative KKT residual "
-            f"{relative:.1e}, above {self.residual:.1e}; the problem is in `.problem`",
+            f"{relative:.1e}, above {qp.relative_tolerance:.1e}; the problem is in `.problem`",
             problem,
             float(relative),
         )

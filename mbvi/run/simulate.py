@@ -18,6 +18,7 @@ from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import end_at, law
+from .accuracy import projector_of, residual_note
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -36,7 +37,8 @@ def steps(
     scheme: Scheme | None = None,
     *,
     step: float,
-    residual: float = 1e-6,
+    residual: float | None = None,
+    depth: float | None = None,
     solver: ChosenSolver | None = None,
 ) -> Iterator[Step]:
     """Step a problem by hand, without end.
@@ -49,8 +51,12 @@ def steps(
         By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`.
     step : float
         Time step h [s].
-    residual : float
-        Relative KKT residual above which a projection raises.
+    residual : float, optional
+        Relative KKT residual above which a projection raises; by default 1e-6, or that of the default depth.
+    depth : float, optional
+        Penetration that is accepted, relative to the size of the smallest free body: the radius of the largest ball
+        within it, which is the radius of a sphere and half of the smallest edge of a box. The residual of each
+        projection follows from it. For `StewartTrinkle`, with 1e-3 as default where rows are sparse (many bodies).
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
         Solves every projection; by default several are tried in order.
 
@@ -62,9 +68,9 @@ def steps(
     Raises
     ------
     InputError
-        If h is not positive and finite, or the solver is none of those.
+        If h, residual or depth is not positive and finite, both are given, or the solver is none of those.
     UnsuitableError
-        If the scheme cannot run the problem.
+        If the scheme cannot run the problem, or does not take a depth.
     ProjectionError
         If a projection does not reach the residual; where a solver was chosen the message names it.
     DivergedError
@@ -72,10 +78,11 @@ def steps(
     """
     _check_problem(problem)
     check_kept(problem)
-    h, projector = positive(step, "step"), Projector(positive(residual, "residual"), checked_solver(solver))
+    h = positive(step, "step")
     chosen = time_stepping(problem)[0] if scheme is None else _checked_for(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
+    projector, _ = projector_of(problem, chosen, residual, depth, checked_solver(solver))
     return _steps(problem, chosen, h, projector)
 
 
@@ -86,7 +93,8 @@ def simulate(
     duration: float,
     step: float | None = None,
     every: int = 1,
-    residual: float = 1e-6,
+    residual: float | None = None,
+    depth: float | None = None,
     solver: ChosenSolver | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
@@ -113,8 +121,12 @@ def simulate(
         One state in `every` steps is recorded, and the last one; impacts are always recorded. `EventDriven` chooses its
         own steps, and records the states before and after each impact too; `run.at(t)` is then a cubic between recorded
         states.
-    residual : float
-        Relative KKT residual above which a projection raises.
+    residual : float, optional
+        Relative KKT residual above which a projection raises; by default 1e-6, or that of the default depth.
+    depth : float, optional
+        Penetration that is accepted, relative to the size of the smallest free body: the radius of the largest ball
+        within it, which is the radius of a sphere and half of the smallest edge of a box. The residual of each
+        projection follows from it. For `StewartTrinkle`, with 1e-3 as default where rows are sparse (many bodies).
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
         Solves every projection of the run, and a note of the run says so. By default several are tried in order, and
         the first answer that is good enough is accepted.
@@ -134,10 +146,11 @@ def simulate(
     Raises
     ------
     InputError
-        If duration, step, every or residual is not positive and finite, the solver is none of those, or record is
-        another word.
+        If duration, step, every, residual or depth is not positive and finite, residual and depth are both given, the
+        solver is none of those, or record is another word.
     UnsuitableError
-        If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies.
+        If the scheme cannot run the problem: `EventDriven` with moving walls or too many bodies. If a depth is given to
+        another scheme than `StewartTrinkle`.
     TrajectoryFileError
         If `out` cannot be written: before the first step, or when the disk is full; `out` then keeps the states written
         before. A file is read back and compared with the run before it is marked complete.
@@ -151,11 +164,7 @@ def simulate(
     """
     _check_problem(problem)
     check_kept(problem)
-    duration, residual, every = (
-        positive(duration, "duration"),
-        positive(residual, "residual"),
-        integer(every, "every", 1),
-    )
+    duration, every = positive(duration, "duration"), integer(every, "every", 1)
     h, out, progress = (
         optional(positive, step, "step"),
         optional(file_path, out, "out"),
@@ -163,7 +172,8 @@ def simulate(
     )
     optional(choice, record, "record", ("contacts",))
     scheme, h, notes = _scheme_and_step(problem, scheme, h, duration)
-    projector = Projector(residual, checked_solver(solver))
+    projector, accepted = projector_of(problem, scheme, residual, depth, checked_solver(solver))
+    notes += accepted
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
     if isinstance(scheme, EventDriven):
@@ -218,6 +228,7 @@ def simulate(
                 next_poll = min(writer.poll(), bar.poll(i))
         # the sum of the steps has rounding errors
         recorder.t[-1] = problem.t0 + duration
+    recorder.notes += residual_note(projector)
     if shortened_steps:
         recorder.notes.append(f"{shortened_steps} steps were shortened where a body would have passed through another")
     return recorder.trajectory(scheme, h)

@@ -24,7 +24,7 @@ def open_gaps(
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
-    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint)
+    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint, h)
 
 
 def displacing_velocity(
@@ -59,7 +59,7 @@ def bouncing_velocities(
     if rows.rate is not None:
         lower = lower - rows.rate
     w, percussion[bound], residual = projector.project(
-        free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound]
+        free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound], h
     )
     velocity, gap = Projection(w, percussion, residual), rows.gap + h * rows.speeds(w)
     allowed = max(allowed, _residual_depth(rows, h, projector, free_motion) + problem.tolerance)
@@ -67,7 +67,8 @@ def bouncing_velocities(
         return velocity, velocity
     # a projector of its own: its percussions are not those of the step
     moving = FreeMotion(w, free_motion.metric)
-    return displacing_velocity(problem, rows, h, Projector(projector.residual, projector.solver), moving)[0], velocity
+    own = Projector(projector.residual, projector.solver, projector.accepted)
+    return displacing_velocity(problem, rows, h, own, moving)[0], velocity
 
 
 def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
@@ -75,5 +76,7 @@ def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: Fre
 
     It is not removed, because that would cost a second projection in each step.
     """
+    if projector.accepted is not None:
+        return 0.5 * projector.accepted.depth
     largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
     return 2.0 * h * projector.residual * largest

@@ -43,10 +43,13 @@ class SchemeBase:
         By default the law is applied at the end of a step.
     project_positions : bool
         Whether a step also projects positions.
+    accepts_depth : bool
+        Whether only the residual of its projections penetrates, so that a run may be given a depth instead.
     """
 
     timing: Timing = Timing()
     project_positions: bool = False
+    accepts_depth: bool = False
 
     @property
     def name(self) -> str:

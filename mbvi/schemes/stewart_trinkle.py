@@ -16,7 +16,7 @@ from .step import Step
 
 # most retries of a step with added rows
 _MOST_RETRIES = 6
-# penetration at the end of a step above which it is retried, in lengths of the scene
+# penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
 _RETRY_DEPTH = 1e-3
 # depth to first order at the end, in allowed depths, from which on all contacts near the end are searched
 _LIKELY = 1e-3
@@ -45,8 +45,9 @@ class StewartTrinkle(Scheme):
     Between spheres and half-spaces no gap gets smaller than its linearisation, so that only the residual of the
     projection penetrates. Elsewhere gradients change within a step. A contact of a pair that was out of reach then gets
     a row as it is at the end of the step, and the step is retried. Among many bodies that turn, contacts deeper than
-    1e-3 of the scene's length are pushed out at the end of the step, linearised there (`repair`). Otherwise such
-    contacts get rows and the step is retried, and smaller penetration is removed in the next step.
+    allowed are pushed out at the end of the step, linearised there (`repair`). Otherwise such contacts get rows and the
+    step is retried, and smaller penetration is removed in the next step. Allowed is the accepted depth of a run, or
+    1e-3 of the scene's length where a residual is given.
 
     A step evaluates M and g once and, where it is not retried, the gradients once and the gaps twice. Its projection
     has more rows than that of `Paoli`; where a body that bounces meets a third one it needs two.
@@ -55,6 +56,7 @@ class StewartTrinkle(Scheme):
     """
 
     timing = Timing(jump=0.0)
+    accepts_depth = True
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
@@ -66,7 +68,7 @@ class StewartTrinkle(Scheme):
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
-        allowed = _RETRY_DEPTH * problem.length
+        allowed = _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
         velocity: Projection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():

@@ -45,7 +45,7 @@ def deepest(problem, radii, q):
 @pytest.mark.parametrize("density", [None, 1000.0])
 def test_a_pile_comes_to_rest_without_ever_penetrating(density):
     problem, radii = pile(64, density=density)
-    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.7, progress=False)
+    run = mbvi.simulate(problem, mbvi.StewartTrinkle(), step=H, duration=0.7, residual=1e-6, progress=False)
     worst = max(deepest(problem, radii, q) for q in run.q)
     assert worst < 1e-4 * radii.min()
     # the record says so too
@@ -170,7 +170,7 @@ def tumbling(count, seed=0):
 def test_boxes_that_tumble_onto_each_other_stay_out_of_each_other(seed):
     problem = tumbling(24, seed)
     allowed, found = 1e-3 * problem.length, []
-    for step in mbvi.steps(problem, mbvi.StewartTrinkle(), step=H):
+    for step in mbvi.steps(problem, mbvi.StewartTrinkle(), step=H, residual=1e-6):
         gap = problem.constraints.active(step.t, step.q, 0.0).gap
         depth = max(0.0, -float(gap.min(initial=0.0)))
         # and the record says how deep they are, to what the projection's residual leaves
@@ -247,7 +247,7 @@ def test_other_schemes_take_many_bodies(scheme):
 
 def test_the_default_scheme_and_the_diagnosis_take_many_bodies():
     problem, radii = pile(64)
-    run = mbvi.simulate(problem, step=H, duration=0.1, progress=False)
+    run = mbvi.simulate(problem, step=H, duration=0.1, residual=1e-6, progress=False)
     assert run.scheme == "StewartTrinkle"
     assert run.residual.max() <= 1e-6
     assert deepest(problem, radii, run.q[-1]) < 1e-4 * radii.min()
@@ -275,7 +275,9 @@ def test_a_box_under_a_heavier_one_stays(ratio):
 @pytest.mark.slow
 def test_a_pile_of_the_cube_of_spheres_is_solved_to_the_end():
     """Rows that depend on each other by symmetry: percussions carried from step to step stress them more and more."""
-    run = mbvi.simulate(cube_of_spheres(0.0), mbvi.StewartTrinkle(), step=1.03e-3, duration=2.0, progress=False)
+    run = mbvi.simulate(
+        cube_of_spheres(0.0), mbvi.StewartTrinkle(), step=1.03e-3, duration=2.0, residual=1e-6, progress=False
+    )
     assert run.residual.max() <= 1e-6
     assert run.penetration().max() < 1e-6 * 0.1
 

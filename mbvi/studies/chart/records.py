@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TypeVar
 
 from ...errors import InputError
 
 NOT_MEASURED = float("nan")
+# a dataclass of text and numbers
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -78,14 +81,25 @@ class Record:
 
 def write_csv(records: Iterable[Record], path: str | os.PathLike[str]) -> None:
     """Write records to a CSV file whose columns are their attributes; numbers keep all digits."""
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [f.name for f in fields(Record)], lineterminator="\n")
-        table.writeheader()
-        table.writerows(asdict(record) for record in records)
+    write_table(records, path, Record)
 
 
 def read_csv(path: str | os.PathLike[str]) -> tuple[Record, ...]:
-    """Return the records of a file that `write_csv` wrote.
+    """Return the records of a file that `write_csv` wrote; see `read_table`."""
+    return read_table(path, Record)
+
+
+def write_table(records: Iterable[R], path: str | os.PathLike[str], kind: type[R]) -> None:
+    """Write records of a dataclass to a CSV file whose columns are their attributes; numbers keep all digits."""
+    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(names)
+        table.writerows([getattr(record, name) for name in names] for record in records)
+
+
+def read_table(path: str | os.PathLike[str], kind: type[R]) -> tuple[R, ...]:
+    """Return the records of a file that `write_table` wrote.
 
     Raises
     ------
@@ -93,8 +107,9 @@ def read_csv(path: str | os.PathLike[str]) -> tuple[Record, ...]:
         If the file has other columns.
     """
     kinds = {"str": str, "float": float, "int": int}
+    columns = {f.name: kinds[str(f.type)] for f in fields(kind)}  # type: ignore[arg-type]
     with Path(path).open(newline="", encoding="utf-8") as file:
         table = csv.DictReader(file)
-        if table.fieldnames != [f.name for f in fields(Record)]:
+        if table.fieldnames != list(columns):
             raise InputError(f"{path} is not a table of `mbvi chart`: its columns differ")
-        return tuple(Record(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Record)}) for row in table)
+        return tuple(kind(**{name: read(row[name]) for name, read in columns.items()}) for row in table)

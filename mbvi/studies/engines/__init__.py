@@ -13,13 +13,17 @@ SYSTEM = "/usr/bin/python3"
 
 
 class Peer(NamedTuple):
-    """Another engine: name, adapter module, imported package, how to install it, and its Python if not this one."""
+    """Another engine: name, adapter module, imported package, how to install it, and its Python if not this one.
+
+    `piles` is the module that runs piles in it, if there is one.
+    """
 
     name: str
     module: str
     imported: str
     install: str
     python: str = ""
+    piles: str = ""
 
     @property
     def installed(self) -> bool:
@@ -36,10 +40,10 @@ def _found(python: str, name: str) -> bool:
 
 
 PEERS = (
-    Peer("MuJoCo", "in_mujoco", "mujoco", "pip install mujoco"),
-    Peer("Drake", "in_drake", "pydrake", "pip install drake"),
+    Peer("MuJoCo", "in_mujoco", "mujoco", "pip install mujoco", piles="piles_in_mujoco"),
+    Peer("Drake", "in_drake", "pydrake", "pip install drake", piles="piles_in_drake"),
     Peer("DART", "in_dart", "dartpy", "pip install dartpy"),
-    Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet"),
+    Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet", piles="piles_in_pybullet"),
     Peer("jiminy", "in_jiminy", "jiminy_py", "pip install jiminy-py"),
     Peer("Siconos", "in_siconos", "siconos", f"apt install python3-siconos, for {SYSTEM}, which runs it", SYSTEM),
 )

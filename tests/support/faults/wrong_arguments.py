@@ -394,14 +394,15 @@ CALLS: dict[str, Call] = {
         mbvi.simulate,
         lambda: {
             "problem": scene().build(), "scheme": mbvi.Paoli(), "duration": 3e-3, "step": 1e-3, "every": 2,
-            "residual": 1e-6, "solver": mbvi.ProxQP(), "out": "run.h5", "progress": False, "record": "contacts",
+            "residual": 1e-6, "depth": None, "solver": mbvi.ProxQP(), "out": "run.h5", "progress": False,
+            "record": "contacts",
         },
         lambda made: made.energy(),
     ),
     "steps": Call(
         mbvi.steps,
         lambda: {
-            "problem": scene().build(), "scheme": mbvi.Paoli(), "step": 1e-3, "residual": 1e-6,
+            "problem": scene().build(), "scheme": mbvi.StewartTrinkle(), "step": 1e-3, "residual": None, "depth": 1e-3,
             "solver": mbvi.SparsePCG(),
         },
         _steps,

@@ -1,0 +1,81 @@
+"""The accuracy of a run's projections: a residual that is given, or one that follows from an accepted penetration."""
+
+from __future__ import annotations
+
+from typing import SupportsFloat
+
+from ..arguments import optional, positive
+from ..errors import InputError, UnsuitableError
+from ..problem import Problem
+from ..projection import AcceptedDepth, ChosenSolver, Projector
+from ..schemes import EventDriven, Scheme
+from ..system import located_parts
+
+DEFAULT_RESIDUAL, DEFAULT_DEPTH = 1e-6, 1e-3
+# size of the bodies of a system without shapes, in lengths of the scene
+_SIZE = 0.1
+
+
+def projector_of(
+    problem: Problem,
+    scheme: Scheme | EventDriven,
+    residual: SupportsFloat | None,
+    depth: SupportsFloat | None,
+    solver: ChosenSolver | None,
+) -> tuple[Projector, list[str]]:
+    """Return the projector of a run, and a note where its residual follows from a depth.
+
+    Raises
+    ------
+    InputError
+        If both are given, or one is not positive and finite.
+    UnsuitableError
+        If a depth is given and the scheme penetrates by more than its residual.
+    """
+    residual, depth = optional(positive, residual, "residual"), optional(positive, depth, "depth")
+    if residual is not None and depth is not None:
+        raise InputError("give depth or residual, not both: each determines the other")
+    if depth is not None and not scheme.accepts_depth:
+        raise UnsuitableError(
+            f"{scheme!r} does not take a depth, because it penetrates however small the residual is: "
+            "give a residual, or take StewartTrinkle"
+        )
+    if residual is None and depth is None and problem.system.sparse and scheme.accepts_depth:
+        depth = DEFAULT_DEPTH
+    if depth is None:
+        return Projector(DEFAULT_RESIDUAL if residual is None else residual, solver), []
+    size = smallest_size(problem)
+    accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
+    note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"
+    return Projector(DEFAULT_RESIDUAL, solver, accepted), [note]
+
+
+def residual_note(projector: Projector) -> list[str]:
+    """Return a note that states the residuals that followed from the accepted depth, or none."""
+    if projector.loosest == 0.0:
+        return []
+    return [f"the accepted depth gave residuals of {projector.strictest:.1e} to {projector.loosest:.1e}"]
+
+
+def smallest_size(problem: Problem) -> float:
+    """Return the size of the smallest free body [m]; where there is none, that of the smallest link.
+
+    The size of a body is the radius of the largest ball within one of its shapes: the radius of a sphere or a capsule,
+    half of the smallest edge of a box. Without shapes it is a tenth of the scene's length.
+    """
+    sizes: dict[int, float] = {}
+    known: dict[int, float] = {}
+    for placed in () if problem.scene is None else problem.scene.shapes:
+        if placed.body:
+            key = id(placed.shape)
+            # many bodies share a shape
+            inner = known[key] if key in known else known.setdefault(key, placed.shape.inner)
+            sizes[placed.body] = max(inner, sizes.get(placed.body, 0.0))
+    free = [
+        sizes[body]
+        for part in located_parts(problem.system)
+        if part.system.free_bodies
+        for body in range(part.body + 1, part.body + len(part.system.bodies))
+        if body in sizes
+    ]
+    return min(free or sizes.values(), default=_SIZE * problem.length)
