@@ -153,7 +153,7 @@ multipliers(np.array([1.0, 0.0, 0.0]), np.array([[1.0, 1.0, 0.0]]), 1, found)
 print(found[0])
 """
     before, _ = process(code, package, NUMBA_CACHE_DIR=cache_)
-    file = package / "geometry/normal_search.py"
+    file = package / "geometry/vectors.py"
     text = file.read_text()
     changed = text.replace("return a[0] * b[0] + ", "return 2.0 * a[0] * b[0] + ")
     assert changed != text

@@ -427,10 +427,13 @@ CALLS: dict[str, Call] = {
     ),
     "project": Call(
         mbvi.project,
-        lambda: {"x": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "lower": 0.0}, _finite_projection,
+        lambda: {"x": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3), "lower": 0.0, "friction": None},
+        _finite_projection,
     ),
     "impact": Call(
-        mbvi.impact, lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "e": 0.5}, _finite_projection
+        mbvi.impact,
+        lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3), "e": 0.5, "friction": None},
+        _finite_projection,
     ),
     "forks": Call(
         mbvi.forks, lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "e": 0.5},
