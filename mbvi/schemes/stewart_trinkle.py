@@ -90,19 +90,26 @@ class StewartTrinkle(Scheme):
             at_end = (
                 near_rows(problem, end, place, allowed) if heap else problem.constraints.active(end, place, deepest)
             )
-            depth = -problem.constraints.levers(at_end.constraint) * at_end.gap
+            depth = _depths(problem, at_end)
             missed = ~_is_among(at_end.constraint, rows.constraint)
             missed = missed & (depth > problem.tolerance) if turning else missed | (depth > allowed)
+            repaired = None
+            if (retry == _MOST_RETRIES or not missed.any()) and (
+                heap or (turning and depth.max(initial=0.0) > allowed)
+            ):
+                at_end = at_end if heap else near_rows(problem, end, place, allowed)
+                repaired = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
+                if _deepest(problem, repaired.rows) > allowed:
+                    # the step itself must turn away from them
+                    missed = _depths(problem, at_end) > allowed
             if retry == _MOST_RETRIES or not missed.any():
                 break
             added = _at_earlier_time(take(at_end, missed), h)
             rows = concatenate([rows, added._replace(gap=added.gap - h * (added.jacobian @ displacing.velocity))])
-        if heap or (turning and depth.max(initial=0.0) > allowed):
-            at_end = at_end if heap else near_rows(problem, end, place, allowed)
-            place, moved, at_end = repair(problem, end, place, at_end, free_motion.metric, projector, allowed)
+        if repaired is not None:
+            place, moved, at_end = repaired
             # no gap is smaller than the least at the end
-            least = float((problem.constraints.levers(at_end.constraint) * at_end.gap).min(initial=0.0))
-            gap = np.maximum(gap + rows.jacobian @ moved, least / lever)
+            gap = np.maximum(gap + rows.jacobian @ moved, min(0.0, -_deepest(problem, at_end)) / lever)
         if velocity is None:
             # the displacement that removes penetration does not enter the velocity
             velocity = open_gaps(rows, h, projector, free_motion, 0.0)
@@ -110,6 +117,15 @@ class StewartTrinkle(Scheme):
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
         return Step(end, place, w, rows, rates, max(residual, displacing.residual))
+
+
+def _depths(problem: Problem, rows: Rows) -> Array:
+    """Return the depths of rows as lengths, shape (k,), negative where gaps are open [m]."""
+    return np.asarray(-problem.constraints.levers(rows.constraint) * rows.gap)
+
+
+def _deepest(problem: Problem, rows: Rows) -> float:
+    return float(_depths(problem, rows).max(initial=0.0))
 
 
 def _at_earlier_time(rows: Rows, time: float) -> Rows:

@@ -98,3 +98,18 @@ def test_two_hundred_boxes_poured_need_few_projections(e, monkeypatch):
             break
     assert deepest < 1.5e-3 * EDGE
     assert count <= (2.1 if e == 0.0 else 3.1) * steps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [1e-2, 1e-4])
+def test_long_steps_do_not_sink_boxes_deeper_than_accepted(depth):
+    """At 4 ms some repairs do not reach the depth; such a step is retried."""
+    scene = mbvi.Scene()
+    side, pitch = 6, 1.8 * EDGE
+    cells = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    cells = cells[np.argsort(cells[:, 2], kind="stable")][:200]
+    scene.add_container((0.0, 0.0, 0.0), (side * pitch, side * pitch))
+    turns = Rotation.random(200, random_state=1).as_matrix()
+    scene.add_boxes(pitch * (cells + 0.5) + [0.0, 0.0, 0.05], (EDGE, EDGE, EDGE), 1.0, rotations=turns)
+    run = mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=4e-3, duration=0.6, depth=depth, progress=False)
+    assert run.penetration().max() <= depth * 0.5 * EDGE
