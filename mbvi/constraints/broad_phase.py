@@ -76,6 +76,12 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         # e is looked up when a pair is listed
         self.restitution = np.zeros(0)
 
+    @property
+    def count(self) -> int:
+        """How many pairs of shapes on different bodies there are, with those that are left out."""
+        n, each = len(self._shapes), np.bincount(self._shapes.body)
+        return int(n * (n - 1) - (each * (each - 1)).sum()) // 2
+
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
         return self._shapes.name(*divmod(constraint, len(self._shapes)))

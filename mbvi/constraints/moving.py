@@ -101,6 +101,11 @@ class MovingWalls(ConstraintFamily):
         """Return the name of one pair."""
         return self.constraint.name(number)
 
+    @property
+    def count(self) -> int:
+        """How many constraints there are."""
+        return self.constraint.count
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.constraint.describe()}, with a prescribed motion"
