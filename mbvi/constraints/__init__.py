@@ -11,6 +11,7 @@ from .rows import Constraint, Rows
 from .signed_distance import SignedDistances
 from .sphere_surface import SphereSurface
 from .sphere_walls import SphereWalls
+from .sphere_centres import SphereCentres
 from .spheres import SphereContacts
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "RowTable",
     "Rows",
     "SignedDistances",
+    "SphereCentres",
     "SphereContacts",
     "SphereSurface",
     "SphereWalls",

@@ -37,8 +37,10 @@ def project_frictional(
         M.
     J : ndarray, shape (3 m, nv)
         Of each contact the normal and two tangents, all of unit length and orthogonal to each other in space.
-    lower, friction : ndarray, shape (m,)
-        Least normal rates [m/s], and coefficients of friction.
+    lower : ndarray, shape (3 m,)
+        Of each contact the least normal rate, and the negative tangential velocities of what it touches [m/s].
+    friction : ndarray, shape (m,)
+        Coefficients of friction.
     residual : float
         The relative residual above which this raises.
 
@@ -63,7 +65,7 @@ def project_frictional(
     scale = np.repeat(1.0 / np.sqrt(normal), 3)
     b = J @ x
     largest = float(np.abs(b * scale).max(initial=0.0))
-    b[::3] -= lower
+    b -= lower
     G, b, p = plain_array(0.5 * (G + G.T) * scale[:, None] * scale), plain_array(b * scale), np.zeros(3 * m)
     mu = plain_array(friction)
     if m <= MOST_CONTACTS:
@@ -74,7 +76,7 @@ def project_frictional(
     percussion = p * scale
     w = x + percussion @ solved
     u = J @ w
-    u[::3] -= lower
+    u -= lower
     found = coulomb_defect(u * scale, p, mu) / largest if largest > 0.0 else 0.0
     # written so that a NaN is refused too
     if not found <= residual:
@@ -99,10 +101,10 @@ def _without_still_contacts(
     x: Array, metric: Metric, J: Array, lower: Array, friction: Array, residual: float, rows: Array
 ) -> Projection:
     """Return the same without the contacts whose normal moves no body; they bear no percussion."""
-    if (np.delete(lower, rows) > 0.0).any():
+    if (np.delete(lower[::3], rows) > 0.0).any():
         raise ProjectionError("a contact whose normal row vanishes demands a positive rate: no velocity gives it", {})
     wide = (3 * rows[:, None] + np.arange(3)).ravel()
-    part = project_frictional(x, metric, J[wide], lower[rows], friction[rows], residual)
+    part = project_frictional(x, metric, J[wide], lower[wide], friction[rows], residual)
     percussion = np.zeros(len(J))
     percussion[wide] = part.percussion
     return Projection(part.velocity, percussion, part.residual)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -14,6 +14,7 @@ from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
+from .friction import project_frictional
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
 from .proxqp import ProxQP
@@ -160,6 +161,27 @@ class Projector:
         velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
+
+    def frictional(self, x: Array, metric: Metric, rows: Any, lower: Array, h: float | None = None) -> Projection:
+        """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+
+        Parameters
+        ----------
+        rows : Rows
+            Rows with tangents.
+        x, metric, lower, h
+            As of `project`.
+        """
+        J, tangents = rows.jacobian, rows.tangents
+        bounds = np.zeros((len(lower), 3))
+        bounds[:, 0] = lower
+        if tangents.rate is not None:
+            bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
+        wide = np.zeros((len(lower), 3, len(x)))
+        wide[:, 0] = J if isinstance(J, np.ndarray) else J.toarray()
+        across = tangents.jacobian
+        wide[:, 1:] = (across if isinstance(across, np.ndarray) else across.toarray()).reshape(-1, 2, len(x))
+        return project_frictional(x, metric, wide.reshape(-1, len(x)), bounds.ravel(), tangents.friction, self.residual)
 
     def settle(
         self,

@@ -15,10 +15,13 @@ from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMoti
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .nearby_rows import NearbyRows
+from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps
 
 # two rows whose kinetic angle has a cosine below this are independent
 _INDEPENDENT = 1e-9
+# squares of lengths below this part of the largest are rounding
+_DEPENDENT = 1e-12
 
 
 class Applied(NamedTuple):
@@ -159,6 +162,8 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
     known, drift = nearby.known(step.active), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
+    if known.rows.tangents is not None:
+        return None
     number, gap, J, e, point, *_ = rows = known.rows
     lever = np.ones(len(gap)) * problem.constraints.levers(number)
     displacement = problem.system.difference(known.q, step.q)
@@ -186,9 +191,9 @@ def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, project
     free = applied.motion.free
     if rows.rate is not None:
         lower = lower - rows.rate
-    w, percussion, residual = projector.project(free, applied.motion.metric, rows.jacobian, lower)
+    w, percussion, residual, tangential = project_rows(projector, free, applied.motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
-    return Step(step.t, step.q, w, rows, rates, residual)
+    return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
 
 
 def _with_tangent_velocity(
@@ -293,15 +298,18 @@ def _projected(
     -----
     The rows are taken again at the configuration of each projection. The iteration ends when no gap there is below its
     lower bound, and those of all rows with a positive percussion equal it, to within the activation tolerance.
-    Equality matters: a contact whose gap remained open would not be active, and its body would fall.
+    Equality matters: a contact whose gap remained open would not be active, and its body would fall. Contacts that
+    stick are held along their tangents.
     """
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
-    near, bound = before, floor
+    near, bound, metric = before, floor, applied.motion.metric
+    sticking = _sticking(problem, applied, step)
     for _ in range(MOST_LINEARISATIONS):
+        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, step.active))
         lower = near.jacobian @ moved + bound - near.gap
         try:
-            moved, percussion, residual = projector.project(still, applied.motion.metric, near.jacobian, lower)
+            moved, percussion, residual = projector.project(still, metric, J, lower)
         except ProjectionError:
             return None
         place, last = system.integrate(step.q, moved), near
@@ -313,3 +321,39 @@ def _projected(
         if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
             return _Projected(place, moved, near, residual)
     return None
+
+
+def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
+    """Return which rows of the law stick, shape (k,); None if none does."""
+    if step.slip is None:
+        return None
+    percussion, _, after, _ = np.sqrt((step.slip * step.slip).sum(axis=2))
+    sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.h * after <= problem.tolerance)
+    return sticks if sticks.any() else None
+
+
+def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | csr_array:
+    """Return the gradients of rows along displacements that do not move sticking contacts along their tangents.
+
+    These are J P, where P projects onto such displacements in the metric. Gradients of which nothing is left become
+    zero. Many bodies are not held: their rows are sparse, and J P is not.
+
+    Parameters
+    ----------
+    metric : Metric
+        M.
+    near : Rows
+        The rows.
+    sticking : ndarray of bool, shape (n,)
+        Which rows of the law stick.
+    owner : ndarray of int, shape (k,)
+        For each row that of the law, -1 where there is none.
+    """
+    J, held = near.jacobian, np.flatnonzero((owner >= 0) & sticking[owner])
+    if near.tangents is None or not isinstance(J, np.ndarray) or not held.size:
+        return J
+    A = near.tangents.take(held).jacobian
+    solved = metric.solve_rows(A)
+    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, _DEPENDENT, hermitian=True) @ A
+    lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))
+    return np.where((lengths > _DEPENDENT * before)[:, None], left, 0.0)
