@@ -85,8 +85,8 @@ class Problem:
     restitution : float or array_like, shape (len(constraints),)
         e in [0, 1], one for all or one each; constraints built by a `Scene` carry their own.
     friction : float or array_like, shape (len(constraints),)
-        Coefficient of Coulomb friction mu >= 0, one for all or one each; constraints built by a `Scene` carry their own.
-        Others need tangents, as of `GapFunction`.
+        Coefficient of Coulomb friction mu >= 0, one for all or one each; constraints built by a `Scene` carry their
+        own. Others need tangents, as of `GapFunction`.
     t0 : float
         Initial time [s].
     length : float

@@ -9,9 +9,9 @@ from .joint_limit import JointLimits
 from .moving import MovingFrame, MovingWalls
 from .rows import Constraint, Rows
 from .signed_distance import SignedDistances
+from .sphere_centres import SphereCentres
 from .sphere_surface import SphereSurface
 from .sphere_walls import SphereWalls
-from .sphere_centres import SphereCentres
 from .spheres import SphereContacts
 
 __all__ = [

@@ -120,8 +120,8 @@ class MovingWalls(ConstraintFamily):
         """Return the tangents of some rows; those of the walls move with them."""
         self.frame.set_state(t, q)
         axes, first, second = axes_of(rows.normal), *self.constraint.bodies_of(rows.constraint)
-        wide = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
-        jacobian = self.frame.separation_in_world(*wide, np.ascontiguousarray(axes.reshape(-1, 3)))
+        first, second, point = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
+        jacobian = self.frame.separation_in_world(first, second, point, np.ascontiguousarray(axes.reshape(-1, 3)))
         rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
         return Tangents(friction, axes, jacobian, rate.ravel())
 

@@ -150,8 +150,8 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
 class Constraint(Protocol):
     """The least that a user's constraint provides.
 
-    Optional are also `names` or `name(k)`, `size`, `restitution`, `rate(t, q)`, and, for friction, `tangents(t, q)`; see
-    `GivenConstraint`.
+    Optional are also `names` or `name(k)`, `size`, `restitution`, `rate(t, q)` and, for friction, `tangents(t, q)`;
+    see `GivenConstraint`.
 
     A constraint that provides more must derive from `ConstraintFamily`.
     """

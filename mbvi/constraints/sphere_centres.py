@@ -14,17 +14,17 @@ class SphereCentres(NamedTuple):
     ----------
     start : int
         Place of the first.
-    count : int
+    number : int
         How many spheres there are; they are the last in q.
     stride : int
         From one centre to the next: 3 where spheres have no rotation, 7 where they have.
     """
 
     start: int
-    count: int
+    number: int
     stride: int
 
     def of(self, q: Array) -> Array:
         """Return the centres as a view of q, shape (n, 3)."""
-        end = self.start + self.count * self.stride
-        return q[self.start : end].reshape(self.count, self.stride)[:, :3]
+        end = self.start + self.number * self.stride
+        return q[self.start : end].reshape(self.number, self.stride)[:, :3]

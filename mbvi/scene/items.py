@@ -114,7 +114,6 @@ class SceneItems:
 
     gravity: Array
     restitution: float
-    friction: float = 0.0
     plane: str | None = None
     walls: dict[str, HalfSpace] = field(default_factory=dict)
     surfaces: list[SurfaceItem] = field(default_factory=list)
@@ -122,9 +121,10 @@ class SceneItems:
     bodies: list[BodyItem] = field(default_factory=list)
     spheres: list[SphereItem] = field(default_factory=list)
     pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
-    pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
     controls: list[SceneControl] = field(default_factory=list)
     forces: list[ForceItem] = field(default_factory=list)
+    friction: float = 0.0
+    pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
 
     def names(self) -> set[str]:
         """Return the names in use."""

@@ -22,6 +22,9 @@ from .step import Step, advance_gaps
 _INDEPENDENT = 1e-9
 # squares of lengths below this part of the largest are rounding
 _DEPENDENT = 1e-12
+# displacements whose squared slip is below this part of the largest are not held: a body that stands on slightly
+# different heights must be able to turn
+_HARDLY = 1e-4
 
 
 class Applied(NamedTuple):
@@ -133,7 +136,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if depth <= problem.tolerance:
             break
         applied = applied.kept()
-        projected = _projected(problem, applied, step, before, floor, depth, projector, nearby)
+        sticking = _sticking(problem, applied, step)
+        start = problem, applied, step, before, floor, depth, projector, nearby
+        projected = _projected(*start, sticking)
+        if projected is None and sticking is not None:
+            # a body that landed tilted cannot turn about contacts that are all held
+            projected = _projected(*start, None)
         if projected is None:
             break
         owner = match_contacts(projected.near, rows)
@@ -278,6 +286,7 @@ def _projected(
     depth: float,
     projector: Projector,
     nearby: NearbyRows,
+    sticking: Array | None,
 ) -> _Projected | None:
     """Return the nearest configuration in which no gap is below its lower bound; None if the iteration fails.
 
@@ -293,18 +302,18 @@ def _projected(
         The largest distance by which a gap must rise [m].
     nearby : NearbyRows
         The rows at the end of the step, as far as they are known.
+    sticking : ndarray of bool, shape (n,), or None
+        Rows of the law that are held along their tangents.
 
     Notes
     -----
     The rows are taken again at the configuration of each projection. The iteration ends when no gap there is below its
     lower bound, and those of all rows with a positive percussion equal it, to within the activation tolerance.
-    Equality matters: a contact whose gap remained open would not be active, and its body would fall. Contacts that
-    stick are held along their tangents.
+    Equality matters: a contact whose gap remained open would not be active, and its body would fall.
     """
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
     near, bound, metric = before, floor, applied.motion.metric
-    sticking = _sticking(problem, applied, step)
     for _ in range(MOST_LINEARISATIONS):
         J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, step.active))
         lower = near.jacobian @ moved + bound - near.gap
@@ -354,6 +363,6 @@ def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | 
         return J
     A = near.tangents.take(held).jacobian
     solved = metric.solve_rows(A)
-    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, _DEPENDENT, hermitian=True) @ A
+    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, _HARDLY, hermitian=True) @ A
     lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))
     return np.where((lengths > _DEPENDENT * before)[:, None], left, 0.0)
