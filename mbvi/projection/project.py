@@ -58,7 +58,8 @@ def project(
     """
     if friction is not None:
         velocity, rows, bound, mu = _checked_contacts(x, J, lower, "lower", friction)
-        return project_frictional(velocity, as_metric(M, velocity.size), rows, _on_normals(bound), mu)
+        found = project_frictional(velocity, as_metric(M, velocity.size), rows, _on_normals(bound), mu)
+        return Projection(found.velocity, found.percussion, found.residual)
     velocity, J, bound = _checked(x, J, lower, "lower")
     return Projector().project(velocity, as_metric(M, velocity.size), J, bound)
 

@@ -12,9 +12,10 @@ from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
+from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
-from .friction import MOST_CONTACTS, project_frictional
+from .friction import FrictionalProjection, project_frictional
 from .friction_sparse import project_frictional_sparse
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
@@ -51,16 +52,24 @@ class FrictionalRows(Protocol):
         """Gradients, shape (k, nv)."""
 
     @property
-    def tangents(self) -> TangentRows:
+    def tangents(self) -> TangentRows | None:
         """Their tangents."""
 
 
 class TangentRows(Protocol):
-    """Coefficients (k,), gradients (2 k, nv) and rates (2 k,) or None of tangents."""
+    """What it needs of tangents, which `constraints.Tangents` has."""
 
-    friction: Array
-    jacobian: Array | csr_array
-    rate: Array | None
+    @property
+    def friction(self) -> Array:
+        """Coefficients, shape (k,)."""
+
+    @property
+    def jacobian(self) -> Array | csr_array:
+        """Gradients, shape (2 k, nv)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates at v = 0, shape (2 k,)."""
 
 
 class AcceptedDepth(NamedTuple):
@@ -125,6 +134,7 @@ class Projector:
     ) -> None:
         self.friction_residual = residual if friction_residual is None else friction_residual
         self._last_frictional = LastPercussions()
+        self._frictional_start: FrictionalProjection | None = None
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
         self._last = LastPercussions()
@@ -211,6 +221,7 @@ class Projector:
             As of `project`.
         """
         J, tangents = rows.jacobian, rows.tangents
+        assert tangents is not None
         bounds = np.zeros((len(lower), 3))
         bounds[:, 0] = lower
         if tangents.rate is not None:
@@ -218,7 +229,10 @@ class Projector:
         m, order = len(lower), interleaved(len(lower))
         if m <= MOST_CONTACTS and 3 * m * len(x) <= _MOST_DENSE:
             wide = np.concatenate([_full(J), _full(tangents.jacobian)])[order]
-            return project_frictional(x, metric, wide, bounds.ravel(), tangents.friction, self.residual)
+            start = self._frictional_start
+            found = project_frictional(x, metric, wide, bounds.ravel(), tangents.friction, self.residual, start)
+            self._frictional_start = found
+            return Projection(found.velocity, found.percussion, found.residual)
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
 
     def _many_frictional(
@@ -226,6 +240,7 @@ class Projector:
     ) -> Projection:
         """Return the same of many contacts, started from their last percussions."""
         tangents, keys = rows.tangents, contact_keys(rows.constraint)
+        assert tangents is not None
         J = csr_array(vstack([csr_array(rows.jacobian), csr_array(tangents.jacobian)], format="csr"))
         J = J[interleaved(len(keys))]
         residual, rate = self.friction_residual, np.inf
