@@ -122,6 +122,8 @@ def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | fl
     if not problem.constraints.frictional:
         return None
     there = problem.constraints.levers(rows.constraint) * (rows.gap + change)
+    if not (there > problem.tolerance).any():
+        return None
     opened = np.where(there > problem.tolerance, np.maximum(rows.gap, 0.0) / time, 0.0)
     return opened if opened.any() else None
 
