@@ -58,7 +58,9 @@ def contacts_residual(
     return coulomb_defect(u, p, mu)
 
 
-@kernel("UniTuple(f8, 2)(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[::1])")
+@kernel(
+    "UniTuple(f8, 2)(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[::1])"
+)
 def sweep_blocks(
     blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, weight: float, point: Array,
     last: Array, z: Array, p: Array,
