@@ -169,7 +169,7 @@ def test_many_spheres_roll_and_rest_on_each_other():
 
 def test_given_functions_have_friction_with_tangents():
     """The paper's own setting: a particle on a plane, launched along it."""
-    system = mbvi.LagrangianSystem(np.eye(3), lambda t, q, v: np.array([0.0, 0.0, -G]))
+    system = mbvi.LagrangianSystem(lambda q: np.eye(3), lambda t, q, v: np.array([0.0, 0.0, -G]), 3)
     plane = mbvi.GapFunction(lambda q: q[2], lambda q: np.array([0.0, 0, 1]), tangents=lambda q: np.eye(3)[:2])
     problem = mbvi.Problem(system, [plane], [0, 0, 0], [0.6, 0.8, 0], friction=0.5)
     run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.5)
@@ -177,7 +177,9 @@ def test_given_functions_have_friction_with_tangents():
     np.testing.assert_allclose(run.q[-1], np.array([0.6, 0.8, 0]) * 0.5 * stop, atol=1e-3)
     assert np.abs(run.v[-1]).max() <= 1e-12
     with pytest.raises(mbvi.InputError, match="no tangents"):
-        mbvi.Problem(system, [mbvi.GapFunction(plane.f, plane.gradient)], [0, 0, 0], [0, 0, 0], friction=0.5)
+        mbvi.Problem(
+            system, [mbvi.GapFunction(plane.f, lambda q: np.array([0.0, 0, 1]))], [0, 0, 0], [0, 0, 0], friction=0.5
+        )
     with pytest.raises(mbvi.InputError, match="friction"):
         mbvi.Problem(system, [plane], [0, 0, 0], [0, 0, 0], friction=-0.5)
 
