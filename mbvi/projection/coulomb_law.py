@@ -68,7 +68,7 @@ def apply_percussions(
         for k in range(nv):
             speed += J[i, k] * w[k]
         table[2, i] = speed
-        u[i] = (speed - lower[i // 3] if i % 3 == 0 else speed) * scale[i // 3]
+        u[i] = (speed - lower[i]) * scale[i // 3]
     return coulomb_defect(u, p, mu)
 
 
@@ -87,8 +87,10 @@ def coulomb_law(
         Of each contact the normal and two tangents, and M^-1 times each of them. Tangents may be zero rows.
     x, w : ndarray, shape (nv,)
         The velocity under forces alone, and the result.
-    lower, mu : ndarray, shape (m,)
-        Least normal rates, and coefficients of friction.
+    lower : ndarray, shape (n,)
+        Of each contact the least normal rate, and the rates of the tangents at which it sticks.
+    mu : ndarray, shape (m,)
+        Coefficients of friction.
     known : int
         NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
     limit : float
@@ -115,7 +117,7 @@ def coulomb_law(
         for k in range(nv):
             speed += J[i, k] * x[k]
         table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
-        closing = closing or (i % 3 == 0 and not speed >= lower[i // 3])
+        closing = closing or (i % 3 == 0 and not speed >= lower[i])
     if not closing:
         for k in range(nv):
             w[k] = x[k]
@@ -129,12 +131,11 @@ def coulomb_law(
     largest, contradicted = 0.0, False
     for i in range(n):
         s = scale[i // 3]
-        bound = lower[i // 3] if i % 3 == 0 else 0.0
-        b[i] = (table[1, i] - bound) * s
+        b[i] = (table[1, i] - lower[i]) * s
         largest = max(largest, abs(table[1, i]) * s, abs(b[i]))
         p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
         soft[i] = p[i]
-        contradicted = contradicted or (s == 0.0 and bound > 0.0)
+        contradicted = contradicted or (i % 3 == 0 and s == 0.0 and lower[i] > 0.0)
     if contradicted:
         return np.inf, False
     unique = False

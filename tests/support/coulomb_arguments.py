@@ -157,14 +157,14 @@ def apply_percussions(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
     mu = rng.choice([0.0, 0.2, 0.8], size=m)
-    moved = rng.normal(size=nv), rng.normal(size=m), mu, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
+    moved = rng.normal(size=nv), rng.normal(size=n), mu, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
     return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
 
 
 def coulomb_law(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
-    given = rng.normal(size=nv), -rng.random(m), rng.choice([0.0, 0.2, 0.8], size=m), int(rng.integers(3)), 1e-12
+    given = rng.normal(size=nv), -rng.random(n), rng.choice([0.0, 0.2, 0.8], size=m), int(rng.integers(3)), 1e-12
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
