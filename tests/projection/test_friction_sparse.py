@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import csr_array
+from scipy.sparse import block_array, csr_array
 
 import mbvi
 from mbvi.projection import DiagonalMetric, Projector, project_frictional_sparse
+from mbvi.projection.coulomb_sweeps import accelerated_contacts
 from mbvi.projection.friction import project_frictional
+from support.contact_block_arguments import packed
 from support.friction_heap import law_residual, sphere_heap
 
 SEEDS = st.integers(0, 10_000)
@@ -31,7 +33,7 @@ def test_the_answer_meets_coulombs_law_to_the_residual_that_was_asked(seed, resi
 
 
 @settings(deadline=None, max_examples=25)
-@given(SEEDS, st.sampled_from([0.0, 0.3, 1.0]))
+@given(SEEDS, st.sampled_from([0.0, 0.3, 0.6]))
 def test_without_restitution_the_kinetic_energy_never_rises(seed, mu):
     """Up to what the residual may do."""
     rng = np.random.default_rng(seed)
@@ -77,6 +79,36 @@ def test_percussions_of_an_answer_start_the_next(rng):
     np.testing.assert_allclose(again.percussion, first.percussion, atol=1e-13 * first.percussion.max())
     repeated = project_frictional_sparse(x, metric, J, lower, mu, 1e-4)
     assert repeated.velocity.tobytes() == first.velocity.tobytes()
+
+
+@pytest.mark.parametrize("seed", [4, 8, 12])
+def test_strong_friction_needs_percussions_that_are_held_back(seed):
+    """Accelerated sweeps alone do not reach the residual."""
+    rng = np.random.default_rng(seed)
+    x, metric, J = sphere_heap(rng, 40)
+    m = J.shape[0] // 3
+    mu, lower = np.full(m, 1.0), np.zeros(m)
+    p = project_frictional_sparse(x, metric, J, lower, mu).percussion
+    assert law_residual(x, metric, J, lower, mu, p) <= 1e-3
+    U = metric.whiten_rows(J)
+    blocks, columns, starts, local = packed(U)
+    scale = local[:, 6]
+    b = (J @ x).reshape(m, 3) * scale[:, None]
+    cos, sin = local[:, 4], local[:, 5]
+    turned = np.column_stack([b[:, 0], cos * b[:, 1] + sin * b[:, 2], cos * b[:, 2] - sin * b[:, 1]])
+    rows = blocks, columns, starts, local, turned.ravel(), mu, 1e-3 * np.abs(b).max(), 1000
+    assert accelerated_contacts(*rows, np.empty(len(x)), np.zeros(3 * m)) > rows[-2]
+
+
+def test_islands_do_not_see_each_other(rng):
+    x, metric, J = sphere_heap(rng, 30)
+    m = J.shape[0] // 3
+    both = block_array([[J, None], [None, J]], format="csr")
+    alone = project_frictional_sparse(x, metric, J, np.zeros(m), np.full(m, 0.5))
+    found = project_frictional_sparse(
+        np.tile(x, 2), DiagonalMetric(np.tile(metric.diagonal, 2)), both, np.zeros(2 * m), np.full(2 * m, 0.5)
+    )
+    np.testing.assert_array_equal(found.velocity, np.tile(alone.velocity, 2))
 
 
 def block_on_incline(angle):

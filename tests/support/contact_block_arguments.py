@@ -97,6 +97,19 @@ def accelerated_contacts(rng):
     return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
 
 
+def solve_contact_islands(rng):
+    """The same contacts twice, on other bodies, and one contact that moves none."""
+    (blocks, columns, starts, local), n, mu, p = state(rng)
+    b = matrix(blocks, columns, starts, n) @ rng.normal(size=n)
+    label = np.append(np.repeat([0, 1], len(mu)), -1)
+    ends = np.concatenate([starts, starts[1:] + starts[-1], 2 * starts[-1:]]).astype(np.uint32)
+    return (
+        np.tile(blocks, 2), np.append(columns, columns + np.uint32(n)), ends, 2 * n,
+        np.vstack([local, local, local[:1]]), np.concatenate([b, 0.5 * b, np.zeros(3)]), np.tile(mu, 3)[: len(label)],
+        label, 2, 1e-6, np.concatenate([p, p, np.ones(3)]),
+    )  # fmt: skip
+
+
 CONTACT_BLOCK_ARGUMENTS = {
     arguments.__name__: arguments
     for arguments in (
@@ -107,5 +120,6 @@ CONTACT_BLOCK_ARGUMENTS = {
         extrapolate_from,
         choose_part,
         accelerated_contacts,
+        solve_contact_islands,
     )
 } | {"proximal_contacts": accelerated_contacts}

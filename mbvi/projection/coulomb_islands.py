@@ -1,0 +1,73 @@
+"""Kernel that solves Coulomb's law for many contacts island by island; islands share no body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+from .coulomb_sweeps import accelerated_contacts, proximal_contacts
+from .metric import Array
+from .sparse_islands import sort_by_island
+
+# sweeps at most, first without and then with percussions held back
+_SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
+
+
+@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])")
+def solve_contact_islands(
+    blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, label: Array, count: int,
+    target: float, p: Array,
+) -> None:  # fmt: skip
+    """Bring `coulomb_defect` of each island down to the target, as far as sweeps reach it.
+
+    Parameters
+    ----------
+    blocks, columns, starts, local, b, mu
+        As of `coulomb_sweeps.sweep_blocks`.
+    n : int
+        Columns in all.
+    label : ndarray of int, shape (m,)
+        The island of each contact; -1 of one that moves no body, and gets no percussion.
+    count : int
+        How many islands there are.
+    target : float
+        The residual that is small enough.
+    p : ndarray, shape (3 m,)
+        Percussions to start from, which are written over.
+    """
+    m, entries_in_all = len(mu), len(columns)
+    first, order, place_in_island = np.empty(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
+    sort_by_island(label, first, order, place_in_island)
+    own_blocks, own_columns = np.empty(3 * entries_in_all), np.empty(entries_in_all, np.uint32)
+    own_starts, own_local, own_mu = np.empty(m + 1, np.uint32), np.empty((m, local.shape[1])), np.empty(m)
+    own_b, own_p, own_z, place = np.empty(3 * m), np.empty(3 * m), np.empty(n), np.full(n, -1)
+    for a in range(m):
+        if label[a] < 0:
+            p[3 * a] = p[3 * a + 1] = p[3 * a + 2] = 0.0
+    for island in range(count):
+        begin, size, width, entries = first[island], first[island + 1] - first[island], 0, 0
+        own_starts[0] = 0
+        for i in range(size):
+            a = order[begin + i]
+            for k in range(starts[a], starts[a + 1]):
+                if place[columns[k]] < 0:
+                    place[columns[k]] = width
+                    width += 1
+                own_columns[entries] = place[columns[k]]
+                for row in range(3):
+                    own_blocks[3 * entries + row] = blocks[3 * k + row]
+                entries += 1
+            own_starts[i + 1], own_mu[i] = entries, mu[a]
+            for row in range(3):
+                own_b[3 * i + row], own_p[3 * i + row] = b[3 * a + row], p[3 * a + row]
+            for k in range(local.shape[1]):
+                own_local[i, k] = local[a, k]
+        rows, there, ends = own_blocks[: 3 * entries], own_columns[:entries], own_starts[: size + 1]
+        laws, speeds, friction = own_local[:size], own_b[: 3 * size], own_mu[:size]
+        z, found = own_z[:width], own_p[: 3 * size]
+        residual = accelerated_contacts(rows, there, ends, laws, speeds, friction, target, _SWEEPS, z, found)
+        if residual > target:
+            proximal_contacts(rows, there, ends, laws, speeds, friction, target, _PROXIMAL_SWEEPS, z, found)
+        for i in range(size):
+            for row in range(3):
+                p[3 * order[begin + i] + row] = found[3 * i + row]
