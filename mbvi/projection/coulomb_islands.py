@@ -13,12 +13,26 @@ from .sparse_islands import sort_by_island
 _SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
 
 
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1])")
+def solve_contacts(
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, target: float, z: Array, p: Array
+) -> float:
+    """Bring `coulomb_defect` down to the target, as far as sweeps reach it; return what was reached.
+
+    The arguments are those of `coulomb_sweeps.accelerated_contacts`.
+    """
+    residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
+    if residual > target:
+        residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, _PROXIMAL_SWEEPS, z, p)
+    return residual
+
+
 @kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])")
 def solve_contact_islands(
     blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, label: Array, count: int,
     target: float, p: Array,
 ) -> None:  # fmt: skip
-    """Bring `coulomb_defect` of each island down to the target, as far as sweeps reach it.
+    """Solve the contacts of each island by `solve_contacts`.
 
     Parameters
     ----------
@@ -38,6 +52,9 @@ def solve_contact_islands(
     m, entries_in_all = len(mu), len(columns)
     first, order, place_in_island = np.empty(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
     sort_by_island(label, first, order, place_in_island)
+    if count == 1 and first[1] == m:
+        solve_contacts(blocks, columns, starts, local, b, mu, target, np.empty(n), p)
+        return
     own_blocks, own_columns = np.empty(3 * entries_in_all), np.empty(entries_in_all, np.uint32)
     own_starts, own_local, own_mu = np.empty(m + 1, np.uint32), np.empty((m, local.shape[1])), np.empty(m)
     own_b, own_p, own_z, place = np.empty(3 * m), np.empty(3 * m), np.empty(n), np.full(n, -1)
@@ -62,12 +79,10 @@ def solve_contact_islands(
                 own_b[3 * i + row], own_p[3 * i + row] = b[3 * a + row], p[3 * a + row]
             for k in range(local.shape[1]):
                 own_local[i, k] = local[a, k]
-        rows, there, ends = own_blocks[: 3 * entries], own_columns[:entries], own_starts[: size + 1]
-        laws, speeds, friction = own_local[:size], own_b[: 3 * size], own_mu[:size]
-        z, found = own_z[:width], own_p[: 3 * size]
-        residual = accelerated_contacts(rows, there, ends, laws, speeds, friction, target, _SWEEPS, z, found)
-        if residual > target:
-            proximal_contacts(rows, there, ends, laws, speeds, friction, target, _PROXIMAL_SWEEPS, z, found)
+        solve_contacts(
+            own_blocks[: 3 * entries], own_columns[:entries], own_starts[: size + 1], own_local[:size],
+            own_b[: 3 * size], own_mu[:size], target, own_z[:width], own_p[: 3 * size],
+        )  # fmt: skip
         for i in range(size):
             for row in range(3):
-                p[3 * order[begin + i] + row] = found[3 * i + row]
+                p[3 * order[begin + i] + row] = own_p[3 * i + row]

@@ -97,10 +97,18 @@ def accelerated_contacts(rng):
     return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
 
 
+def solve_contacts(rng):
+    *rows, _, z, p = accelerated_contacts(rng)
+    return *rows, z, p
+
+
 def solve_contact_islands(rng):
-    """The same contacts twice, on other bodies, and one contact that moves none."""
+    """Contacts of one island, or the same twice, on other bodies, and one contact that moves none."""
     (blocks, columns, starts, local), n, mu, p = state(rng)
     b = matrix(blocks, columns, starts, n) @ rng.normal(size=n)
+    if rng.random() < 0.3:
+        label = np.zeros(len(mu), np.int64)
+        return blocks, columns, starts, n, local, b, mu, label, 1, 1e-6, p
     label = np.append(np.repeat([0, 1], len(mu)), -1)
     ends = np.concatenate([starts, starts[1:] + starts[-1], 2 * starts[-1:]]).astype(np.uint32)
     return (
@@ -120,6 +128,7 @@ CONTACT_BLOCK_ARGUMENTS = {
         extrapolate_from,
         choose_part,
         accelerated_contacts,
+        solve_contacts,
         solve_contact_islands,
     )
 } | {"proximal_contacts": accelerated_contacts}
