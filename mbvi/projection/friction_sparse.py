@@ -27,6 +27,7 @@ def project_frictional_sparse(
     friction: Array,
     residual: float = 1e-3,
     start: Array | None = None,
+    rate: float = np.inf,
 ) -> Projection:
     """Return the velocity w that Coulomb's law gives for sparse rows, with M (w - x) = J' p.
 
@@ -41,12 +42,16 @@ def project_frictional_sparse(
         M.
     J : csr_array, shape (3 m, nv)
         Of each contact the normal and two tangents, all of unit length and orthogonal to each other in space.
-    lower, friction : ndarray, shape (m,)
-        Least normal rates [m/s], and coefficients of friction.
+    lower : ndarray, shape (3 m,)
+        Of each contact the least normal rate, and the negative tangential velocities of what it touches [m/s].
+    friction : ndarray, shape (m,)
+        Coefficients of friction.
     residual : float
         The relative residual above which this raises.
     start : ndarray, shape (3 m,), optional
         Percussions to start from, as of a `Projection`.
+    rate : float
+        Error of velocities that is allowed [m/s]: the residual is smaller where that is needed.
 
     Returns
     -------
@@ -68,12 +73,15 @@ def project_frictional_sparse(
     )
     scale = local[:, 6]
     still = scale == 0.0
-    if still.any() and (lower[still] > 0.0).any():
+    if still.any() and (lower[::3][still] > 0.0).any():
         raise ProjectionError("a contact whose normal row vanishes demands a positive rate: no velocity gives it", {})
     speeds = _by_contact(J @ x) * scale[:, None]
     largest = float(np.abs(speeds).max(initial=0.0))
-    speeds[:, 0] -= lower * scale
+    speeds -= _by_contact(lower) * scale[:, None]
     largest = max(largest, float(np.abs(speeds).max(initial=0.0)))
+    if largest > 0.0 and rate < np.inf:
+        # an error of r in scaled rows, relative to the largest speed, is one of r largest / scale
+        residual = min(residual, rate * float(scale[~still].min(initial=np.inf)) / largest)
     p, z = np.zeros(3 * m), np.empty(len(x))
     if start is not None:
         p = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0).ravel()
@@ -85,7 +93,7 @@ def project_frictional_sparse(
     scaled = _turned(_by_contact(p), local, -1.0)
     w = x + metric.unwhiten(z)
     u = _by_contact(J @ w)
-    u[:, 0] -= lower
+    u -= _by_contact(lower)
     found = coulomb_defect((u * scale[:, None]).ravel(), scaled.ravel(), mu) / largest if largest > 0.0 else 0.0
     # written so that a NaN is refused too
     if not found <= residual:

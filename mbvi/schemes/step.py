@@ -11,6 +11,7 @@ from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
+from .row_projection import project_rows, slip_rates
 
 # rates of a step without active rows
 NO_RATES = np.zeros((4, 0))
@@ -33,7 +34,10 @@ class Step(NamedTuple):
     rates : ndarray, shape (4, k)
         Of each active row the percussion, then three rates of its gap: `percussion`, `free`, `after` and `before`.
     residual : float
-        Relative KKT residual of the projection.
+        Relative KKT residual of the projection; with friction that of Coulomb's law.
+    slip : ndarray, shape (4, k, 2), or None
+        Of each row the percussion and three velocities along its tangents, in the order of `rates` [N s, m/s]; None
+        without friction.
     """
 
     t: float
@@ -42,6 +46,7 @@ class Step(NamedTuple):
     active: Rows
     rates: Array
     residual: float
+    slip: Array | None = None
 
     @property
     def percussion(self) -> Array:
@@ -65,11 +70,16 @@ class Step(NamedTuple):
 
 
 def law(
-    projector: Projector, v: Array, free_motion: FreeMotion | TreeFreeMotion, rows: Rows
-) -> tuple[Array, Array, float]:
-    """Return the velocity after the law (8), the rates of the rows, and the relative KKT residual.
+    projector: Projector,
+    v: Array,
+    free_motion: FreeMotion | TreeFreeMotion,
+    rows: Rows,
+    opened: Array | None = None,
+) -> tuple[Array, Array, float, Array | None]:
+    """Return the velocity after the law (8), the rates of the rows, the relative residual, and `Step.slip`.
 
-    e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
+    e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt. With friction it is
+    Coulomb's law with that bound of the normal rates.
 
     Parameters
     ----------
@@ -81,13 +91,49 @@ def law(
         The velocity x that the forces alone would lead to, and M.
     rows : Rows
         The active constraints.
+    opened : ndarray, shape (k,), optional
+        Speeds at which rows that are open may close, as of `closing_speeds`.
     """
-    if rows.rate is None:
-        return projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint)
+    if rows.rate is None and rows.tangents is None:
+        return *projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None
     x, before = free_motion.free, rows.speeds(v)
-    lower = -rows.restitution * before - rows.rate
-    w, percussion, residual = projector.project(x, free_motion.metric, rows.jacobian, lower, rows.constraint)
-    return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
+    lower = bounds(rows, before, opened)
+    w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
+    rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
+    return w, rates, residual, slip_rates(rows, tangential, x, w, v)
+
+
+# rows with friction join the law from so many activation tolerances on, where positions are projected: without
+# penetration a contact would be active in every other step only, and would slide in the others
+_NEAR = 100.0
+
+
+def near_margin(problem: Problem, project_positions: bool) -> float:
+    """Return how far above the activation tolerance rows join the law [m]."""
+    return (_NEAR - 1.0) * problem.tolerance if project_positions and problem.constraints.frictional else 0.0
+
+
+def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | float = 0.0) -> Array | None:
+    """Return the speeds at which rows above the activation tolerance close within a time [s], 0 for others, shape (k,).
+
+    `change` is that of the gaps to where the tolerance counts. None if there are no such rows, as where `near_margin`
+    is 0.
+    """
+    if not problem.constraints.frictional:
+        return None
+    there = problem.constraints.levers(rows.constraint) * (rows.gap + change)
+    if not (there > problem.tolerance).any():
+        return None
+    opened = np.where(there > problem.tolerance, np.maximum(rows.gap, 0.0) / time, 0.0)
+    return opened if opened.any() else None
+
+
+def bounds(rows: Rows, before: Array, opened: Array | None) -> Array:
+    """Return the least J w of Newton's law, shape (k,): -e times the rate before, and less for rows that are open."""
+    lower = -rows.restitution * before
+    if opened is not None:
+        lower = np.where(opened > 0.0, np.minimum(lower, -opened), lower)
+    return lower if rows.rate is None else lower - rows.rate
 
 
 # closing speed below which a row counts as still [lengths of the scene per second, rad/s]
