@@ -5,25 +5,56 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
+from .coulomb_rescue import proximal_newton
 from .coulomb_sweeps import accelerated_contacts, proximal_contacts
 from .metric import Array
 from .sparse_islands import sort_by_island
 
 # sweeps at most, first without and then with percussions held back
 _SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
+# most contacts that Newton's method solves where sweeps do not
+_MOST_DENSE = 200
+
+
+@kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[:,::1])")
+def delassus_of(blocks: Array, columns: Array, starts: Array, z: Array, G: Array) -> None:
+    """Write G = A' A of packed contacts, shape (3 m, 3 m); z, shape (n,), is overwritten.
+
+    The other arguments are those of `coulomb_sweeps.sweep_blocks`.
+    """
+    for j in range(len(z)):
+        z[j] = 0.0
+    for i in range(len(G)):
+        a, row = i // 3, i % 3
+        for k in range(starts[a], starts[a + 1]):
+            z[columns[k]] = blocks[3 * k + row]
+        for c in range(len(G)):
+            product = 0.0
+            for k in range(starts[c // 3], starts[c // 3 + 1]):
+                product += blocks[3 * k + c % 3] * z[columns[k]]
+            G[i, c] = product
+        for k in range(starts[a], starts[a + 1]):
+            z[columns[k]] = 0.0
 
 
 @kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1])")
 def solve_contacts(
     blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, target: float, z: Array, p: Array
 ) -> float:
-    """Bring `coulomb_defect` down to the target, as far as sweeps reach it; return what was reached.
+    """Bring `coulomb_defect` down to the target by sweeps, of few contacts else by Newton; return what was reached.
 
     The arguments are those of `coulomb_sweeps.accelerated_contacts`.
     """
     residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
     if residual > target:
         residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, _PROXIMAL_SWEEPS, z, p)
+    if residual > target and len(mu) <= _MOST_DENSE:
+        n, largest = len(b), 0.0
+        G = np.empty((n, n))
+        delassus_of(blocks, columns, starts, z, G)
+        for i in range(n):
+            largest = max(largest, abs(b[i]))
+        residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
     return residual
 
 

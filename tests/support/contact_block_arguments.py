@@ -97,6 +97,11 @@ def accelerated_contacts(rng):
     return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
 
 
+def delassus_of(rng):
+    (*rows, _), n, mu, _ = state(rng)
+    return *rows, np.full(n, np.nan), np.full((3 * len(mu), 3 * len(mu)), np.nan)
+
+
 def solve_contacts(rng):
     *rows, _, z, p = accelerated_contacts(rng)
     return *rows, z, p
@@ -128,6 +133,7 @@ CONTACT_BLOCK_ARGUMENTS = {
         extrapolate_from,
         choose_part,
         accelerated_contacts,
+        delassus_of,
         solve_contacts,
         solve_contact_islands,
     )
