@@ -216,3 +216,21 @@ def test_wrong_coefficients_are_refused():
         scene.set_friction("floor", "nothing", 0.5)
     with pytest.raises(mbvi.InputError, match="friction mu"):
         scene.set_friction("floor", "floor", np.inf)
+
+
+def test_an_impact_that_would_gain_energy_takes_less_restitution():
+    """A tilted rod with high friction (Kane's paradox): its energy rises by a fifth, and is kept with the cap."""
+    gained = []
+    for cap in (False, True):
+        scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.9, friction=1.05, energy_cap=cap)
+        scene.add_halfspace((0, 0, 1), 0.0)
+        moves = {"velocity": (0.26, 0, -1.0), "angular_velocity": (0, -1.89, 0)}
+        scene.add_capsule(0.01, 1.0, 1.0, position=(0, 0, 0.393), rotation=(0, 0.7, 0), **moves)
+        problem = scene.build()
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=3e-3)
+        assert len(run.impacts) == 1
+        gained.append(run.energy()[-1] / run.energy()[0] - 1.0)
+    assert gained[0] > 0.2
+    assert abs(gained[1]) <= 1e-11
+    with pytest.raises(mbvi.UnsuitableError, match="cap"):
+        mbvi.simulate(problem, mbvi.StewartTrinkle(), step=1e-3, duration=0.1)
