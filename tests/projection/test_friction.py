@@ -168,10 +168,12 @@ def test_the_margin_of_existence_of_a_wedge():
         normal = np.array([side * np.cos(angle), 0.0, np.sin(angle)])
         frames += [normal, np.cross([0.0, 1.0, 0.0], normal), [0.0, 1.0, 0.0]]
     metric = DenseMetric(np.eye(3))
-    for mu in (0.0, 0.3, 0.57):
+    limit = np.tan(angle)
+    for mu in (0.0, 0.3, 0.57, limit - 1e-6):
         expected = np.sin(angle) - mu * np.cos(angle)
-        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == pytest.approx(expected, abs=1e-6)
-    assert existence_margin(metric, np.array(frames), np.full(2, 0.6)) == 0.0
+        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == pytest.approx(expected, rel=1e-5)
+    for mu in (limit + 1e-9, 0.6):
+        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == 0.0
 
 
 def test_what_has_no_solution_is_an_error_with_its_margin():
