@@ -64,13 +64,8 @@ def project_frictional_sparse(
     ProjectionError
         If the residual is not reached.
     """
-    m, W = len(friction), metric.whiten_rows(J)
-    mu = plain_array(friction)
-    columns, starts = np.empty(W.nnz, np.uint32), np.empty(m + 1, np.uint32)
-    blocks, local = np.empty(3 * W.nnz), np.empty((m, 7))
-    pack_contacts(
-        W.data, W.indices.astype(np.uint32), W.indptr.astype(np.uint32), len(x), blocks, columns, starts, local
-    )
+    m, mu = len(friction), plain_array(friction)
+    blocks, columns, starts, local = _packed(metric.whiten_rows(J))
     scale = local[:, 6]
     still = scale == 0.0
     if still.any() and (lower[::3][still] > 0.0).any():
@@ -105,6 +100,16 @@ def project_frictional_sparse(
             found,
         )
     return Projection(w, (scaled * scale[:, None]).ravel(), found)
+
+
+def _packed(rows: csr_array) -> tuple[Array, Array, Array, Array]:
+    """Return what `pack_contacts` makes of whitened rows."""
+    m, n = rows.shape[0] // 3, rows.shape[1]
+    columns, starts = np.empty(rows.nnz, np.uint32), np.empty(m + 1, np.uint32)
+    blocks, local = np.empty(3 * rows.nnz), np.empty((m, 7))
+    own_columns, own_starts = rows.indices.astype(np.uint32), rows.indptr.astype(np.uint32)
+    pack_contacts(rows.data, own_columns, own_starts, n, blocks, columns, starts, local)
+    return blocks, columns, starts, local
 
 
 def _by_contact(values: Array) -> Array:

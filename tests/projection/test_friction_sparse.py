@@ -70,6 +70,13 @@ def test_contacts_without_friction_give_the_projection_of_the_paper(rng):
     expected = Projector(1e-10).project(x, metric, J[::3], lower)
     np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-6 * np.abs(x).max())
     assert not found.percussion.reshape(m, 3)[:, 1:].any()
+    # such contacts need no tangents
+    bare = J.toarray().reshape(m, 3, -1)
+    bare[:, 1:] = 0.0
+    bare = csr_array(bare.reshape(3 * m, -1))
+    again = project_frictional_sparse(x, metric, bare, of_normals(lower), np.zeros(m), 1e-8)
+    np.testing.assert_allclose(again.velocity, found.velocity, atol=1e-6 * np.abs(x).max())
+    assert law_residual(x, metric, bare, of_normals(lower), np.zeros(m), again.percussion) <= 1e-8
 
 
 def test_percussions_of_an_answer_start_the_next(rng):

@@ -57,4 +57,5 @@ def onto_cone(y, mu):
     edge = np.maximum((normal + mu * across) / (1.0 + mu**2), 0.0)
     factor = mu * edge / np.where(across > 0.0, across, 1.0)
     on_edge = np.column_stack([edge, factor[:, None] * y[:, 1:]])
-    return np.where((across <= mu * normal)[:, None], y, on_edge)
+    inside = (normal >= 0.0) & (across <= mu * normal)
+    return np.where(inside[:, None], y, on_edge)
