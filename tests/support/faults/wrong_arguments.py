@@ -261,7 +261,7 @@ def _gap() -> mbvi.GapFunction:
 
 
 def _problem(system: Any = None, gap: Any = None) -> mbvi.Problem:
-    return mbvi.Problem(system or _system(), [gap or _gap()], [0.0, 1.0], [0.0, 0.0])
+    return mbvi.Problem(system or _system(), [gap or _gap()], [0.0, 1.0], [0.0, 0.0], friction=0.2)
 
 
 def _driven(motion: Any) -> None:
