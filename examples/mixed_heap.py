@@ -55,7 +55,7 @@ def scene_of(boxes: int) -> mbvi.Scene:
     return scene
 
 
-def main(page: str | None = None, boxes: int = 30, duration: float = 0.6) -> float:
+def main(page: str | None = None, boxes: int = 20, duration: float = 0.5) -> float:
     """Return the percussions of the floor over weight times duration plus the gain of momentum, which is 1."""
     problem = scene_of(boxes).build()
     run = mbvi.simulate(problem, step=2e-3, duration=duration, every=5, record="contacts")

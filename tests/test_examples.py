@@ -51,7 +51,7 @@ FULL_SIZE = {
     "box_drum": {"count": 60},
     "box_hopper": {"count": 200, "duration": 2.5},
     "box_shaker": {"layers": 10},
-    "mixed_heap": {"boxes": 500},
+    "mixed_heap": {"boxes": 500, "duration": 0.8},
 }
 
 
