@@ -476,6 +476,11 @@ def near_balls(rng):
     return centres, radii, level, 2.0 * largest + reach, reach, np.full(len(radii) ** 2, -1)
 
 
+def farthest_moved(rng):
+    n, turning = int(rng.integers(1, 9)), int(rng.integers(2))
+    return *rng.normal(size=(2, n, 3)), *rng.normal(size=(2, turning * n, 3, 3)), rng.random(n)
+
+
 def room_for(k):
     return np.full(k, -1), np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
 
@@ -836,6 +841,7 @@ ARGUMENTS = {
     **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
+    "farthest_moved": farthest_moved,
     "_pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
