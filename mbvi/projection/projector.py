@@ -60,7 +60,12 @@ class AcceptedDepth(NamedTuple):
         """
         lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
         found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
-        return min(found, self.relative, _MOST_RESIDUAL)
+        return min(found, self.largest_residual)
+
+    @property
+    def largest_residual(self) -> float:
+        """The residual of slow bodies, which does not follow from the depth."""
+        return min(self.relative, _MOST_RESIDUAL)
 
 
 class Projector:
@@ -92,6 +97,11 @@ class Projector:
         self.strictest, self.loosest = np.inf, 0.0
         self._last = LastPercussions()
         self._fused = FusedStep(self._last, residual) if solver is None else None
+
+    @property
+    def residual_at_rest(self) -> float:
+        """The relative residual of projections of sparse rows of bodies at rest."""
+        return self.residual if self.accepted is None else self.accepted.largest_residual
 
     def project(
         self,
