@@ -629,13 +629,18 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def scale_percussions(rng):
+    starts, columns, data, d, target, u = solve_island(rng)
+    return starts, columns, data, d, [1e-11, 1e3][rng.integers(2)], 1.0, u
+
+
 def combine_rows(rng):
     U, columns, starts = unit_rows(rng)
     u = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return U.data, columns, starts, u, np.full(U.shape[1], np.nan)
 
 
-def rows_residual(rng):
+def scaled_residual(rng):
     data, columns, starts, u, z = combine_rows(rng)
     return data, columns, starts, rng.normal(size=len(u)), z, u
 
@@ -846,7 +851,7 @@ ARGUMENTS = {
     "pcg_on_face": pcg_on_face,
     "line_search": line_search,
     "combine_rows": combine_rows,
-    "rows_residual": rows_residual,
+    "scaled_residual": scaled_residual,
     "sweep": sweep,
     "extrapolate": extrapolate,
     "accelerated_sweeps": accelerated_sweeps,
@@ -854,6 +859,7 @@ ARGUMENTS = {
     "refine_subset": refine_subset,
     "solve_island": solve_island,
     "_solve_islands": solve_islands,
+    "scale_percussions": scale_percussions,
     "near_triangles": near_triangles,
     "integrate": moved,
     "chart_rates": chart_rates,
