@@ -641,7 +641,7 @@ def row_lengths(rng):
 
 
 def scale_percussions(rng):
-    starts, columns, data, d, target, u = solve_island(rng)
+    starts, columns, data, d, _, u = solve_island(rng)
     return starts, columns, data, d, [1e-11, 1e3][rng.integers(2)], 1.0, u
 
 
