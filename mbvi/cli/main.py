@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 # height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
 _FAR_ABOVE = 1000.0
 _DROP_HEIGHT, _RESTITUTION = 0.5, 0.5
+# e and mu where none are given
+_CONTACT = _RESTITUTION, 0.0
 
 app = typer.Typer(
     help="Rigid multibody systems with impacts.",
@@ -120,11 +122,11 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     from .tables import joint_table, shape_table
 
     try:
-        problem = _problem_on_floor(robot, base, None, (_RESTITUTION, 0.0), {}, srdf)
+        problem = _problem_on_floor(robot, base, None, _CONTACT, {}, srdf)
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        problem = _robot_problem(robot, base, _FAR_ABOVE, _RESTITUTION, {}, srdf)
+        problem = _robot_problem(robot, base, _FAR_ABOVE, _CONTACT, {}, srdf)
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
