@@ -9,6 +9,8 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..compiled import kernel
+from ..schemes import Step
+from ..schemes.contact_friction import friction_of, regime
 from ..system import System, parts_of
 
 Array = np.ndarray
@@ -80,3 +82,15 @@ def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
     edges = coo_array((np.ones(len(row), bool), (row, count + parts[column])), shape=(size, size))
     label = connected_components(edges, directed=False)[1][:count]
     return np.isin(label, label[seeds])
+
+
+def friction_of_impact(
+    step: Step, chosen: Array
+) -> tuple[Array, Array, Array, tuple[str, ...], Array] | tuple[None, None, None, None, None]:
+    """Return the last five attributes of an `Impact` on the chosen rows of a step."""
+    found = friction_of(step)
+    if found is None:
+        return None, None, None, None, None
+    tangential, before, after, sticks = found.take(chosen)
+    regimes = map(regime, sticks.tolist(), step.percussion[chosen].tolist())
+    return tangential, before, after, tuple(regimes), step.active.restitution[chosen]
