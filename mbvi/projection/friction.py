@@ -8,8 +8,8 @@ import numpy as np
 
 from ..compiled import plain_array
 from ..errors import ProjectionError
-from .coulomb import MOST_CONTACTS, REGULAR
-from .coulomb_law import DEPENDENT, INDEPENDENT, NOTHING, coulomb_law
+from .coulomb import MOST_CONTACTS
+from .coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from .existence import existence_margin
 from .metric import Array, Metric
 from .tree import TreeMetric, solve
@@ -33,7 +33,8 @@ class FrictionalProjection(NamedTuple):
     case : ndarray of int, shape (m,)
         `OPEN`, `STICK` or `SLIP` of each contact; closed contacts without friction slip.
     unique : bool
-        Whether the rows of the closed contacts are independent, so that percussions and velocity are unique.
+        Whether percussions and velocity are known to be unique: rows are independent, and friction acts little on
+        normals.
     start : ndarray, shape (3 m,)
         What the next projection of the same contacts can start from.
     """
@@ -89,14 +90,14 @@ def project_frictional(
     w, table, case = np.empty(len(x)), np.empty((3, n)), np.empty(len(friction), np.int64)
     known, first = NOTHING, np.zeros(n)
     if start is not None and len(start.start) == n:
-        known, first = INDEPENDENT if start.unique else DEPENDENT, start.start.copy()
+        known, first = UNIQUE if start.unique else COMPLIANT, start.start.copy()
     limit = _AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
     A, lower, mu = _solved(metric, J), plain_array(lower), plain_array(friction)
-    found, least = coulomb_law(J, A, plain_array(x), lower, mu, known, limit, first, w, table, case)
+    found, unique = coulomb_law(J, A, plain_array(x), lower, mu, known, limit, first, w, table, case)
     # written so that a NaN is refused too
     if not found <= residual:
         raise _failure(found, residual, metric, {"x": x, "J": J, "lower": lower, "friction": friction})
-    return FrictionalProjection(w, table[0], table[1], table[2], found, case, least >= REGULAR, first)
+    return FrictionalProjection(w, table[0], table[1], table[2], found, case, unique, first)
 
 
 def _solved(metric: Metric, J: Array) -> Array:

@@ -9,13 +9,14 @@ from ..compiled import plain_array
 from ..errors import ProjectionError
 from .contact_blocks import pack_contacts
 from .coulomb_contact import coulomb_defect
-from .coulomb_sweeps import accelerated_contacts
+from .coulomb_sweeps import accelerated_contacts, proximal_contacts
 from .metric import Array, Metric
 from .scaled_qp import Projection
 
 # sweeps are to reach this share of the residual asked, which is then computed from the rows as they are
 _MARGIN = 0.9
-_MOST_SWEEPS = 5000
+# sweeps at most, first without and then with percussions held back
+_SWEEPS, _PROXIMAL_SWEEPS = 1000, 10_000
 
 
 def project_frictional_sparse(
@@ -85,7 +86,9 @@ def project_frictional_sparse(
     if start is not None:
         p = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0).ravel()
     b, target = _turned(speeds, local, 1.0).ravel(), _MARGIN * residual * largest
-    accelerated_contacts(blocks, columns, starts, local, b, mu, target, _MOST_SWEEPS, z, p)
+    rows = blocks, columns, starts, local
+    if accelerated_contacts(*rows, b, mu, target, _SWEEPS, z, p) > target:
+        proximal_contacts(*rows, b, mu, target, _PROXIMAL_SWEEPS, z, p)
     scaled = _turned(_by_contact(p), local, -1.0)
     w = x + metric.unwhiten(z)
     u = _by_contact(J @ w)

@@ -210,8 +210,10 @@ class Projector:
 
     def frictional(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, h: float | None = None
-    ) -> Projection:
+    ) -> FrictionalProjection | Projection:
         """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+
+        Of few contacts also their velocities.
 
         Parameters
         ----------
@@ -220,19 +222,19 @@ class Projector:
         x, metric, lower, h
             As of `project`.
         """
-        J, tangents = rows.jacobian, rows.tangents
+        J, tangents, m = rows.jacobian, rows.tangents, len(lower)
         assert tangents is not None
-        bounds = np.zeros((len(lower), 3))
+        bounds = np.zeros((m, 3))
         bounds[:, 0] = lower
         if tangents.rate is not None:
             bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
-        m, order = len(lower), interleaved(len(lower))
         if m <= MOST_CONTACTS and 3 * m * len(x) <= _MOST_DENSE:
-            wide = np.concatenate([_full(J), _full(tangents.jacobian)])[order]
-            start = self._frictional_start
-            found = project_frictional(x, metric, wide, bounds.ravel(), tangents.friction, self.residual, start)
+            wide = np.empty((m, 3, len(x)))
+            wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(m, 2, -1)
+            J, start = wide.reshape(3 * m, -1), self._frictional_start
+            found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
             self._frictional_start = found
-            return Projection(found.velocity, found.percussion, found.residual)
+            return found
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
 
     def _many_frictional(

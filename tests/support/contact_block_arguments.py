@@ -78,11 +78,16 @@ def contacts_residual(rng):
 def sweep_blocks(rng):
     (*rows, local), n, mu, p = state(rng)
     z = matrix(*rows, n).T @ p
-    return *rows, local, rng.normal(size=len(p)), mu, rng.normal(size=len(p)), z, p
+    weight = float(rng.choice([0.0, 0.5]))
+    return *rows, local, rng.normal(size=len(p)), mu, weight, rng.normal(size=len(p)), rng.normal(size=len(p)), z, p
 
 
 def extrapolate_from(rng):
     return rng.random(), rng.normal(size=7), rng.normal(size=7)
+
+
+def choose_part(rng):
+    return rng.random(), rng.normal(), np.array([np.nan, rng.random(), rng.uniform(1.0, 9.0)])
 
 
 def accelerated_contacts(rng):
@@ -100,6 +105,7 @@ CONTACT_BLOCK_ARGUMENTS = {
         contacts_residual,
         sweep_blocks,
         extrapolate_from,
+        choose_part,
         accelerated_contacts,
     )
-}
+} | {"proximal_contacts": accelerated_contacts}
