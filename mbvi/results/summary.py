@@ -77,8 +77,8 @@ def _words(impact: Impact) -> list[str]:
     if impact.regime is None or impact.tangential is None:
         return []
     # the tangential percussion of a contact that slips is mu p
-    acts = impact.tangential.any(axis=1).tolist()
-    return [word if acting or word == "stick" else "" for word, acting in zip(impact.regime, acts, strict=True)]
+    pairs = zip(impact.regime, impact.tangential, strict=True)
+    return [word if word == "stick" or percussion.any() else "" for word, percussion in pairs]
 
 
 def _energy(run: RunData) -> str:

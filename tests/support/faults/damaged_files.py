@@ -93,8 +93,8 @@ def seal(path: Path) -> None:
         try:
             metadata, sums = read_metadata(file), Sums()
             tables = TABLES | {name: columns for name, columns in RECORDED.items() if name in file}
-            if "regime" in file["impacts"]:
-                tables = {name: columns | FRICTION.get(name, {}) for name, columns in tables.items()}
+            for name in FRICTION.keys() & tables.keys():
+                tables[name] = tables[name] | (FRICTION[name] if "regime" in file[name] else {})
             places = {f"{t}/{n}".strip("/"): c for t, columns in tables.items() for n, c in columns.items()}
             places |= {"dense": DENSE} if "dense" in file else {}
             for place, column in places.items():
