@@ -88,7 +88,7 @@ def coulomb_law(
     x, w : ndarray, shape (nv,)
         The velocity under forces alone, and the result.
     lower : ndarray, shape (n,)
-        Least normal rates, and the negative tangential velocities of what the contacts touch.
+        Of each contact the least normal rate, and the rates of the tangents at which it sticks.
     mu : ndarray, shape (m,)
         Coefficients of friction.
     known : int

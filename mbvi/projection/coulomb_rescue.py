@@ -116,6 +116,7 @@ def improve_coulomb(G: Array, b: Array, mu: Array, residual: float, limit: float
         elif attempt == 3:
             found = stiffen(G, b, mu, limit, trial)
         else:
+            # sweeps depend on the order of the contacts: they come last
             found = sweeps_and_newton(G, b, mu, limit, trial)
         residual = keep_better(trial, found, residual, p)
     return residual

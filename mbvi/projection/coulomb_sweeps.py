@@ -3,7 +3,7 @@
 A contact has a block of its three whitened rows (`contact_blocks.pack_contacts`). A sweep goes from contact to contact
 and keeps z = A p, the change of the velocity; the Delassus matrix is not formed. Sweeps start from an extrapolation of
 the last two. Coulomb's law is no minimum, and extrapolated sweeps may diverge: extrapolation begins again where a sweep
-changes percussions by more than twice the least change, and where it leads back. Where even single sweeps run in
+changes percussions by more than three times the least change, and where it leads back. Where even single sweeps run in
 circles, as with large coefficients of friction, the proximal point method holds percussions back.
 """
 
@@ -16,7 +16,7 @@ from .coulomb_contact import coulomb_defect, find_slip
 from .metric import Array
 
 # extrapolation begins again where a sweep changes percussions by more than so many times the least change since
-_GROWTH = 2.0
+_GROWTH = 3.0
 # the residual after a sweep relative to the largest change in it, until it was computed once
 _RATIO = 0.35
 # sweeps after which it is computed at the latest

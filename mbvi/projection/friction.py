@@ -60,7 +60,7 @@ def project_frictional(
 ) -> FrictionalProjection:
     """Return the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 
-    For each contact, K_mu ∋ p ⊥ (u_n - lower + mu |u_t|, u_t) ∈ K_mu* with u = J w (Moreau; De Saxcé).
+    For each contact, K_mu ∋ p ⊥ (u_n + mu |u_t|, u_t) ∈ K_mu* with u = J w - lower (Moreau; De Saxcé).
 
     Parameters
     ----------
@@ -71,8 +71,9 @@ def project_frictional(
     J : ndarray, shape (3 m, nv)
         Of each contact the normal and two tangents, all of unit length and orthogonal to each other in space. Tangents
         of contacts without friction may be zero.
-    lower : ndarray, shape (3 m,)
-        Of each contact the least normal rate, and the negative tangential velocities of what it touches [m/s].
+    lower : ndarray, shape (m,) or (3 m,)
+        Least normal rates [m/s], or of each contact that and the rates of its tangents at which it sticks: the velocity
+        of a belt.
     friction : ndarray, shape (m,)
         Coefficients of friction.
     residual : float
@@ -92,11 +93,15 @@ def project_frictional(
     if start is not None and len(start.start) == n:
         known, first = UNIQUE if start.unique else COMPLIANT, start.start.copy()
     limit = _AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
-    A, lower, mu = _solved(metric, J), plain_array(lower), plain_array(friction)
-    found, unique = coulomb_law(J, A, plain_array(x), lower, mu, known, limit, first, w, table, case)
+    A, bound, mu = _solved(metric, J), np.zeros(n), plain_array(friction)
+    if len(lower) == n:
+        bound[:] = lower
+    else:
+        bound[::3] = lower
+    found, unique = coulomb_law(J, A, plain_array(x), bound, mu, known, limit, first, w, table, case)
     # written so that a NaN is refused too
     if not found <= residual:
-        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": lower, "friction": friction})
+        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": bound, "friction": friction})
     return FrictionalProjection(w, table[0], table[1], table[2], found, case, unique, first)
 
 

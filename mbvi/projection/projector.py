@@ -14,6 +14,7 @@ from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
+from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
 from .friction import FrictionalProjection, project_frictional
 from .friction_sparse import project_frictional_sparse
@@ -50,6 +51,14 @@ class FrictionalRows(Protocol):
     @property
     def jacobian(self) -> Array | csr_array:
         """Gradients, shape (k, nv)."""
+
+    @property
+    def restitution(self) -> Array:
+        """Restitution, shape (k,)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates of gaps at v = 0, shape (k,)."""
 
     @property
     def tangents(self) -> TangentRows | None:
@@ -118,6 +127,8 @@ class Projector:
         Replaces the residual in projections of sparse rows that give the length of their step.
     friction_residual : float, optional
         The relative residual of Coulomb's law for more than 32 contacts; `residual` by default.
+    energy_cap : bool
+        Whether `capped_restitution` limits e.
 
     Attributes
     ----------
@@ -131,7 +142,9 @@ class Projector:
         solver: ChosenSolver | None = None,
         accepted: AcceptedDepth | None = None,
         friction_residual: float | None = None,
+        energy_cap: bool = False,
     ) -> None:
+        self.energy_cap = energy_cap
         self.friction_residual = residual if friction_residual is None else friction_residual
         self._last_frictional = LastPercussions()
         self._frictional_start: FrictionalProjection | None = None
@@ -222,20 +235,45 @@ class Projector:
         x, metric, lower, h
             As of `project`.
         """
-        J, tangents, m = rows.jacobian, rows.tangents, len(lower)
+        tangents, m = rows.tangents, len(lower)
         assert tangents is not None
         bounds = np.zeros((m, 3))
         bounds[:, 0] = lower
         if tangents.rate is not None:
             bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
-        if m <= MOST_CONTACTS and 3 * m * len(x) <= _MOST_DENSE:
-            wide = np.empty((m, 3, len(x)))
-            wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(m, 2, -1)
-            J, start = wide.reshape(3 * m, -1), self._frictional_start
+        if _are_few(m, len(x)):
+            J, start = _wide(rows.jacobian, tangents), self._frictional_start
             found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
             self._frictional_start = found
             return found
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
+
+    def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
+        """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
+
+        None where e is not capped, where rows have no friction or do not bounce, or for more than 32 contacts.
+
+        Parameters
+        ----------
+        before : ndarray, shape (k,)
+            Rates of their gaps before [m/s].
+        x, metric, rows
+            As of `frictional`.
+        """
+        e, tangents = rows.restitution, rows.tangents
+        if not self.energy_cap or tangents is None or not tangents.friction.any() or not e.any():
+            return None
+        if not _are_few(len(e), len(x)):
+            return None
+        rate = np.zeros((len(e), 3))
+        if rows.rate is not None:
+            rate[:, 0] = rows.rate
+        if tangents.rate is not None:
+            rate[:, 1:] = tangents.rate.reshape(-1, 2)
+        J = _wide(rows.jacobian, tangents)
+        return capped_restitution(
+            x, metric, J, before - rate[:, 0], e, tangents.friction, rate.ravel(), self.residual
+        ).e
 
     def _many_frictional(
         self, x: Array, metric: Metric, rows: FrictionalRows, bounds: Array, h: float | None
@@ -351,6 +389,18 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
     return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
+
+
+def _are_few(contacts: int, nv: int) -> bool:
+    """Return whether contacts with friction are solved as dense rows."""
+    return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
+
+
+def _wide(J: Array | csr_array, tangents: TangentRows) -> Array:
+    """Return dense rows of contacts, each normal followed by its tangents, shape (3 m, nv)."""
+    wide = np.empty((J.shape[0], 3, J.shape[1]))
+    wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(len(wide), 2, -1)
+    return wide.reshape(-1, J.shape[1])
 
 
 def _full(rows: Array | csr_array) -> Array:

@@ -125,6 +125,7 @@ class SceneItems:
     forces: list[ForceItem] = field(default_factory=list)
     friction: float = 0.0
     pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
+    energy_cap: bool = False
 
     def names(self) -> set[str]:
         """Return the names in use."""

@@ -64,7 +64,7 @@ class Centered(Scheme):
         motion = system.free_motion(t, middle, force_velocity, h)
         motion = motion if force_velocity is v else motion.of(v, force_velocity)
         opened = closing_speeds(problem, active, half, half * active.speeds(v))
-        w, rates, residual, slip = law(projector, v, motion, active, opened)
+        w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
             return advance_gaps(step, half)

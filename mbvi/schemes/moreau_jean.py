@@ -60,7 +60,7 @@ class MoreauJean(Scheme):
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
         motion = system.free_motion(t, middle, v, h)
         opened = closing_speeds(problem, active, h)
-        w, rates, residual, slip = law(projector, v, motion, active, opened)
+        w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual, slip)
         if self.project_positions:
             applied = Applied(t, middle, v, h, motion, opened)

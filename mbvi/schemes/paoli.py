@@ -46,7 +46,7 @@ class Paoli(Scheme):
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)
         opened = closing_speeds(problem, active, h)
-        velocity, rates, residual, slip = law(projector, v, motion, active, opened)
+        velocity, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(t, q, velocity, active, rates, residual, slip)
         if not self.project_positions:
             return step

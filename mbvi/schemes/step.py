@@ -69,14 +69,34 @@ class Step(NamedTuple):
         return self.rates[3]
 
 
+class AppliedLaw(NamedTuple):
+    """What the law (8) gives: fields of a `Step`.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (nv,)
+        Velocity after.
+    rates, residual, slip
+        As of `Step`.
+    rows : Rows
+        The rows, with the restitution that was used.
+    """
+
+    velocity: Array
+    rates: Array
+    residual: float
+    slip: Array | None
+    rows: Rows
+
+
 def law(
     projector: Projector,
     v: Array,
     free_motion: FreeMotion | TreeFreeMotion,
     rows: Rows,
     opened: Array | None = None,
-) -> tuple[Array, Array, float, Array | None]:
-    """Return the velocity after the law (8), the rates of the rows, the relative residual, and `Step.slip`.
+) -> AppliedLaw:
+    """Return the velocity after the law (8) with all that a `Step` holds of it.
 
     e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt. With friction it is
     Coulomb's law with that bound of the normal rates.
@@ -95,12 +115,15 @@ def law(
         Speeds at which rows that are open may close, as of `closing_speeds`.
     """
     if rows.rate is None and rows.tangents is None:
-        return *projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None
+        return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
     x, before = free_motion.free, rows.speeds(v)
+    e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
+    if e is not None:
+        rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
-    return w, rates, residual, slip_rates(rows, tangential, x, w, v)
+    return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
 
 
 # rows with friction join the law from so many activation tolerances on, where positions are projected: without

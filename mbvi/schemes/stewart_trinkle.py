@@ -6,6 +6,7 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
+from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
@@ -58,6 +59,11 @@ class StewartTrinkle(Scheme):
 
     timing = Timing(jump=0.0)
     accepts_depth = True
+
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if restitution is to be capped."""
+        if problem.energy_cap:
+            raise UnsuitableError("StewartTrinkle does not cap restitution: take Centered(project_positions=True)")
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

@@ -291,6 +291,13 @@ def filter_active(rng):
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
 
 
+def normals(rng):
+    """Unit normals, some of them straight down or along an axis."""
+    normal = rng.normal(size=(5, 3))
+    normal[0], normal[1] = [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]
+    return np.ascontiguousarray(normal / np.linalg.norm(normal, axis=1)[:, None]), np.full((5, 2, 3), np.nan)
+
+
 def contacts_at_two_configurations(rng):
     """Contacts of a few constraints at points of a grid, where many are equally near; some have no points."""
     k, m = rng.integers(0, 9, size=2)
@@ -894,6 +901,7 @@ ARGUMENTS = {
     "consume_clearance": consume_clearance,
     "list_candidates": list_candidates,
     "mutual_nearest": contacts_at_two_configurations,
+    "write_axes": normals,
     "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,
