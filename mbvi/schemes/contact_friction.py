@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+# slip that counts as none, relative to the largest speed of the row
+_STILL = 1e-9
+
 
 class ContactFriction(NamedTuple):
     """Friction of rows.
@@ -38,8 +41,8 @@ class ContactFriction(NamedTuple):
 def friction_of(step: Step) -> ContactFriction | None:
     """Return the friction of a step's rows; None if its problem has none.
 
-    A row sticks if its velocity is nearer to zero than its percussion is to the edge of the cone, both relative to the
-    largest that they could be: in exact numbers one of the two is zero.
+    A row sticks if its velocity is nearer to zero than its percussion is to the edge of the cone, relative to the
+    largest speed of the row and to mu p: in exact numbers one of the two is zero.
     """
     tangents = step.active.tangents
     if tangents is None:
@@ -49,11 +52,12 @@ def friction_of(step: Step) -> ContactFriction | None:
         nothing = np.zeros((len(step.rates[0]), 3))
         return ContactFriction(nothing, nothing, nothing, np.zeros(len(nothing), bool))
     percussion, free, _, before = np.abs(step.rates)
-    across, free_slip, after_slip, before_slip = np.linalg.norm(step.slip, axis=2)
-    edge, speed = tangents.friction * percussion, np.max([free, before, free_slip, before_slip], axis=0)
-    # multiplied out, because both may be divisions by zero
-    sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, 0.0) * speed)
-    tangential, before, after = np.einsum("rka,kac->rkc", step.slip[[0, 3, 2]], tangents.axes)
+    across, free_slip, after_slip, before_slip = np.hypot(step.slip[:, :, 0], step.slip[:, :, 1])
+    edge = tangents.friction * percussion
+    speed = np.maximum(np.maximum(free, before), np.maximum(free_slip, before_slip))
+    # multiplied out, because both may be divisions by zero; of dependent contacts some stick at the edge of their cones
+    sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, _STILL * edge) * speed)
+    tangential, _, after, before = (step.slip[..., None] * tangents.axes).sum(axis=2)
     return ContactFriction(tangential, before, after, sticks)
 
 

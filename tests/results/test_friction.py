@@ -320,3 +320,19 @@ def test_a_belt_has_its_own_speed():
     early, late = run.contacts(0.05)[0], run.contacts(0.3)[0]
     assert early.regime == "slip" and late.regime == "stick"
     np.testing.assert_allclose(early.slip, [0.5 * G * 0.05 - 0.7, 0, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=named)
+def test_what_slips_has_the_percussion_of_coulombs_law_and_what_sticks_no_velocity(scheme):
+    problem, _ = pile(0.0 if isinstance(scheme, mbvi.StewartTrinkle) else 0.3)
+    run = mbvi.simulate(problem, scheme, step=2e-3, duration=0.4, record="contacts")
+    rows = [(p, t, u, word) for i in run.impacts
+            for p, t, u, word in zip(i.percussion, i.tangential, i.slip_after, i.regime, strict=True)]  # fmt: skip
+    rows += [(c.percussion, c.tangential, c.slip, c.regime) for t in run.t for c in run.contacts(t)]
+    assert {word for *_, word in rows} == {"stick", "slip"}
+    for p, tangential, slip, word in rows:
+        size, speed = np.linalg.norm(tangential), np.linalg.norm(slip)
+        if word == "stick":
+            assert size <= 0.3 * p * (1 + 1e-9) and speed < 1e-8
+        else:
+            np.testing.assert_allclose(tangential * speed, -0.3 * p * slip, rtol=0, atol=1e-8 * 0.3 * p * speed)
