@@ -16,8 +16,10 @@ from meshcat.geometry import pack_numpy_array
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError, TrajectoryFileError
+from ...geometry.shapes import Sphere
+from .friction import FrictionNames, contact_cones
 from .keyframes import Array, Motion, arrows, bounds, carried, motion, scene_of, shapes_of
-from .meshes import arrow_mesh, plate_mesh, shape_mesh, sheet_mesh
+from .meshes import arrow_mesh, cone_mesh, plate_mesh, shape_mesh, sheet_mesh, striped
 from .page import Page
 
 if TYPE_CHECKING:
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 # duration of an arrow, and the part of it at full size [s]
 _FADE, _WHOLE = 0.3, 0.08
+# length of the cones of recorded contacts, in the largest length of an arrow
+_CONE = 0.25
 # largest length of an arrow, in lengths of the scene
 _LONGEST = 10.0
 # largest error of a track between its keys: in half diagonals of the motion, and in entries of a quaternion
@@ -134,10 +138,11 @@ def stage(
         node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
         node.set_object(sheet_mesh(item.placed()))
         _cast_shadow(node["<object>"], False)
-    _draw_shapes(vis, shown, moves, frames, radius, animation)
+    _draw_shapes(vis, shown, moves, frames, radius, animation, rolling=scene.items.frictional)
     # long arrows would hide many small bodies
     length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
     _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
+    _draw_cones(vis, run, length, moves, animation)
     return animation
 
 
@@ -173,13 +178,19 @@ def _draw_shapes(
     frames: dict[int, meshcat.Visualizer],
     radius: float,
     animation: Animation,
+    *,
+    rolling: bool,
 ) -> None:
     parts, names = {}, {s.body: s.name for s in reversed(shown)}
     for b, body in enumerate(moves.bodies):
         node = parts[body] = vis["bodies"][_label(body, names[body])]
         _animate(node, moves, moves.position[:, b], moves.quaternion[:, b], radius, animation)
     for k, placed in enumerate(shown):
-        mesh, turn = shape_mesh(placed)
+        # links of robots have names with a slash
+        if rolling and isinstance(placed.shape, Sphere) and placed.body and "/" not in placed.name:
+            mesh, turn = striped(placed.shape.radius, placed.color)
+        else:
+            mesh, turn = shape_mesh(placed)
         node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[_label(k, placed.name)]
         node.set_object(mesh)
         node.set_transform(_pose(placed.rotation @ turn, placed.position))
@@ -188,12 +199,12 @@ def _draw_shapes(
 def _draw_arrows(
     vis: meshcat.Visualizer, run: PlayableRun, length: float, speed: float, end: float, animation: Animation
 ) -> None:
+    friction = FrictionNames(run)
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]
-        node.set_object(arrow_mesh())
-        node.set_transform(_pose(_turn_to(arrow.normal), arrow.point))
-        node.set_property("visible", False)
-        _cast_shadow(node["<object>"], False)
+        node.set_object(arrow_mesh(sticks=arrow.sticks))
+        node.set_transform(_pose(_turn_to(arrow.normal if arrow.direction is None else arrow.direction), arrow.point))
+        _hide(node)
         # the opacity of a node cannot be animated: the arrow gets thin instead
         shown = round((arrow.time - float(run.t[0])) / speed, 6)
         fade = [shown, shown + _WHOLE, shown + _FADE]
@@ -207,6 +218,54 @@ def _draw_arrows(
             "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
         }
         animation.clips[node.path] = AnimationClip(tracks, fps=1)
+        mu = friction(arrow.name) if arrow.name else 0.0
+        if mu > 0.0:
+            node = vis["friction"][f"impact {k}"]
+            node.set_object(cone_mesh(sticks=arrow.sticks))
+            size = _cone_size(mu, arrow.length * length)
+            node.set_transform(_pose(_turn_to(arrow.normal) * size, arrow.point))
+            _hide(node)
+            animation.clips[node.path] = AnimationClip({"visible": tracks["visible"]}, fps=1)
+
+
+def _draw_cones(vis: meshcat.Visualizer, run: PlayableRun, length: float, moves: Motion, animation: Animation) -> None:
+    """Draw the friction cones of recorded contacts, each in two colors of which one at most is seen."""
+    frames, end = np.flatnonzero(moves.frame), float(moves.times[-1])
+    for k, cone in enumerate(contact_cones(run, moves)):
+        turns = np.array([_turn_to(normal) for normal in cone.normal])
+        size = _cone_size(cone.friction, _CONE * length)
+        times, quaternion = moves.times[cone.frame], Rotation.from_matrix(turns).as_quat()
+        place = np.rint(cone.point / (_SLACK * length))
+        moving = np.append(True, (place[1:] != place[:-1]).any(axis=1))
+        for sticks in (False, True):
+            here = cone.frame[cone.sticks == sticks]
+            if not len(here):
+                continue
+            node = vis["friction"][f"contact {k} {'stick' if sticks else 'slip'}"]
+            node.set_object(cone_mesh(sticks=sticks))
+            node.set_transform(_pose(turns[0] * size, cone.point[0]))
+            _hide(node)
+            shown = np.isin(frames, here)
+            changes = np.flatnonzero(np.diff(shown, prepend=False))
+            seen = {0.0: False} | {float(moves.times[frames[c]]): bool(shown[c]) for c in changes}
+            seen.setdefault(end, bool(shown[-1]))
+            tracks = {
+                "position": _Steps("position", "vector3", times[moving], cone.point[moving]),
+                "quaternion": _Steps("quaternion", "quaternion", times[moving], quaternion[moving]),
+                "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
+            }
+            animation.clips[node.path] = AnimationClip(tracks, fps=1)
+
+
+def _cone_size(friction: float, length: float) -> Array:
+    """Return the scales of a cone along its axes, shape (3,), so that its rays have a length."""
+    height = length / np.hypot(1.0, friction)
+    return height * np.array([friction, friction, 1.0])
+
+
+def _hide(node: meshcat.Visualizer) -> None:
+    node.set_property("visible", False)
+    _cast_shadow(node["<object>"], False)
 
 
 class _Track(AnimationTrack):
@@ -219,6 +278,14 @@ class _Track(AnimationTrack):
             "times": pack_numpy_array(self.frames)["array"],
             "values": pack_numpy_array(self.values.T)["array"],
         }
+
+
+class _Steps(_Track):
+    """A track that jumps at its keys."""
+
+    def lower(self) -> dict[str, Any]:
+        # three.js numbers the kinds of interpolation
+        return {**super().lower(), "interpolation": 2300}
 
 
 def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> _Track | None:
