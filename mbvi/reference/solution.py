@@ -102,3 +102,8 @@ def times(values: Sequence[float], end: float) -> Array:
     """Return the times that are not after the end, as an array [s]."""
     found = np.array(values, dtype=float)
     return found[found <= end]
+
+
+def from_start(state: Callable[[float], State], q0: Array, v0: Array, t: float) -> State:
+    """Return a state whose dense output has rounding errors at the start, which is (q0, v0) at time 0."""
+    return (q0.copy(), v0.copy()) if t == 0.0 else state(t)
