@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
+from .arguments import friction as checked_friction
 from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint, ConstraintFamily
 from .constraints.given import checked_constraints
@@ -83,6 +84,9 @@ class Problem:
         Initial velocity; outside T_K(q0) the law (8) is applied to it once.
     restitution : float or array_like, shape (len(constraints),)
         e in [0, 1], one for all or one each; constraints built by a `Scene` carry their own.
+    friction : float or array_like, shape (len(constraints),)
+        Coefficient of Coulomb friction mu >= 0, one for all or one each; constraints built by a `Scene` carry their
+        own. Others need tangents, as of `GapFunction`.
     t0 : float
         Initial time [s].
     length : float
@@ -94,7 +98,8 @@ class Problem:
     Raises
     ------
     InputError
-        On wrong shapes, numbers that are not finite, e outside [0, 1], an unnormalised quaternion.
+        On wrong shapes, numbers that are not finite, e outside [0, 1], mu below 0, friction of a constraint
+        without tangents, an unnormalised quaternion.
     InadmissibleStartError
         If q0 is not in K.
     """
@@ -107,6 +112,7 @@ class Problem:
         v0: Array | Sequence[float],
         *,
         restitution: float | Sequence[float] | Array = 0.0,
+        friction: float | Sequence[float] | Array = 0.0,
         t0: float = 0.0,
         length: float = 1.0,
         scene: BuiltScene | None = None,
@@ -121,7 +127,8 @@ class Problem:
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
-        self.constraints = AdmissibleSet(self.system, constraints, self.restitution)
+        self.friction = checked_friction(friction, len(constraints))
+        self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()

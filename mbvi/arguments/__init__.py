@@ -1,6 +1,6 @@
 """Checks of arguments: every public function checks by them what users give."""
 
-from .arrays import Array, all_finite, all_positive, array, integers, restitution, returned, vector, vectors
+from .arrays import Array, all_finite, all_positive, array, friction, integers, restitution, returned, vector, vectors
 from .numbers import (
     LARGEST,
     SMALLEST,
@@ -38,6 +38,7 @@ __all__ = [
     "choice",
     "file_path",
     "finite",
+    "friction",
     "function",
     "generator",
     "integer",

@@ -86,6 +86,16 @@ def restitution(value: float | Sequence[float] | Array, count: int, name: str = 
     return np.broadcast_to(e, (count,)).copy()
 
 
+def friction(value: float | Sequence[float] | Array, count: int, name: str = "friction") -> Array:
+    """Return mu as an array of `count` numbers that are not negative, from as many or from one."""
+    mu = array(value, name)
+    if mu.shape not in ((), (count,)):
+        raise InputError(f"{name} has shape {mu.shape}; it must be one number or one a constraint ({count})")
+    if (mu < 0.0).any():
+        raise InputError(f"{name} must be at least 0; got {shown(value)}")
+    return np.broadcast_to(mu, (count,)).copy()
+
+
 def integers(value: Any, name: str, shape: Sequence[int | str]) -> Array:
     """Return an array of integers; floats are refused."""
     array(value, name, shape)

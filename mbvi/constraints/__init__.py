@@ -9,6 +9,7 @@ from .joint_limit import JointLimits
 from .moving import MovingFrame, MovingWalls
 from .rows import Constraint, Rows
 from .signed_distance import SignedDistances
+from .sphere_centres import SphereCentres
 from .sphere_surface import SphereSurface
 from .sphere_walls import SphereWalls
 from .spheres import SphereContacts
@@ -26,6 +27,7 @@ __all__ = [
     "RowTable",
     "Rows",
     "SignedDistances",
+    "SphereCentres",
     "SphereContacts",
     "SphereSurface",
     "SphereWalls",

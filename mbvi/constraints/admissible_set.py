@@ -8,13 +8,16 @@ from functools import partial
 
 import numpy as np
 
+from ..errors import InputError
 from ..system import System
 from ..system.sparse_rows import dense
 from .cache import ClearanceCache
 from .family import ConstraintFamily
 from .given import as_family
 from .rebuilt import Rebuilt
-from .rows import Array, Constraint, Rows, concatenate
+from .rows import Array, Constraint, Rows, concatenate, take
+from .tangents import Tangents, none_of
+from .tangents import concatenate as concatenate_tangents
 
 # number of constraints up to which each has its lever in an array
 _MOST_LEVERS = 100_000
@@ -31,6 +34,8 @@ class AdmissibleSet(Rebuilt):
         Families, and a user's objects with `gap(t, q)` and `gradient(t, q)`.
     restitution : ndarray, shape (len(constraints),)
         e of each constraint; it applies where a constraint has none of its own.
+    friction : ndarray, shape (len(constraints),), optional
+        Coefficient of friction of each, in the same way; 0 by default.
 
     Attributes
     ----------
@@ -41,6 +46,8 @@ class AdmissibleSet(Rebuilt):
     lever : ndarray, shape (k,)
         Factors by which gaps and rates of the first k constraints become lengths and speeds: the scene's length for
         angles, otherwise 1. All further constraints have lengths as gaps.
+    frictional : bool
+        Whether a constraint has friction.
 
     Notes
     -----
@@ -49,7 +56,11 @@ class AdmissibleSet(Rebuilt):
     """
 
     def __init__(
-        self, system: System, constraints: Sequence[Constraint | ConstraintFamily], restitution: Array
+        self,
+        system: System,
+        constraints: Sequence[Constraint | ConstraintFamily],
+        restitution: Array,
+        friction: Array | None = None,
     ) -> None:
         self.system = system
         self.constraints = tuple(constraints)
@@ -62,6 +73,14 @@ class AdmissibleSet(Rebuilt):
             families.append(family)
             self._starts.append(self._starts[-1] + family.size)
         self.families = tuple(families)
+        mu = np.zeros(len(families)) if friction is None else friction
+        self._mu = [float(one) for one in mu]
+        self.frictional = False
+        for k, family in enumerate(families):
+            own = np.asarray(family.friction, dtype=float)
+            self.frictional |= bool(np.where(np.isnan(own), self._mu[k], own).max(initial=0.0) > 0.0)
+            if self._mu[k] > 0.0 and not np.isnan(own).any() and not own.any():
+                self._refuse(self.name(self._starts[k]), self._mu[k])
         self.lever = np.zeros(0)
         for family, start, _ in self.numbered():
             if np.any(family.lever != 1.0):
@@ -131,7 +150,35 @@ class AdmissibleSet(Rebuilt):
             call, the cache uses `moved` and need not compute the difference.
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
-        return concatenate(found) if found else self.empty
+        rows = concatenate(found) if found else self.empty
+        return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows
+
+    def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
+        """Return the tangents of rows, those of each family in turn."""
+        k = np.searchsorted(self._starts, rows.constraint, side="right") - 1
+        parts, order = [], []
+        sparse = not isinstance(rows.jacobian, np.ndarray)
+        # the rows of a family follow each other, and families are in ascending order
+        for f in np.unique(k).tolist():
+            family, here = self.families[f], np.flatnonzero(k == f)
+            own = take(rows, here)
+            own = own._replace(constraint=own.constraint - self._starts[f])
+            mu = family.friction_of(own.constraint)
+            mu = np.where(np.isnan(mu), self._mu[f], mu)
+            order.append(here)
+            parts.append(family.tangents(t, q, own, mu) if mu.any() else none_of(len(here), self.system.nv, sparse))
+        if not parts:
+            return none_of(0, self.system.nv, sparse)
+        together = concatenate_tangents(parts)
+        place = np.concatenate(order)
+        return together if (np.diff(place) > 0).all() else together.take(np.argsort(place))
+
+    @staticmethod
+    def _refuse(name: str, mu: float) -> None:
+        raise InputError(
+            f"{name} has friction {mu:g} and no tangents: give GapFunction(f, grad_f, tangents=...), or an object with "
+            "tangents(t, q) of shape (m, 2, nv)"
+        )
 
     def travel(self, displacement: Array) -> float:
         """Return about how far a displacement, shape (nv,), moves the bodies of the constraints [m].

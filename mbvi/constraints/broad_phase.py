@@ -37,6 +37,10 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         restitution_of(i, j) -> ndarray: e of pairs of shapes, i < j.
     line, at_rest
         As `SignedDistances`.
+    friction_of : callable, optional
+        friction_of(i, j) -> ndarray: coefficients of friction of pairs of shapes, i < j; no friction by default.
+    most_friction : float
+        The largest of them.
 
     Notes
     -----
@@ -58,6 +62,8 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         restitution_of: Callable[[Array, Array], Array],
         line: Array | None = None,
         at_rest: bool = True,
+        friction_of: Callable[[Array, Array], Array] | None = None,
+        most_friction: float = 0.0,
     ) -> None:
         self.system, self._line, self._at_rest = system, line, at_rest
         self._shapes, self._left_out, self._restitution_of = table, left_out, restitution_of
@@ -75,6 +81,18 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         self.size = len(table) ** 2
         # e is looked up when a pair is listed
         self.restitution = np.zeros(0)
+        self._friction_of, self.friction = friction_of, most_friction
+
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some pairs, shape (k,)."""
+        if self._friction_of is None:
+            return np.zeros(len(numbers))
+        return self._friction_of(*np.divmod(numbers, len(self._shapes)))
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the first and the second body of some pairs, shapes (k,)."""
+        i, j = np.divmod(numbers, len(self._shapes))
+        return self._shapes.body[i], self._shapes.body[j]
 
     @property
     def count(self) -> int:

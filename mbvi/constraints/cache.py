@@ -77,7 +77,7 @@ class _Entry:
 
     def numbered(self, rows: Rows) -> Rows:
         """Return the rows of the family as rows of the problem: with its numbers, and its e where they have none."""
-        number, gap, jacobian, e, point, normal, rate = rows
+        number, gap, jacobian, e, point, normal, rate, _ = rows
         if number is not self._number:
             # the same array means the same numbers: a family does not write to it
             self._number, self._shifted = number, number + self._start

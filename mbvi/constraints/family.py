@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..system import System
 from .candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
+from .tangents import Tangents, axes_of
 
 
 class RowTable(NamedTuple):
@@ -47,12 +49,17 @@ class ConstraintFamily(ABC):
 
     Attributes
     ----------
+    system : System
+        What moves the bodies; families without bodies have none.
     size : int
         How many constraints the family has: they are numbered from 0 to size - 1.
     names : sequence of str
         Names of the constraints; a constraint beyond the last one gets a name by its number in the problem.
     restitution : ndarray, shape (size,), or float
         e of each constraint; NaN where the problem's own applies.
+    friction : ndarray, shape (size,), or float
+        Coefficient of Coulomb friction of each constraint, or the largest of them where `friction_of` knows each; NaN
+        where the problem's own applies. A family with friction provides `bodies_of` or `tangents`.
     smooth : ndarray of bool, shape (size,), or bool
         Whether the gradient of each constraint is continuous.
     lever : ndarray, shape (size,), or float
@@ -70,9 +77,11 @@ class ConstraintFamily(ABC):
         The functions of a user that the family evaluates, for the description in a file.
     """
 
+    system: System
     size: int = 1
     names: Sequence[str] = ()
     restitution: Array | float = np.nan
+    friction: Array | float = 0.0
     smooth: Array | bool = True
     lever: Array | float = 1.0
     moving: bool = False
@@ -144,9 +153,24 @@ class ConstraintFamily(ABC):
         jacobian = np.asarray(self.gradient(t, q)[near])
         return Rows(near, gap[near], jacobian, e, nowhere, nowhere, None if rate is None else rate[near])
 
-    def tangents(self, t: float, q: Array, rows: Rows) -> Array | None:
-        """Return the tangents of the contact frames of some rows, shape (k, 2, nv); None without friction."""
-        return None
+    # for friction
+
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some constraints, shape (k,); NaN where the problem's own applies."""
+        mu = np.asarray(self.friction, dtype=float)
+        return np.full(len(numbers), mu) if mu.ndim == 0 else mu[numbers]
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the first and the second body of some constraints, shapes (k,); 0 is the world."""
+        raise NotImplementedError
+
+    def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
+        """Return the tangents of some rows, with numbers of the family, whose coefficients are given."""
+        axes = axes_of(rows.normal)
+        first, second = (np.repeat(side, 2) for side in self.bodies_of(rows.constraint))
+        along = np.ascontiguousarray(axes.reshape(-1, 3))
+        jacobian = self.system.separation_rows(q, first, second, np.repeat(rows.point, 2, axis=0), along)
+        return Tangents(friction, axes, jacobian, None)
 
     # for the cache
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arguments import Array, function, printable, returned
+from ..arguments import Array, function, optional, printable, returned
 from ..errors import InputError
 from ..system.given import called
 
@@ -22,6 +22,9 @@ class GapFunction:
         grad_f(q) -> gradient in the tangent space, shape (nv,).
     name : str, optional
         Its name in impacts; "f" and a number by default.
+    tangents : callable, optional
+        tangents(q) -> gradients of the tangential displacements at the contact, shape (2, nv), or (1, nv) in a plane;
+        needed for friction. Along unit tangents of the contact, as grad_f along its unit normal.
 
     Notes
     -----
@@ -29,9 +32,16 @@ class GapFunction:
     differ, `InputError` where a sign is wrong. A value that is not finite raises `DivergedError` at its step.
     """
 
-    def __init__(self, f: Callable[[Array], float], grad_f: Callable[[Array], Array], name: str | None = None) -> None:
+    def __init__(
+        self,
+        f: Callable[[Array], float],
+        grad_f: Callable[[Array], Array],
+        name: str | None = None,
+        tangents: Callable[[Array], Array] | None = None,
+    ) -> None:
         self.f = function(f, "f", "f(q) -> float")
         self._gradient = function(grad_f, "grad_f", "grad_f(q) -> (nv,)")
+        self._tangents = optional(function, tangents, "tangents", "tangents(q) -> (2, nv)")
         self.names = () if name is None else (printable(name, "name"),)
 
     def __repr__(self) -> str:
@@ -57,3 +67,18 @@ class GapFunction:
         if gradient.ndim > 2 or (gradient.ndim == 2 and len(gradient) != 1):
             raise InputError(f"grad_f ({called(self._gradient)}) returned shape {gradient.shape}; (nv,) is expected")
         return gradient.reshape(1, -1)
+
+    @property
+    def has_tangents(self) -> bool:
+        """Whether tangents were given, so that the constraint can have friction."""
+        return self._tangents is not None
+
+    def tangents(self, t: float, q: Array) -> Array:
+        """Return gradients of the tangential displacements, shape (1, 2, nv); the second is zero where one is given."""
+        assert self._tangents is not None
+        rows = np.atleast_2d(returned(self._tangents(q), f"tangents ({called(self._tangents)})"))
+        if rows.ndim != 2 or len(rows) > 2:
+            raise InputError(f"tangents ({called(self._tangents)}) returned shape {rows.shape}; (2, nv) is expected")
+        both = np.zeros((2, rows.shape[1]))
+        both[: len(rows)] = rows
+        return both[None]

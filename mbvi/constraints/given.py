@@ -17,6 +17,7 @@ from .family import ConstraintFamily
 from .finite_differences import Slopes, slopes
 from .gap_function import GapFunction
 from .rows import NO_POINT, Array, Constraint, Rows
+from .tangents import Tangents, none_of
 
 # a gradient may differ from differences of f by this part of its entry, and by this part of its largest entry
 _DIFFERENT, _SMALL = 1e-3, 1e-5
@@ -77,7 +78,8 @@ class GivenConstraint(ConstraintFamily):
     Parameters
     ----------
     system, constraint, restitution, name
-        As of `as_family`. The object may also have `names` or `name(k)`, `size`, `restitution` and `rate(t, q)`.
+        As of `as_family`. The object may also have `names` or `name(k)`, `size`, `restitution`, `rate(t, q)` and
+        `tangents(t, q)` of shape (m, 2, nv).
 
     Notes
     -----
@@ -93,6 +95,9 @@ class GivenConstraint(ConstraintFamily):
         self.restitution: Array = np.asarray(getattr(constraint, "restitution", restitution), dtype=float)
         self._rate = getattr(constraint, "rate", None)
         self.moving = self._rate is not None
+        # a GapFunction has the method even where no tangents were given
+        self._has_tangents = getattr(constraint, "has_tangents", hasattr(constraint, "tangents"))
+        self.friction = np.nan if self._has_tangents else 0.0
         self.functions = (constraint.f,) if isinstance(constraint, GapFunction) else ()
         # how many times rows became active, at how many steps rows were active, and whether they were at the last one
         self._activations, self._active_steps, self._were_active = 0, 0, False
@@ -175,6 +180,17 @@ class GivenConstraint(ConstraintFamily):
         e = np.full(index.size, self.restitution) if self.restitution.ndim == 0 else self.restitution[index]
         nowhere = np.tile(NO_POINT, (index.size, 1))
         return Rows(index, gap[index], plain_array(gradient[index]), e, nowhere, nowhere, rate)
+
+    def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
+        """Return the tangents of some rows, as the user's object gives them; errors as of `gap`."""
+        found = returned(self._constraint.tangents(t, q), f"the tangents of {self._name_of(0)}")
+        shape = (self._rows, 2, self._system.nv)
+        if found.shape != shape:
+            raise InputError(f"the tangents of {self._name_of(0)} have shape {found.shape}; {shape} is expected")
+        if not all_finite(found):
+            raise not_finite(f"a tangent of {self._name_of(0)}", found, t, q)
+        plain = none_of(len(friction), self._system.nv, False)
+        return Tangents(friction, plain.axes, plain_array(found[rows.constraint].reshape(-1, shape[2])), None)
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:
         """Check the gradients of some closed rows, at a few of the calls."""
@@ -295,7 +311,7 @@ class GivenRows(GivenConstraint):
         rows = self._constraint.active(t, q, tolerance, None)
         if rows is None:
             return None
-        number, gap, jacobian, own, point, normal, rate = rows
+        number, gap, jacobian, own, point, normal, rate = rows[:7]
         e = np.where(np.isnan(own), np.broadcast_to(self.restitution, (self.size,)).take(number, mode="clip"), own)
         return Rows(
             np.asarray(number, dtype=np.int64),

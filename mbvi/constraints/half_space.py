@@ -153,6 +153,8 @@ class HalfSpaceContacts(Pairs):
     lines : ndarray, shape (n, 3), optional
         In a planar scene the plane's normal in the frame of each shape's body; of points on one line along it only the
         first is kept.
+    friction
+        As `Pairs`.
 
     Attributes
     ----------
@@ -168,9 +170,10 @@ class HalfSpaceContacts(Pairs):
         names: Sequence[str],
         restitution: Array,
         lines: Array | None = None,
+        friction: Array | float = 0.0,
     ) -> None:
         self.collinear_points = 0
-        super().__init__(system, *indexed([None] * len(shapes), shapes), restitution)
+        super().__init__(system, *indexed([None] * len(shapes), shapes), restitution, friction)
         self.names = tuple(names)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = system.single_mechanism

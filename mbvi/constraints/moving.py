@@ -12,6 +12,8 @@ from ..geometry.motion import Motion
 from ..system import System
 from .family import ConstraintFamily
 from .rows import Array, Rows
+from .sphere_centres import SphereCentres
+from .tangents import Tangents, axes_of
 
 
 class MovingFrame:
@@ -25,14 +27,14 @@ class MovingFrame:
         What moves the bodies.
     motion : Motion
         How the frame moves.
-    where : slice
-        The part of q that holds centres of spheres.
+    where : SphereCentres
+        Where centres of spheres are in q.
     """
 
     # poses come from `placements` alone
     single_mechanism = False
 
-    def __init__(self, system: System, motion: Motion, where: slice) -> None:
+    def __init__(self, system: System, motion: Motion, where: SphereCentres) -> None:
         self._system, self._motion, self._where = system, motion, where
         self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
 
@@ -47,7 +49,7 @@ class MovingFrame:
                 f"the motion {self._motion!r} is not finite at t = {t:.9g} s: correct its pose or twist"
             )
         self._q, inside = q, q.copy()
-        inside[self._where] = ((q[self._where].reshape(-1, 3) - self._place) @ self._turn).reshape(-1)
+        self._where.of(inside)[:] = (self._where.of(q) - self._place) @ self._turn
         return inside
 
     def placements(self, q: Array, bodies: Array) -> Array:
@@ -73,7 +75,15 @@ class MovingFrame:
 
         Points and normals are in the world; the normals point out of the walls.
         """
-        return -np.vecdot(normal, self._velocity + np.cross(self._spin, point))
+        return -np.vecdot(normal, self.velocity(point))
+
+    def velocity(self, point: Array) -> Array:
+        """Return the velocities of points of the walls, shape (k, 3) [m/s]."""
+        return np.asarray(self._velocity + np.cross(self._spin, point))
+
+    def separation_in_world(self, first: Array, second: Array, point: Array, normal: Array) -> Any:
+        """Return gradients for points and normals in the world; see `System.separation_rows`."""
+        return self._system.separation_rows(self._q, first, second, point, normal)
 
 
 class MovingWalls(ConstraintFamily):
@@ -96,10 +106,24 @@ class MovingWalls(ConstraintFamily):
     def __init__(self, frame: MovingFrame, constraint: ConstraintFamily) -> None:
         self.frame, self.constraint = frame, constraint
         self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
+        self.friction = constraint.friction
 
     def name(self, number: int) -> str:
         """Return the name of one pair."""
         return self.constraint.name(number)
+
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some pairs, shape (k,)."""
+        return self.constraint.friction_of(numbers)
+
+    def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
+        """Return the tangents of some rows; those of the walls move with them."""
+        self.frame.set_state(t, q)
+        axes, first, second = axes_of(rows.normal), *self.constraint.bodies_of(rows.constraint)
+        first, second, point = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
+        jacobian = self.frame.separation_in_world(first, second, point, np.ascontiguousarray(axes.reshape(-1, 3)))
+        rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
+        return Tangents(friction, axes, jacobian, rate.ravel())
 
     @property
     def count(self) -> int:

@@ -96,14 +96,19 @@ class Pairs(Rebuilt, ConstraintFamily):
         The shapes of each pair in the table; -1 stands for a half-space of the world.
     restitution : ndarray, shape (n,)
         e of each pair.
+    friction : ndarray, shape (n,), or float
+        Coefficient of friction of each pair, or of all.
     """
 
     skips_resting = True
 
-    def __init__(self, system: System, table: ShapeTable, sides: Array, restitution: Array) -> None:
+    def __init__(
+        self, system: System, table: ShapeTable, sides: Array, restitution: Array, friction: Array | float = 0.0
+    ) -> None:
         self.system, self._shapes, self._sides = system, table, sides
         self.size, self.numbers = len(sides), np.arange(len(sides))
         self.restitution: Array = restitution
+        self.friction = friction
         # a half-space is the last entry; it has no far side: no body passes through it
         self._first_body, self._second_body = np.append(table.body, 0)[sides.T]
         self.thickness: Array = np.add(*np.append(table.inner, np.inf)[sides.T])
@@ -201,6 +206,10 @@ class Pairs(Rebuilt, ConstraintFamily):
                 self._constants = self.numbers[pair], *bodies, self.restitution[pair]
             self._last_pair = pair
         return self._constants
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the first and the second body of some pairs, shapes (k,)."""
+        return self._first_body[numbers], self._second_body[numbers]
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the signed distances of some pairs in ascending order, shape (k,) [m]."""

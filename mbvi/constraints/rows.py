@@ -10,6 +10,8 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel
 from ..system.sparse_rows import stack_rows
+from . import tangents as tangent_rows
+from .tangents import Tangents
 
 Array = np.ndarray
 
@@ -35,6 +37,8 @@ class Rows(NamedTuple):
     rate : ndarray, shape (k,), or None
         df/dt at a fixed q, due to walls with a prescribed motion [m/s, rad/s]: a gap changes at J v + rate. None if no
         row has any.
+    tangents : Tangents or None
+        Friction of all rows; None where no constraint of the problem has friction.
     """
 
     constraint: Array
@@ -44,6 +48,7 @@ class Rows(NamedTuple):
     point: Array
     normal: Array
     rate: Array | None = None
+    tangents: Tangents | None = None
 
     def speeds(self, v: Array) -> Array:
         """Return the rates of the gaps at a velocity, J v + rate, shape (k,) [m/s, rad/s]."""
@@ -53,7 +58,7 @@ class Rows(NamedTuple):
 
 def take(rows: Rows, index: Array) -> Rows:
     """Return some of the rows, by a mask or by their indices."""
-    number, gap, jacobian, e, point, normal, rate = rows
+    number, gap, jacobian, e, point, normal, rate, tangents = rows
     return Rows(
         number[index],
         gap[index],
@@ -62,6 +67,7 @@ def take(rows: Rows, index: Array) -> Rows:
         point[index],
         normal[index],
         None if rate is None else rate[index],
+        None if tangents is None else tangents.take(index),
     )
 
 
@@ -69,7 +75,7 @@ def concatenate(parts: Sequence[Rows]) -> Rows:
     """Return the rows of all parts, one part after the other."""
     if len(parts) == 1:
         return parts[0]
-    number, gap, jacobian, restitution, point, normal, rate = zip(*parts, strict=True)
+    number, gap, jacobian, restitution, point, normal, rate, tangents = zip(*parts, strict=True)
     rates = None
     if any(one is not None for one in rate):
         rates = np.concatenate([np.zeros(len(part.gap)) if part.rate is None else part.rate for part in parts])
@@ -81,6 +87,7 @@ def concatenate(parts: Sequence[Rows]) -> Rows:
         np.concatenate(point),
         np.concatenate(normal),
         rates,
+        None if tangents[0] is None else tangent_rows.concatenate(tangents),
     )
 
 
@@ -143,7 +150,8 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
 class Constraint(Protocol):
     """The least that a user's constraint provides.
 
-    Optional are also `names` or `name(k)`, `size`, `restitution`, and `rate(t, q)`; see `GivenConstraint`.
+    Optional are also `names` or `name(k)`, `size`, `restitution`, `rate(t, q)` and, for friction, `tangents(t, q)`;
+    see `GivenConstraint`.
 
     A constraint that provides more must derive from `ConstraintFamily`.
     """

@@ -42,6 +42,8 @@ class SignedDistances(Pairs):
         Whether to keep the contacts of pairs, instead of computing them again, while their bodies stand still.
     numbers : ndarray of int, shape (n,), optional
         The numbers of the constraints; by default 0 to n - 1.
+    friction
+        As `Pairs`.
     """
 
     def __init__(
@@ -53,8 +55,9 @@ class SignedDistances(Pairs):
         line: Array | None = None,
         at_rest: bool = True,
         numbers: Array | None = None,
+        friction: Array | float = 0.0,
     ) -> None:
-        super().__init__(system, table, sides, restitution)
+        super().__init__(system, table, sides, restitution, friction)
         self.numbers = self.numbers if numbers is None else numbers
         self._at_rest = at_rest
         # the last pairs, tolerance and placements of their bodies, and the contacts found

@@ -36,6 +36,8 @@ class SphereSurface(ConstraintFamily):
         Name of the mesh.
     restitution : ndarray, shape (n,)
         e of each sphere with it.
+    friction : ndarray, shape (n,), or float
+        Coefficient of friction of each sphere with it, or of all.
 
     Notes
     -----
@@ -56,9 +58,11 @@ class SphereSurface(ConstraintFamily):
         surface: Surface,
         name: str,
         restitution: Array,
+        friction: Array | float = 0.0,
     ) -> None:
         self.system, self._surface = system, surface
         self.restitution: Array = restitution
+        self.friction = friction
         self._names, self._surface_name = [s.name for s in spheres], name
         self._bodies = np.array([s.body for s in spheres], dtype=np.int64)
         self._local = np.array([s.position for s in spheres])
@@ -86,6 +90,10 @@ class SphereSurface(ConstraintFamily):
         sphere, gap, point, normal = (part[near] for part in found)
         rows = self._gradients(q, sphere, point, normal)
         return Rows(sphere, gap, rows, self.restitution[sphere], point, normal)
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the mesh's body, which is the world, and the bodies of some spheres, shapes (k,)."""
+        return np.zeros(len(numbers), np.int64), self._bodies[numbers]
 
     def nearest(self, q: Array, spheres: Array) -> Contacts:
         """Return the nearest contact of each of some spheres in ascending order."""

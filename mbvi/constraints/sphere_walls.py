@@ -12,6 +12,7 @@ from ..system import System
 from ..system.sparse_rows import dense
 from .family import ConstraintFamily
 from .rows import Array, Rows
+from .sphere_centres import SphereCentres
 
 # values of `kind` of `wall_contacts`
 _PLANE, _BOX, _CAPSULE = range(3)
@@ -142,8 +143,8 @@ class SphereWalls(ConstraintFamily):
     ----------
     system : System
         What moves the spheres and the walls.
-    where : slice
-        The part of q that holds the spheres' centres.
+    where : SphereCentres
+        Where the spheres' centres are in q.
     first_body : int
         Body of the first sphere; the others follow.
     radii : ndarray, shape (n,)
@@ -158,6 +159,8 @@ class SphereWalls(ConstraintFamily):
         Number of the scene's item, such as a call of `add_spheres`, that each sphere belongs to.
     group_restitution : ndarray, shape (g, w)
         e between the items and the walls.
+    group_friction : ndarray, shape (g, w), optional
+        Coefficients of friction between them; none by default.
 
     Notes
     -----
@@ -167,7 +170,7 @@ class SphereWalls(ConstraintFamily):
     def __init__(
         self,
         system: System,
-        where: slice,
+        where: SphereCentres,
         first_body: int,
         radii: Array,
         walls: Sequence[HalfSpace | PlacedShape],
@@ -175,10 +178,12 @@ class SphereWalls(ConstraintFamily):
         wall_names: Sequence[str],
         group: Array,
         group_restitution: Array,
+        group_friction: Array | None = None,
     ) -> None:
         self.system, self._where, self._first_body = system, where, first_body
         self._radii, self._sphere_names, self._wall_names = plain_array(radii), names, wall_names
-        self._group, self._e = group, group_restitution
+        self._group, self._e, self._mu = group, group_restitution, group_friction
+        self.friction = 0.0 if group_friction is None else float(group_friction.max())
         self._bodies = np.array([0 if isinstance(w, HalfSpace) else w.body for w in walls], dtype=np.int64)
         self._kind = np.array([_kind_of(w) for w in walls], dtype=np.int64)
         self._local = np.array([_wall_numbers(w) for w in walls])
@@ -205,6 +210,16 @@ class SphereWalls(ConstraintFamily):
             return f"{self._sphere_names[i]} | {self._wall_names[a]}"
         return f"{self._wall_names[a]} | {self._sphere_names[i]}"
 
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some pairs, shape (k,)."""
+        i, a = np.divmod(numbers, len(self._kind))
+        return np.zeros(len(numbers)) if self._mu is None else self._mu[self._group[i], a]
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the bodies of wall and sphere of some pairs, shapes (k,)."""
+        i, a = np.divmod(numbers, len(self._kind))
+        return self._bodies[a], self._first_body + i
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pairs of a sphere and a wall, in bulk"
@@ -227,7 +242,7 @@ class SphereWalls(ConstraintFamily):
         """Return numbers, gaps, points and normals of the pairs within the tolerance."""
         k, walls = self.size, self._walls_at(q)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        centres = plain_array(q[self._where]).reshape(-1, 3)
+        centres = plain_array(self._where.of(q))
         count = wall_contacts(centres, self._radii, self._kind, walls, tolerance, number, gap, point, normal)
         return number[:count], gap[:count], point[:count], normal[:count]
 
@@ -267,7 +282,7 @@ class SphereWalls(ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        moved = (self.system.integrate(q, displacement)[self._where] - q[self._where]).reshape(-1, 3)
+        moved = self._where.of(self.system.integrate(q, displacement)) - self._where.of(q)
         travel = np.tile(np.linalg.norm(moved, axis=1)[:, None], len(self._kind))
         for a, reach in self._reach:
             travel[:, a] += reach @ np.abs(displacement)

@@ -11,6 +11,7 @@ from ..system import System
 from ..system.sparse_rows import dense
 from .family import ConstraintFamily, RowTable
 from .rows import Array, Rows
+from .sphere_centres import SphereCentres
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
@@ -63,8 +64,8 @@ class SphereContacts(ConstraintFamily):
     ----------
     system : System
         What moves the spheres.
-    where : slice
-        The part of q that holds their centres.
+    where : SphereCentres
+        Where their centres are in q.
     first_body : int
         Body of the first sphere; the others follow.
     radii : ndarray, shape (n,)
@@ -75,6 +76,8 @@ class SphereContacts(ConstraintFamily):
         Number of the scene's item, such as a call of `add_spheres`, that each sphere belongs to.
     group_restitution : ndarray, shape (g, g)
         e between the items.
+    group_friction : ndarray, shape (g, g), optional
+        Coefficients of friction between them; none by default.
 
     Notes
     -----
@@ -84,16 +87,18 @@ class SphereContacts(ConstraintFamily):
     def __init__(
         self,
         system: System,
-        where: slice,
+        where: SphereCentres,
         first_body: int,
         radii: Array,
         names: tuple[str, ...],
         group: Array,
         group_restitution: Array,
+        group_friction: Array | None = None,
     ) -> None:
         self.system, self._where, self._first_body = system, where, first_body
         self._radii, self._sphere_names = plain_array(radii), names
-        self._group, self._e = group, group_restitution
+        self._group, self._e, self._mu = group, group_restitution, group_friction
+        self.friction = 0.0 if group_friction is None else float(group_friction.max())
         self._neighbours = VerletList(radii)
         self.size = len(radii) ** 2
         # an item of a single sphere has no pair within itself
@@ -104,6 +109,16 @@ class SphereContacts(ConstraintFamily):
         """Return the name of one pair."""
         i, j = divmod(constraint, len(self._radii))
         return f"{self._sphere_names[i]} | {self._sphere_names[j]}"
+
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some pairs, shape (k,)."""
+        i, j = np.divmod(numbers, len(self._radii))
+        return np.zeros(len(numbers)) if self._mu is None else self._mu[self._group[i], self._group[j]]
+
+    def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the bodies of both spheres of some pairs, shapes (k,)."""
+        i, j = np.divmod(numbers, len(self._radii))
+        return self._first_body + i, self._first_body + j
 
     @property
     def count(self) -> int:
@@ -139,8 +154,8 @@ class SphereContacts(ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        centres = q[self._where].reshape(-1, 3)
-        moved = self.system.integrate(q, displacement)[self._where].reshape(-1, 3) - centres
+        centres = self._where.of(q)
+        moved = self._where.of(self.system.integrate(q, displacement)) - centres
         i, j = may_pass(centres, moved, np.linalg.norm(moved, axis=1), self._radii, self._radii)
         travel = np.linalg.norm(moved[j] - moved[i], axis=1)
         return i * len(self._radii) + j, travel, self._radii[i] + self._radii[j]
@@ -153,14 +168,12 @@ class SphereContacts(ConstraintFamily):
         """Return numbers, gaps, points and normals of those of the given pairs that are within the tolerance."""
         k = len(pairs)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        count = _pairs_within(
-            plain_array(q[self._where].reshape(-1, 3)), self._radii, pairs, tolerance, number, gap, point, normal
-        )
+        count = _pairs_within(plain_array(self._where.of(q)), self._radii, pairs, tolerance, number, gap, point, normal)
         return number[:count], gap[:count], point[:count], normal[:count]
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        centres = plain_array(q[self._where]).reshape(-1, 3)
+        centres = plain_array(self._where.of(q))
         number, gap, point, normal = self._near(q, self._neighbours.within(centres, max(tolerance, 0.0)), tolerance)
         if not number.size:
             return None

@@ -3,6 +3,7 @@
 from .active_set import ActiveSet
 from .dual_active_set import DualActiveSet
 from .free_motion import FreeMotion
+from .friction_sparse import project_frictional_sparse
 from .fused_step import LinearGaps
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
@@ -34,4 +35,5 @@ __all__ = [
     "checked_solver",
     "impact",
     "project",
+    "project_frictional_sparse",
 ]

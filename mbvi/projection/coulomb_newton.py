@@ -9,6 +9,8 @@ from .coulomb_contact import contact_velocities, coulomb_defect
 from .metric import Array
 
 OPEN, STICK, SLIP = 0, 1, 2
+# added to the diagonal of G in derivatives only: rows may depend on each other
+SHIFT = 1e-10
 _MOST_HALVINGS = 12
 # share of the slope by which the line search must lower the squared error
 _DECREASE = 1e-4
@@ -28,7 +30,7 @@ def tangential_scale(G: Array, scale: Array) -> None:
 def find_cases(u: Array, p: Array, mu: Array, scale: Array, case: Array) -> None:
     """Write which case of the law each contact is nearest to, shape (m,): OPEN, STICK or SLIP.
 
-    u, p, mu are as of `coulomb_defect`, and `scale` as of `tangential_scale`.
+    u, p, mu are as of `coulomb_defect`, and `scale` as of `tangential_scale`. A closed contact without friction slips.
     """
     for a in range(len(mu)):
         i = 3 * a
@@ -37,7 +39,7 @@ def find_cases(u: Array, p: Array, mu: Array, scale: Array, case: Array) -> None
         if normal <= 0.0:
             case[a] = OPEN
         else:
-            case[a] = STICK if np.sqrt(t * t + s * s) <= mu[a] * normal else SLIP
+            case[a] = STICK if mu[a] > 0.0 and np.sqrt(t * t + s * s) <= mu[a] * normal else SLIP
 
 
 @kernel("f8(f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])")
@@ -60,9 +62,10 @@ def case_error(u: Array, p: Array, mu: Array, scale: Array, case: Array, error: 
     return total
 
 
-@kernel("b1(f8[:,::1], f8[::1], i8)")
-def solve_linear(A: Array, y: Array, n: int) -> bool:
-    """Overwrite the first n entries of y by A^-1 y, and A by its factors; False if A is singular."""
+@kernel("f8(f8[:,::1], f8[::1], i8)")
+def solve_linear(A: Array, y: Array, n: int) -> float:
+    """Overwrite n entries of y by A^-1 y, and A by its factors; return the least pivot, 0 if A is singular."""
+    least = np.inf
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
@@ -70,7 +73,8 @@ def solve_linear(A: Array, y: Array, n: int) -> bool:
                 pivot = i
         # written so that a NaN is refused too
         if not abs(A[pivot, k]) > 1e-300:
-            return False
+            return 0.0
+        least = min(least, abs(A[pivot, k]))
         if pivot != k:
             y[k], y[pivot] = y[pivot], y[k]
             for j in range(k, n):
@@ -85,15 +89,17 @@ def solve_linear(A: Array, y: Array, n: int) -> bool:
         for j in range(k + 1, n):
             y[k] -= A[k, j] * y[j]
         y[k] /= A[k, k]
-    return True
+    return least
 
 
-@kernel("b1(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8, f8[:,::1], f8[::1], i8[::1], f8[::1])")
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8, f8[:,::1], f8[::1], i8[::1], f8[::1])")
 def newton_direction(
     G: Array, u: Array, p: Array, mu: Array, scale: Array, error: Array, case: Array, shift: float, A: Array,
     y: Array, place: Array, step: Array,
-) -> bool:  # fmt: skip
-    """Write the Newton step of the equations of given cases; False if their matrix is singular.
+) -> float:  # fmt: skip
+    """Write the Newton step of the equations of given cases; return the least pivot of their matrix, 0 if singular.
+
+    The percussions of open contacts and, without friction, those of tangents are no unknowns: they become 0.
 
     Parameters
     ----------
@@ -106,22 +112,30 @@ def newton_direction(
     step : ndarray, shape (n,)
         Receives the step of p.
     """
-    m, k = len(mu), 0
+    m, n, k = len(mu), len(p), 0
     for a in range(m):
         for j in range(3 * a, 3 * a + 3):
-            step[j] = -p[j]
-            if case[a] != OPEN:
-                place[k] = j
+            if case[a] != OPEN and (mu[a] > 0.0 or j == 3 * a):
+                place[k], step[j] = j, 0.0
                 k += 1
-    for r in range(0, k, 3):
+            else:
+                step[j] = -p[j]
+    r = 0
+    while r < k:
         i = place[r]
         a = i // 3
-        # what the steps of open contacts change
+        # what the known steps change
         o0 = o1 = o2 = 0.0
-        for c in range(m):
-            if case[c] == OPEN:
-                for j in range(3 * c, 3 * c + 3):
-                    o0, o1, o2 = o0 + G[i, j] * step[j], o1 + G[i + 1, j] * step[j], o2 + G[i + 2, j] * step[j]
+        for j in range(n):
+            if step[j] != 0.0:
+                o0, o1, o2 = o0 + G[i, j] * step[j], o1 + G[i + 1, j] * step[j], o2 + G[i + 2, j] * step[j]
+        y[r] = -error[i] - o0
+        if mu[a] == 0.0:
+            for c in range(k):
+                A[r, c] = G[i, place[c]]
+            A[r, r] += shift
+            r += 1
+            continue
         # error of the tangents: T u + S p with 2 x 2 matrices T, S of rates, and the column of the normal
         s11, s12, s22, d1, d2 = 0.0, 0.0, 0.0, 0.0, 0.0
         t11, t12, t22 = scale[a], 0.0, scale[a]
@@ -133,7 +147,6 @@ def newton_direction(
             t11, t12, t22 = scale[a] * f * (1.0 - x * x), -scale[a] * f * x * z, scale[a] * f * (1.0 - z * z)
             s11, s12, s22 = 1.0 - f * (1.0 - x * x), f * x * z, 1.0 - f * (1.0 - z * z)
             d1, d2 = mu[a] * x, mu[a] * z
-        y[r] = -error[i] - o0
         y[r + 1] = -error[i + 1] - t11 * o1 - t12 * o2 - d1 * o0
         y[r + 2] = -error[i + 2] - t12 * o1 - t22 * o2 - d2 * o0
         for c in range(k):
@@ -151,11 +164,12 @@ def newton_direction(
         A[r + 1, r], A[r + 2, r] = A[r + 1, r] - d1, A[r + 2, r] - d2
         A[r + 1, r + 1], A[r + 1, r + 2] = A[r + 1, r + 1] + s11, A[r + 1, r + 2] + s12
         A[r + 2, r + 1], A[r + 2, r + 2] = A[r + 2, r + 1] + s12, A[r + 2, r + 2] + s22
-    if not solve_linear(A, y, k):
-        return False
-    for c in range(k):
-        step[place[c]] = y[c]
-    return True
+        r += 3
+    least = solve_linear(A, y, k)
+    if least > 0.0:
+        for c in range(k):
+            step[place[c]] = y[c]
+    return least
 
 
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], i8, f8, f8, i8, f8[::1])")
@@ -166,8 +180,10 @@ def newton_coulomb(
 
     Parameters
     ----------
-    G, b, mu, p
-        As of `solve_coulomb`; p is the start and receives the result.
+    G : ndarray, shape (n, n), n = 3 m
+        Symmetric positive semidefinite, with unit normal entries; see `coulomb_contact`.
+    b, mu, p : ndarray, shapes (n,), (m,) and (n,)
+        Velocities without percussions, coefficients of friction, and the start, which receives the result.
     most : int
         Most steps.
     limit : float
@@ -192,7 +208,7 @@ def newton_coulomb(
         recent[k] = value
     residual = coulomb_defect(u, p, mu) / largest
     for iteration in range(most):
-        if residual <= limit or not newton_direction(G, u, p, mu, scale, error, case, shift, A, y, place, step):
+        if residual <= limit or newton_direction(G, u, p, mu, scale, error, case, shift, A, y, place, step) == 0.0:
             break
         highest, length = 0.0, 1.0
         for k in range(remembered):
@@ -213,18 +229,27 @@ def newton_coulomb(
     return residual
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
-def hold_cases(G: Array, b: Array, mu: Array, case: Array, most: int, limit: float, shift: float, p: Array) -> float:
-    """Improve percussions by Newton steps within given cases, shape (m,), as long as they help; return the residual.
+@kernel("UniTuple(f8, 2)(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
+def hold_cases(
+    G: Array, b: Array, mu: Array, case: Array, most: int, limit: float, shift: float, p: Array
+) -> tuple[float, float]:
+    """Improve percussions by Newton steps within given cases, shape (m,), as long as they help.
 
     The other arguments are those of `newton_coulomb`. p becomes the best found.
+
+    Returns
+    -------
+    residual : float
+        That of p.
+    least : float
+        The least pivot of the last step's matrix; inf if there was no step.
     """
     n, m = len(b), len(mu)
     u, error, trial, step, scale = np.empty(n), np.empty(n), p.copy(), np.empty(n), np.empty(m)
     A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
-    largest, best, worse = contact_velocities(G, b, p, u), np.inf, 0
+    largest, best, worse, least = contact_velocities(G, b, p, u), np.inf, 0, np.inf
     tangential_scale(G, scale)
-    for _ in range(most):
+    for _ in range(most + 1):
         residual = coulomb_defect(u, trial, mu) / largest
         worse += 1
         if residual < best:
@@ -234,9 +259,36 @@ def hold_cases(G: Array, b: Array, mu: Array, case: Array, most: int, limit: flo
         if best <= limit or worse > 1:
             break
         case_error(u, trial, mu, scale, case, error)
-        if not newton_direction(G, u, trial, mu, scale, error, case, shift, A, y, place, step):
+        least = newton_direction(G, u, trial, mu, scale, error, case, shift, A, y, place, step)
+        if least == 0.0:
             break
         for i in range(n):
             trial[i] += step[i]
         contact_velocities(G, b, trial, u)
-    return best
+    return best, least
+
+
+@kernel("UniTuple(f8, 2)(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1])")
+def resume_newton(G: Array, b: Array, mu: Array, most: int, limit: float, p: Array) -> tuple[float, float]:
+    """Improve percussions that are nearly right by at least one full Newton step, without shift or line search.
+
+    The arguments are those of `newton_coulomb`, the results those of `hold_cases`.
+    """
+    n, m = len(b), len(mu)
+    u, error, step, scale, case = np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m, np.int64)
+    A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
+    largest, residual, least = contact_velocities(G, b, p, u), np.inf, np.inf
+    tangential_scale(G, scale)
+    for _ in range(most):
+        find_cases(u, p, mu, scale, case)
+        case_error(u, p, mu, scale, case, error)
+        least = newton_direction(G, u, p, mu, scale, error, case, 0.0, A, y, place, step)
+        if least == 0.0:
+            break
+        for i in range(n):
+            p[i] += step[i]
+        contact_velocities(G, b, p, u)
+        residual = coulomb_defect(u, p, mu) / largest
+        if residual <= limit:
+            break
+    return residual, least

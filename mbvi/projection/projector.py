@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
+from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
+from .friction import FrictionalProjection, project_frictional
+from .friction_sparse import project_frictional_sparse
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
 from .proxqp import ProxQP
@@ -31,7 +34,42 @@ _SHARE = 0.25
 # the largest residual that follows from a depth
 _MOST_RESIDUAL = 1e-2
 
+# entries of the rows of few contacts up to which they are solved as dense ones
+_MOST_DENSE = 2_000_000
+
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
+
+
+class FrictionalRows(Protocol):
+    """What the projection needs of rows with tangents, which `constraints.Rows` has."""
+
+    @property
+    def constraint(self) -> Array:
+        """The constraint of each row, shape (k,)."""
+
+    @property
+    def jacobian(self) -> Array | csr_array:
+        """Gradients, shape (k, nv)."""
+
+    @property
+    def tangents(self) -> TangentRows | None:
+        """Their tangents."""
+
+
+class TangentRows(Protocol):
+    """What it needs of tangents, which `constraints.Tangents` has."""
+
+    @property
+    def friction(self) -> Array:
+        """Coefficients, shape (k,)."""
+
+    @property
+    def jacobian(self) -> Array | csr_array:
+        """Gradients, shape (2 k, nv)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates at v = 0, shape (2 k,)."""
 
 
 class AcceptedDepth(NamedTuple):
@@ -78,6 +116,8 @@ class Projector:
         The only solver of every projection.
     accepted : AcceptedDepth, optional
         Replaces the residual in projections of sparse rows that give the length of their step.
+    friction_residual : float, optional
+        The relative residual of Coulomb's law for more than 32 contacts; `residual` by default.
 
     Attributes
     ----------
@@ -86,8 +126,15 @@ class Projector:
     """
 
     def __init__(
-        self, residual: float = 1e-6, solver: ChosenSolver | None = None, accepted: AcceptedDepth | None = None
+        self,
+        residual: float = 1e-6,
+        solver: ChosenSolver | None = None,
+        accepted: AcceptedDepth | None = None,
+        friction_residual: float | None = None,
     ) -> None:
+        self.friction_residual = residual if friction_residual is None else friction_residual
+        self._last_frictional = LastPercussions()
+        self._frictional_start: FrictionalProjection | None = None
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
         self._last = LastPercussions()
@@ -160,6 +207,49 @@ class Projector:
         velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
+
+    def frictional(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, h: float | None = None
+    ) -> Projection:
+        """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+
+        Parameters
+        ----------
+        rows : Rows
+            Rows with tangents.
+        x, metric, lower, h
+            As of `project`.
+        """
+        J, tangents = rows.jacobian, rows.tangents
+        assert tangents is not None
+        bounds = np.zeros((len(lower), 3))
+        bounds[:, 0] = lower
+        if tangents.rate is not None:
+            bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
+        m, order = len(lower), interleaved(len(lower))
+        if m <= MOST_CONTACTS and 3 * m * len(x) <= _MOST_DENSE:
+            wide = np.concatenate([_full(J), _full(tangents.jacobian)])[order]
+            start = self._frictional_start
+            found = project_frictional(x, metric, wide, bounds.ravel(), tangents.friction, self.residual, start)
+            self._frictional_start = found
+            return Projection(found.velocity, found.percussion, found.residual)
+        return self._many_frictional(x, metric, rows, bounds.ravel(), h)
+
+    def _many_frictional(
+        self, x: Array, metric: Metric, rows: FrictionalRows, bounds: Array, h: float | None
+    ) -> Projection:
+        """Return the same of many contacts, started from their last percussions."""
+        tangents, keys = rows.tangents, contact_keys(rows.constraint)
+        assert tangents is not None
+        J = csr_array(vstack([csr_array(rows.jacobian), csr_array(tangents.jacobian)], format="csr"))
+        J = J[interleaved(len(keys))]
+        residual, rate = self.friction_residual, np.inf
+        if self.accepted is not None and h is not None:
+            residual, rate = self.accepted.relative, _SHARE * self.accepted.depth / h
+        start = self._last_frictional.of_rows(keys)
+        found = project_frictional_sparse(x, metric, J, bounds, tangents.friction, residual, start, rate)
+        self._last_frictional.keep(found.percussion.reshape(-1, 3), keys)
+        return found
 
     def settle(
         self,
@@ -259,6 +349,15 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
     return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
+
+
+def _full(rows: Array | csr_array) -> Array:
+    return rows if isinstance(rows, np.ndarray) else rows.toarray()
+
+
+def interleaved(m: int) -> Array:
+    """Return the order of 3 m rows that puts the tangents of each contact behind its normal; tangents come last."""
+    return np.stack([np.arange(m), m + 2 * np.arange(m), m + 2 * np.arange(m) + 1], axis=1).ravel()
 
 
 def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:

@@ -42,6 +42,14 @@ class LastPercussions:
         place[place == len(self.keys)] = 0
         return np.where(self.keys[place] == keys, self.percussion[place], 0.0)
 
+    def of_rows(self, keys: Array) -> Array | None:
+        """Return the last percussions of contacts with three each, shape (3 m,); None if there are none."""
+        if self.keys is None or not len(self.keys):
+            return None
+        place = np.searchsorted(self.keys, keys)
+        place[place == len(self.keys)] = 0
+        return np.where((self.keys[place] == keys)[:, None], self.percussion[place], 0.0).ravel()
+
     def keep(self, percussion: Array, keys: Array | None) -> None:
         """Keep the percussions of rows with these keys, or without any."""
         if keys is not None and (keys[1:] < keys[:-1]).any():

@@ -159,7 +159,9 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
         if not ((kept.restitution >= 0.0) & (kept.restitution <= 1.0)).all():
             raise TrajectoryFileError("problem/restitution holds numbers outside [0, 1]")
         problem.restitution = kept.restitution
-        problem.constraints = AdmissibleSet(built.system, built.constraints.constraints, kept.restitution)
+        problem.constraints = AdmissibleSet(
+            built.system, built.constraints.constraints, kept.restitution, built.friction
+        )
     return problem
 
 

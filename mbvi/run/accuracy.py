@@ -12,6 +12,8 @@ from ..schemes import EventDriven, Scheme
 from ..system import located_parts
 
 DEFAULT_RESIDUAL, DEFAULT_DEPTH = 1e-6, 1e-3
+# of Coulomb's law for more than 32 contacts
+FRICTION_RESIDUAL = 1e-3
 # size of the bodies of a system without shapes, in lengths of the scene
 _SIZE = 0.1
 
@@ -43,7 +45,8 @@ def projector_of(
     if residual is None and depth is None and problem.system.sparse and scheme.accepts_depth:
         depth = DEFAULT_DEPTH
     if depth is None:
-        return Projector(DEFAULT_RESIDUAL if residual is None else residual, solver), []
+        of_many = FRICTION_RESIDUAL if residual is None else residual
+        return Projector(DEFAULT_RESIDUAL if residual is None else residual, solver, None, of_many), []
     size = smallest_size(problem)
     accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
     note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"

@@ -97,6 +97,8 @@ def _reason_against_event_driven(problem: Problem) -> str | None:
             return f"the gradient of {jumping} jumps"
     if problem.constraints.moving:
         return "walls move on their own"
+    if problem.constraints.frictional:
+        return "contacts have friction"
     count = _count(problem)
     if count > _FEW:
         return f"{count} constraints are many"

@@ -175,7 +175,7 @@ class Recorder:
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
-        t, q, v, active, rates, residual = step
+        t, q, v, active, rates, residual, _ = step
         k, gap = self.count, active.gap
         if not gap.size:
             self.penetration[k] = 0.0

@@ -283,8 +283,8 @@ def _start(problem: Problem, projector: Projector) -> Step:
         rounding += 1e-12 * np.abs(active.rate)
     if (before >= -rounding).all():
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
-    return Step(t, q, v, active, rates, residual)
+    v, rates, residual, slip = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
+    return Step(t, q, v, active, rates, residual, slip)
 
 
 def _scheme_and_step(

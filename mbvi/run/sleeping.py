@@ -61,6 +61,8 @@ class Sleepers:
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         self.any = bool(holding) and wanted
+        # whether friction holds a body depends on the history of its contacts: such bodies stay awake
+        self.any = self.any and not problem.constraints.frictional
         if not self.any:
             return
         self._system, self._first_velocity, self._first_body = holding[0]

@@ -15,6 +15,7 @@ from ..constraints import (
     MovingFrame,
     MovingWalls,
     SignedDistances,
+    SphereCentres,
     SphereContacts,
     SphereSurface,
     SphereWalls,
@@ -28,7 +29,7 @@ from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
-from .pair_settings import LeftOut, LeftOutAround, Restitution
+from .pair_settings import LeftOut, LeftOutAround, PairSetting
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS
 
@@ -83,9 +84,9 @@ class _ConstraintBuilder:
         pairs = [(n, wall, s) for n, wall in walls.items() for s in shapes if (n, s.name) not in self.apart]
         if pairs:
             labels = [f"{s.name} | {name}" for name, _, s in pairs]
-            e = np.array([self.items.restitution_of(name, s.name) for name, _, s in pairs])
+            e, mu = self._settings([(name, s.name) for name, _, s in pairs])
             lines = np.array([self.lines[s.body] for _, _, s in pairs]) if self.lines else None
-            made = HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines)
+            made = HalfSpaceContacts(system, [w for _, w, _ in pairs], [s for _, _, s in pairs], labels, e, lines, mu)
             self.collinear_points += made.collinear_points
             yield made
 
@@ -97,13 +98,22 @@ class _ConstraintBuilder:
                     f"{others[0]} would meet {item.name}, but a mesh as it is meets spheres only: take its hull by "
                     "add_mesh(..., fixed=True), several of these, or boxes"
                 )
-            e = np.array([self.items.restitution_of(item.name, s.name) for s in shapes])
-            yield SphereSurface(system, shapes, item.placed(), item.name, e)
+            e, mu = self._settings([(item.name, s.name) for s in shapes])
+            yield SphereSurface(system, shapes, item.placed(), item.name, e, mu)
 
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
-        e = np.array([self.items.restitution_of(a.name, b.name) for a, b in pairs])
-        return SignedDistances(system, *indexed(first, second), e, self.line, self.at_rest)
+        e, mu = self._settings([(a.name, b.name) for a, b in pairs])
+        return SignedDistances(system, *indexed(first, second), e, self.line, self.at_rest, friction=mu)
+
+    def _settings(self, pairs: list[tuple[str, str]]) -> tuple[Array, Array]:
+        """Return e and mu of pairs of shapes, shapes (n,)."""
+        e, mu = np.empty(len(pairs)), np.zeros(len(pairs))
+        for k, (a, b) in enumerate(pairs):
+            e[k] = self.items.restitution_of(a, b)
+            if self.items.frictional:
+                mu[k] = self.items.friction_of(a, b)
+        return e, mu
 
     def _moving_walls(
         self, system: System, single: list[PlacedShape], moving: list[PlacedShape]
@@ -191,10 +201,12 @@ class _ConstraintBuilder:
         return self._found_when_near(seen, everything, left_out)
 
     def _found_when_near(self, system: Any, shapes: list[PlacedShape], left_out: Any) -> BroadPhasePairs:
-        e = Restitution(self.items, tuple(s.name for s in shapes))
-        return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest)
+        names, items = tuple(s.name for s in shapes), self.items
+        e, most = PairSetting(items, names), max(items.friction, *items.pair_friction.values(), 0.0)
+        mu = PairSetting(items, names, friction=True) if most > 0.0 else None
+        return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest, mu, most)
 
-    def _all_spheres(self, system: System) -> tuple[slice, int, Array, tuple[str, ...], Array]:
+    def _all_spheres(self, system: System) -> tuple[SphereCentres, int, Array, tuple[str, ...], Array]:
         """Return the spheres' part of q, the first one's body, radii, names, and which entity each belongs to."""
         items = self.items.spheres
         group = np.repeat(np.arange(len(items)), [len(s.radii) for s in items])
@@ -202,14 +214,21 @@ class _ConstraintBuilder:
         names = tuple(n for s in items for n in s.names())
         return self._where_spheres(system), self.shapes[self.spheres[0]].body, radii, names, group
 
-    def _where_spheres(self, system: System) -> slice:
-        return slice(system.nq - 3 * len(self.spheres), system.nq)
+    def _where_spheres(self, system: System) -> SphereCentres:
+        count, stride = len(self.spheres), 7 if self.items.frictional else 3
+        return SphereCentres(system.nq - stride * count, count, stride)
+
+    def _between(self, first: list[str], second: list[str]) -> tuple[Array, Array | None]:
+        """Return e and mu of each thing with each other thing, shapes (n, m); None without friction."""
+        e = np.array([[self.items.restitution_of(a, b) for b in second] for a in first])
+        if not self.items.frictional:
+            return e, None
+        return e, np.array([[self.items.friction_of(a, b) for b in second] for a in first])
 
     def _sphere_contacts(self, system: System) -> SphereContacts:
         where, first, radii, names, group = self._all_spheres(system)
-        items = self.items.spheres
-        e = np.array([[self.items.restitution_of(a.name, b.name) for b in items] for a in items])
-        return SphereContacts(system, where, first, radii, names, group, e)
+        items = [item.name for item in self.items.spheres]
+        return SphereContacts(system, where, first, radii, names, group, *self._between(items, items))
 
     def _sphere_walls(
         self, system: Any, halfspaces: dict[str, HalfSpace], solid: list[PlacedShape]
@@ -218,8 +237,8 @@ class _ConstraintBuilder:
         if not walls:
             return
         where, first, radii, names, group = self._all_spheres(system)
-        e = np.array([[self.items.restitution_of(w, s.name) for w in walls] for s in self.items.spheres])
-        yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, e)
+        settings = self._between([s.name for s in self.items.spheres], list(walls))
+        yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, *settings)
 
 
 def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:

@@ -162,23 +162,43 @@ class Blocks:
         names = [n for item in spheres for n in item.names()]
         radii = np.concatenate([s.radii for s in spheres])
         masses, velocities = (np.concatenate([getattr(s, name) for s in spheres]) for name in ("masses", "velocities"))
-        if self.axes is None:
+        rolling = self.items.frictional
+        if rolling:
+            self._add_rolling(masses, radii, tuple(names), velocities)
+        elif self.axes is None:
             self.systems.append(Spheres(masses, self.items.gravity, tuple(names)))
+            self.v0.append(velocities.ravel())
         else:
             self.systems.append(PlanarSpheres(masses, self.items.gravity, tuple(names), self.axes))
-            velocities = velocities @ self.axes[:2].T
-        self.v0.append(velocities.ravel())
+            self.v0.append((velocities @ self.axes[:2].T).ravel())
         colors = [_PALETTE[(k + 1) % len(_PALETTE)] for k, s in enumerate(spheres) for _ in s.radii]
         for k, (name, radius, color) in enumerate(zip(names, radii, colors, strict=True)):
             placed = PlacedShape(name, Sphere(float(radius)), nb + k + 1, np.eye(3), np.zeros(3), color)
             self.spheres.append(len(self.shapes))
             self.sizes.append(float(radius))
             self.shapes.append(placed)
-        self.q0.append(np.concatenate([s.positions.reshape(-1) for s in spheres]))
+        positions = np.concatenate([s.positions for s in spheres])
+        if rolling:
+            positions = np.hstack([positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(radii), 1))])
+        self.q0.append(positions.reshape(-1))
         what = f"of {len(radii)} sphere{'s' * (len(radii) > 1)}"
-        self.omitted.append(Omission(f"rotation {what}", "no friction can turn them", dofs=3 * len(radii)))
+        if not rolling:
+            self.omitted.append(Omission(f"rotation {what}", "no friction can turn them", dofs=3 * len(radii)))
         if self.axes is not None:
-            self.omitted.append(Omission(f"motion {what} out of the plane", _PLANAR, dofs=len(radii)))
+            out = 3 if rolling else 1
+            self.omitted.append(Omission(f"motion {what} out of the plane", _PLANAR, dofs=out * len(radii)))
+
+    def _add_rolling(self, masses: Array, radii: Array, names: tuple[str, ...], velocities: Array) -> None:
+        """Add spheres that friction can turn, as free bodies."""
+        n, gravity = len(masses), self.items.gravity
+        inertias = (0.4 * masses * radii**2)[:, None, None] * np.eye(3)
+        if self.axes is None:
+            self.systems.append(FreeBodies(masses, inertias, gravity, names))
+            self.v0.append(np.hstack([velocities, np.zeros((n, 3))]).ravel())
+        else:
+            normals = np.tile(self.axes[2], (n, 1))
+            self.systems.append(PlanarBodies(masses, inertias, gravity, names, self.axes, normals))
+            self.v0.append(np.hstack([velocities @ self.axes[:2].T, np.zeros((n, 1))]).ravel())
 
     def simplify(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
         """Return a simpler shape in place of another; the size of the original enters the length of the scene."""

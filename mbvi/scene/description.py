@@ -55,6 +55,8 @@ def describe(problem: Problem) -> str:
             "restitution": items.restitution,
             "plane": items.plane,
             "pair_restitution": [[*sorted(pair), e] for pair, e in items.pair_restitution.items()],
+            "friction": items.friction,
+            "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
                 for n, w in items.walls.items()
@@ -86,6 +88,10 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     items = SceneItems(np.array(data["gravity"]), data["restitution"], data.get("plane"))
     for a, *b, e in data["pair_restitution"]:
         items.pair_restitution[frozenset((a, *b))] = e
+    # older files have no friction
+    items.friction = data.get("friction", 0.0)
+    for a, *b, mu in data.get("pair_friction", ()):
+        items.pair_friction[frozenset((a, *b))] = mu
     for wall in data["walls"]:
         items.walls[wall["name"]] = HalfSpace(tuple(wall["normal"]), wall["offset"], _motion_back(wall.get("motion")))
     items.surfaces += [_surface_back(s) for s in data.get("surfaces", ())]

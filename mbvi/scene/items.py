@@ -123,6 +123,8 @@ class SceneItems:
     pair_restitution: dict[frozenset[str], float] = field(default_factory=dict)
     controls: list[SceneControl] = field(default_factory=list)
     forces: list[ForceItem] = field(default_factory=list)
+    friction: float = 0.0
+    pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
 
     def names(self) -> set[str]:
         """Return the names in use."""
@@ -160,12 +162,25 @@ class SceneItems:
 
     def restitution_of(self, a: str, b: str) -> float:
         """Return e between two shapes: the setting of a shape takes precedence over that of its robot or body."""
-        for first in (a, entity(a)):
-            for second in (b, entity(b)):
-                e = self.pair_restitution.get(frozenset((first, second)))
-                if e is not None:
-                    return e
-        return self.restitution
+        return _setting(self.pair_restitution, a, b, self.restitution)
+
+    def friction_of(self, a: str, b: str) -> float:
+        """Return the coefficient of friction between two shapes, found as e is."""
+        return _setting(self.pair_friction, a, b, self.friction)
+
+    @property
+    def frictional(self) -> bool:
+        """Whether a pair has friction."""
+        return max(self.friction, *self.pair_friction.values(), 0.0) > 0.0
+
+
+def _setting(pairs: dict[frozenset[str], float], a: str, b: str, common: float) -> float:
+    for first in (a, entity(a)):
+        for second in (b, entity(b)):
+            own = pairs.get(frozenset((first, second)))
+            if own is not None:
+                return own
+    return common
 
 
 def entity(name: str) -> str:

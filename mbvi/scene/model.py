@@ -79,6 +79,13 @@ class SceneModel:
         lines += [f"  a force on {force.body}, {called(force.function)}" for force in self.items.forces]
         e = {self.items.restitution, *self.items.pair_restitution.values()}
         lines.append(f"  restitution {', '.join(f'{x:g}' for x in sorted(e))}")
+        if self.items.frictional:
+            mu = {self.items.friction, *self.items.pair_friction.values()}
+            lines.append(f"  Coulomb friction, mu {', '.join(f'{x:g}' for x in sorted(mu))}")
+            turning = sum(len(s.radii) for s in self.items.spheres)
+            if turning:
+                added = (1 if self.items.plane and "plane" in self.reduce else 3) * turning
+                lines.append(f"  {added} degrees of freedom of them by rotation of spheres, which friction turns")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
         lines.append("Left out")
         lines += [f"  {one}" for one in self.omitted] or ["  nothing"]

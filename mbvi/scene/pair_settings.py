@@ -1,4 +1,4 @@
-"""Which pairs of many shapes are left out, and e of the others, by the places of the shapes in a table.
+"""Which pairs of many shapes are left out, and e and mu of the others, by the places of the shapes in a table.
 
 These are classes, for a function within a function cannot be pickled.
 """
@@ -48,19 +48,21 @@ class LeftOutAround:
 
 
 @dataclass(frozen=True)
-class Restitution:
-    """e of pairs of shapes by their places in `names`; it is looked up once for each pair of groups of shapes.
+class PairSetting:
+    """e or mu of pairs of shapes by their places in `names`; looked up once for each pair of groups of shapes.
 
-    Shapes are in one group if no setting of the scene tells them apart.
+    Shapes are in one group if no setting of the scene tells them apart. `friction` is whether it is mu.
     """
 
     items: SceneItems
     names: tuple[str, ...]
+    friction: bool = False
 
     @cached_property
     def _groups(self) -> tuple[Array, list[str]]:
         """The group of each shape, and one name of each group."""
-        set_for = {name for pair in self.items.pair_restitution for name in pair}
+        pairs = self.items.pair_friction if self.friction else self.items.pair_restitution
+        set_for = {name for pair in pairs for name in pair}
         known: dict[tuple[str, ...], int] = {}
         group: list[int] = []
         member: list[str] = []
@@ -73,8 +75,9 @@ class Restitution:
         return np.array(group, dtype=np.int64), member
 
     def __call__(self, i: Array, j: Array) -> Array:
-        """Return e of the pairs i < j."""
+        """Return e or mu of the pairs i < j."""
         group, member = self._groups
         pairs, place = np.unique(group[i] * len(member) + group[j], return_inverse=True)
         sides = [divmod(pair, len(member)) for pair in pairs.tolist()]
-        return np.array([self.items.restitution_of(member[a], member[b]) for a, b in sides], dtype=float)[place]
+        value_of = self.items.friction_of if self.friction else self.items.restitution_of
+        return np.array([value_of(member[a], member[b]) for a, b in sides], dtype=float)[place]

@@ -60,6 +60,9 @@ class Scene(Walls, Grains, Actions):
         Acceleration of gravity [m/s^2].
     restitution : float
         Newton's e in [0, 1] of every contact and joint limit without one of its own.
+    friction : float
+        Coefficient of Coulomb friction mu >= 0 of every contact without one of its own; joint limits have none. Without
+        friction contacts have no tangents, and spheres do not turn.
     plane : "xy", "xz" or "yz", optional
         The plane that all moves in: spheres have two degrees of freedom, bodies and free bases of robots three, two
         along the plane's axes and a turn from the first axis to the second. Where the data are symmetric about the
@@ -76,10 +79,12 @@ class Scene(Walls, Grains, Actions):
         gravity: Sequence[float] | Array = (0.0, 0.0, -9.81),
         restitution: float = 0.0,
         plane: str | None = None,
+        friction: float = 0.0,
     ) -> None:
         self._items = SceneItems(
             gravity=vector(gravity, "gravity"),
             restitution=between(restitution, "restitution e", 0.0, 1.0),
+            friction=not_negative(friction, "friction"),
             plane=checked_plane(plane),
         )
 
@@ -287,12 +292,33 @@ class Scene(Walls, Grains, Actions):
         InputError
             If a name is unknown or e is outside [0, 1].
         """
+        self._items.pair_restitution[self._pair(first, second)] = between(e, "restitution e", 0.0, 1.0)
+
+    def set_friction(self, first: str, second: str, mu: float) -> None:
+        """Set the coefficient of friction between two things, named as in `set_restitution`.
+
+        Parameters
+        ----------
+        first, second : str
+            Names; settings go before each other as those of e do.
+        mu : float
+            Coefficient of Coulomb friction, at least 0.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, or mu negative or not finite.
+        """
+        self._items.pair_friction[self._pair(first, second)] = not_negative(mu, "friction mu")
+
+    def _pair(self, first: str, second: str) -> frozenset[str]:
+        """Return two names of things in the scene as a pair."""
         things, parts = self._items.names(), self._items.parts()
         for name in (printable(first, "first"), printable(second, "second")):
             if name not in things and name not in parts:
                 known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
                 raise InputError(f"unknown name {shown(name)}; known are {', '.join(known) or 'none yet'}")
-        self._items.pair_restitution[frozenset((first, second))] = between(e, "restitution e", 0.0, 1.0)
+        return frozenset((first, second))
 
     def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.

@@ -63,8 +63,8 @@ class Centered(Scheme):
             active = _rows_in_the_middle(problem, t, middle, ahead, change)
         motion = system.free_motion(t, middle, force_velocity, h)
         motion = motion if force_velocity is v else motion.of(v, force_velocity)
-        w, rates, residual = law(projector, v, motion, active)
-        step = Step(end, system.integrate(middle, half * w), w, active, rates, residual)
+        w, rates, residual, slip = law(projector, v, motion, active)
+        step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
             return advance_gaps(step, half)
         applied = Applied(t, middle, v, h, motion)

@@ -58,8 +58,8 @@ class MoreauJean(Scheme):
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
         motion = system.free_motion(t, middle, v, h)
-        w, rates, residual = law(projector, v, motion, active)
-        step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual)
+        w, rates, residual, slip = law(projector, v, motion, active)
+        step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual, slip)
         if self.project_positions:
             applied = Applied(t, middle, v, h, motion)
             return project_positions(problem, applied, step, projector, NearbyRows(problem, end, linear=False))

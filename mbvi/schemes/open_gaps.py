@@ -5,31 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
+from ..constraints.rows import take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, Projection, Projector, TreeFreeMotion
+from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system.system import Array
 from .newton_bounds import newton_bounds
+from .row_projection import RowProjection, project_rows
 
 
 def open_gaps(
     rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion, most: float
-) -> Projection:
+) -> RowProjection:
     """Return the velocity with which no gap of the rows is negative after a step.
 
     Of each penetration at most `most` is removed [m or rad].
     """
     if not rows.gap.size:
-        return Projection(free_motion.free, np.zeros(0), 0.0)
+        return RowProjection(free_motion.free, np.zeros(0), 0.0)
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
-    return projector.project(free_motion.free, free_motion.metric, rows.jacobian, lower, rows.constraint, h)
+    return project_rows(projector, free_motion.free, free_motion.metric, rows, lower, h)
 
 
 def displacing_velocity(
     problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
-) -> tuple[Projection, bool]:
+) -> tuple[RowProjection, bool]:
     """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
     if rows.gap.size and rows.gap.min() < -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
         try:
@@ -48,7 +50,7 @@ def bouncing_velocities(
     projector: Projector,
     free_motion: FreeMotion | TreeFreeMotion,
     allowed: float,
-) -> tuple[Projection, Projection]:
+) -> tuple[RowProjection, RowProjection]:
     """Return the velocity along which the configuration moves, and the velocity after the step, where some e > 0.
 
     The first is the nearest to the second with which no gap is negative at the end. They differ where an impact lets a
@@ -58,10 +60,13 @@ def bouncing_velocities(
     lower, bound, percussion = bounds.lower, np.flatnonzero(~bounds.open), np.zeros(len(rows.gap))
     if rows.rate is not None:
         lower = lower - rows.rate
-    w, percussion[bound], residual = projector.project(
-        free_motion.free, free_motion.metric, rows.jacobian[bound], lower[bound], rows.constraint[bound], h
-    )
-    velocity, gap = Projection(w, percussion, residual), rows.gap + h * rows.speeds(w)
+    found = project_rows(projector, free_motion.free, free_motion.metric, take(rows, bound), lower[bound], h)
+    w, percussion[bound], residual, tangential = found
+    if tangential is not None:
+        wide = np.zeros((len(percussion), 2))
+        wide[bound] = tangential
+        tangential = wide
+    velocity, gap = RowProjection(w, percussion, residual, tangential), rows.gap + h * rows.speeds(w)
     allowed = max(allowed, _residual_depth(rows, h, projector, free_motion) + problem.tolerance)
     if gap.min(initial=0.0) >= -allowed:
         return velocity, velocity

@@ -44,8 +44,8 @@ class Paoli(Scheme):
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)
-        velocity, rates, residual = law(projector, v, motion, active)
-        step = Step(t, q, velocity, active, rates, residual)
+        velocity, rates, residual, slip = law(projector, v, motion, active)
+        step = Step(t, q, velocity, active, rates, residual, slip)
         if not self.project_positions:
             return step
         applied = Applied(t, q, v, h, motion)

@@ -15,10 +15,16 @@ from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMoti
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .nearby_rows import NearbyRows
+from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps
 
 # two rows whose kinetic angle has a cosine below this are independent
 _INDEPENDENT = 1e-9
+# squares of lengths below this part of the largest are rounding
+_DEPENDENT = 1e-12
+# displacements whose squared slip is below this part of the largest are not held: a body that stands on slightly
+# different heights must be able to turn
+_HARDLY = 1e-4
 
 
 class Applied(NamedTuple):
@@ -130,7 +136,12 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if depth <= problem.tolerance:
             break
         applied = applied.kept()
-        projected = _projected(problem, applied, step, before, floor, depth, projector, nearby)
+        sticking = _sticking(problem, applied, step)
+        start = problem, applied, step, before, floor, depth, projector, nearby
+        projected = _projected(*start, sticking)
+        if projected is None and sticking is not None:
+            # a body that landed tilted cannot turn about contacts that are all held
+            projected = _projected(*start, None)
         if projected is None:
             break
         owner = match_contacts(projected.near, rows)
@@ -159,6 +170,8 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
     known, drift = nearby.known(step.active), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
+    if known.rows.tangents is not None:
+        return None
     number, gap, J, e, point, *_ = rows = known.rows
     lever = np.ones(len(gap)) * problem.constraints.levers(number)
     displacement = problem.system.difference(known.q, step.q)
@@ -186,9 +199,9 @@ def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, project
     free = applied.motion.free
     if rows.rate is not None:
         lower = lower - rows.rate
-    w, percussion, residual = projector.project(free, applied.motion.metric, rows.jacobian, lower)
+    w, percussion, residual, tangential = project_rows(projector, free, applied.motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
-    return Step(step.t, step.q, w, rows, rates, residual)
+    return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
 
 
 def _with_tangent_velocity(
@@ -273,6 +286,7 @@ def _projected(
     depth: float,
     projector: Projector,
     nearby: NearbyRows,
+    sticking: Array | None,
 ) -> _Projected | None:
     """Return the nearest configuration in which no gap is below its lower bound; None if the iteration fails.
 
@@ -288,6 +302,8 @@ def _projected(
         The largest distance by which a gap must rise [m].
     nearby : NearbyRows
         The rows at the end of the step, as far as they are known.
+    sticking : ndarray of bool, shape (n,), or None
+        Rows of the law that are held along their tangents.
 
     Notes
     -----
@@ -297,11 +313,12 @@ def _projected(
     """
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
-    near, bound = before, floor
+    near, bound, metric = before, floor, applied.motion.metric
     for _ in range(MOST_LINEARISATIONS):
+        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, step.active))
         lower = near.jacobian @ moved + bound - near.gap
         try:
-            moved, percussion, residual = projector.project(still, applied.motion.metric, near.jacobian, lower)
+            moved, percussion, residual = projector.project(still, metric, J, lower)
         except ProjectionError:
             return None
         place, last = system.integrate(step.q, moved), near
@@ -313,3 +330,39 @@ def _projected(
         if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
             return _Projected(place, moved, near, residual)
     return None
+
+
+def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
+    """Return which rows of the law stick, shape (k,); None if none does."""
+    if step.slip is None:
+        return None
+    percussion, _, after, _ = np.sqrt((step.slip * step.slip).sum(axis=2))
+    sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.h * after <= problem.tolerance)
+    return sticks if sticks.any() else None
+
+
+def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | csr_array:
+    """Return the gradients of rows along displacements that do not move sticking contacts along their tangents.
+
+    These are J P, where P projects onto such displacements in the metric. Gradients of which nothing is left become
+    zero. Many bodies are not held: their rows are sparse, and J P is not.
+
+    Parameters
+    ----------
+    metric : Metric
+        M.
+    near : Rows
+        The rows.
+    sticking : ndarray of bool, shape (n,)
+        Which rows of the law stick.
+    owner : ndarray of int, shape (k,)
+        For each row that of the law, -1 where there is none.
+    """
+    J, held = near.jacobian, np.flatnonzero((owner >= 0) & sticking[owner])
+    if near.tangents is None or not isinstance(J, np.ndarray) or not held.size:
+        return J
+    A = near.tangents.take(held).jacobian
+    solved = metric.solve_rows(A)
+    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, _HARDLY, hermitian=True) @ A
+    lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))
+    return np.where((lengths > _DEPENDENT * before)[:, None], left, 0.0)

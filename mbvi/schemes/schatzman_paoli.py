@@ -10,7 +10,7 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .scheme import Scheme, Timing
+from .scheme import Scheme, Timing, refuse_friction
 from .step import NO_RATES, Step
 
 # most linearisations of K within a step
@@ -44,6 +44,10 @@ class SchatzmanPaoli(Scheme):
     """
 
     timing = Timing(jump=0.0, whole_steps=True)
+
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if the problem has friction."""
+        refuse_friction(problem, self, "its projection onto K acts on positions")
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

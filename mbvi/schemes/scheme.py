@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
+from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
@@ -101,3 +102,12 @@ class Scheme(SchemeBase, ABC):
     def shortened(self, problem: Problem, t: float, state: Step, h: float, projector: Projector) -> Step:
         """Return the state at t + h, where h differs from the length of the step that led to `state`."""
         return self.step(problem, t, state.q, state.v, h, projector)
+
+
+def refuse_friction(problem: Problem, scheme: SchemeBase, why: str) -> None:
+    """Raise `UnsuitableError` if a problem has friction, for a scheme that has no law of friction."""
+    if problem.constraints.frictional:
+        raise UnsuitableError(
+            f"{scheme!r} has no friction, because {why}: take Centered(project_positions=True), StewartTrinkle, "
+            "MoreauJean or Paoli"
+        )

@@ -11,6 +11,7 @@ from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
+from .row_projection import project_rows, slip_rates
 
 # rates of a step without active rows
 NO_RATES = np.zeros((4, 0))
@@ -33,7 +34,10 @@ class Step(NamedTuple):
     rates : ndarray, shape (4, k)
         Of each active row the percussion, then three rates of its gap: `percussion`, `free`, `after` and `before`.
     residual : float
-        Relative KKT residual of the projection.
+        Relative KKT residual of the projection; with friction that of Coulomb's law.
+    slip : ndarray, shape (4, k, 2), or None
+        Of each row the percussion and three velocities along its tangents, in the order of `rates` [N s, m/s]; None
+        without friction.
     """
 
     t: float
@@ -42,6 +46,7 @@ class Step(NamedTuple):
     active: Rows
     rates: Array
     residual: float
+    slip: Array | None = None
 
     @property
     def percussion(self) -> Array:
@@ -66,10 +71,11 @@ class Step(NamedTuple):
 
 def law(
     projector: Projector, v: Array, free_motion: FreeMotion | TreeFreeMotion, rows: Rows
-) -> tuple[Array, Array, float]:
-    """Return the velocity after the law (8), the rates of the rows, and the relative KKT residual.
+) -> tuple[Array, Array, float, Array | None]:
+    """Return the velocity after the law (8), the rates of the rows, the relative residual, and `Step.slip`.
 
-    e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt.
+    e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt. With friction it is
+    Coulomb's law with that bound of the normal rates.
 
     Parameters
     ----------
@@ -82,12 +88,15 @@ def law(
     rows : Rows
         The active constraints.
     """
-    if rows.rate is None:
-        return projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint)
+    if rows.rate is None and rows.tangents is None:
+        return *projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None
     x, before = free_motion.free, rows.speeds(v)
-    lower = -rows.restitution * before - rows.rate
-    w, percussion, residual = projector.project(x, free_motion.metric, rows.jacobian, lower, rows.constraint)
-    return w, np.array([percussion, rows.speeds(x), rows.speeds(w), before]), residual
+    lower = -rows.restitution * before
+    if rows.rate is not None:
+        lower -= rows.rate
+    w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
+    rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
+    return w, rates, residual, slip_rates(rows, tangential, x, w, v)
 
 
 # closing speed below which a row counts as still [lengths of the scene per second, rad/s]

@@ -7,10 +7,11 @@ import numpy as np
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
 from ..problem import Problem
-from ..projection import Projection, Projector
+from ..projection import Projector
 from ..system.system import Array
 from .end_repair import near_rows, repair
 from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
+from .row_projection import RowProjection, slip_rates
 from .scheme import Scheme, Timing
 from .step import Step
 
@@ -69,7 +70,7 @@ class StewartTrinkle(Scheme):
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
         allowed = _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
-        velocity: Projection | None
+        velocity: RowProjection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():
                 displacing, velocity = bouncing_velocities(
@@ -113,10 +114,11 @@ class StewartTrinkle(Scheme):
         if velocity is None:
             # the displacement that removes penetration does not enter the velocity
             velocity = open_gaps(rows, h, projector, free_motion, 0.0)
-        w, percussion, residual = velocity
+        w, percussion, residual, tangential = velocity
         rates = np.array([percussion, rows.speeds(free_motion.free), rows.speeds(w), rows.speeds(v)])
         rows = rows._replace(gap=_deeper_gaps(gap, rows, at_end))
-        return Step(end, place, w, rows, rates, max(residual, displacing.residual))
+        slip = slip_rates(rows, tangential, free_motion.free, w, v)
+        return Step(end, place, w, rows, rates, max(residual, displacing.residual), slip)
 
 
 def _depths(problem: Problem, rows: Rows) -> Array:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereContacts, SphereWalls
+from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereCentres, SphereContacts, SphereWalls
 from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
 from mbvi.geometry.verlet_list import VerletList, near_balls
@@ -43,7 +43,9 @@ def check(found, expected):
 
 def test_spheres_against_spheres_are_coals(rng):
     n, radii = 40, 0.05 * 20.0 ** rng.random(40)
-    constraint = SphereContacts(spheres(n), slice(0, 3 * n), 1, radii, ("",) * n, np.zeros(n, int), np.zeros((1, 1)))
+    constraint = SphereContacts(
+        spheres(n), SphereCentres(0, n, 3), 1, radii, ("",) * n, np.zeros(n, int), np.zeros((1, 1))
+    )
     centres = rng.random((n, 3))
     found = contacts(constraint, centres.ravel())
     assert len(found) == n * (n - 1) // 2
@@ -66,7 +68,7 @@ def test_spheres_against_half_spaces_boxes_and_capsules_are_coals(rng, moving):
     system = BlockSystem([two, spheres(n)]) if moving else spheres(n)
     names = ("floor", "box", "rod")
     constraint = SphereWalls(
-        system, slice(system.nq - 3 * n, system.nq), 1 + 2 * moving, radii, walls, [f"s{k}" for k in range(n)], names,
+        system, SphereCentres(system.nq - 3 * n, n, 3), 1 + 2 * moving, radii, walls, [f"s{k}" for k in range(n)], names,
         np.zeros(n, int), np.zeros((1, 3)),
     )  # fmt: skip
     # some centres are inside

@@ -255,7 +255,7 @@ def test_defaults_of_a_family_that_defines_gap_and_gradient_only():
     rows = least.contacts(0.0, q, 0.5)
     np.testing.assert_array_equal(rows.jacobian, [[0.0, 0.0, 1.0]])
     assert np.isnan(rows.restitution).all() and np.isnan(rows.point).all()
-    assert least.tangents(0.0, q, rows) is None
+    np.testing.assert_array_equal(least.friction_of(rows.constraint), [0.0])
     assert least.describe() == "1 constraint of Least"
     problem = points(least, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0], e=0.25, weight=9.81)
     assert problem.constraints.active(0.0, q, 0.5).restitution == [0.25]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereContacts
+from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereCentres, SphereContacts
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import NONE
 from mbvi.geometry.refined_distance import UNIQUE
@@ -141,7 +141,7 @@ def test_sphere_contacts_equal_coal(rng):
     radii = rng.uniform(0.05, 0.3, n)
     q = rng.uniform(-0.5, 0.5, 3 * n)
     contacts = SphereContacts(
-        system, slice(0, 3 * n), 1, radii, system.bodies[1:], np.zeros(n, dtype=int), np.zeros((1, 1))
+        system, SphereCentres(0, n, 3), 1, radii, system.bodies[1:], np.zeros(n, dtype=int), np.zeros((1, 1))
     )
     expected = []
     for i in range(n):

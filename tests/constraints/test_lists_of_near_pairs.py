@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereWalls
+from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereCentres, SphereWalls
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies
@@ -224,7 +224,7 @@ def test_spheres_meet_boxes_and_capsules_in_bulk_or_when_near(rng, many):
     rows = problem.constraints.active(0.0, q, 0.1)
     names = [problem.constraints.name(int(k)) for k in rows.constraint]
     system, shapes = problem.system, problem.scene.shapes
-    where = slice(system.nq - 144, system.nq)
+    where = SphereCentres(system.nq - 144, 48, 3)
     walls, balls = SphereWalls(
         system, where, count + 1, np.full(48, 0.05), shapes[:count], [s.name for s in shapes[count:]],
         [s.name for s in shapes[:count]], np.zeros(48, int), np.zeros((1, count)),

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.projection.friction import existence_margin
+from mbvi.projection.existence import existence_margin
 from mbvi.projection.metric import DenseMetric
 
 EXAMPLES = settings(max_examples=60, deadline=None)

@@ -96,9 +96,71 @@ def hold_cases(rng):
     return G, b, mu, case, 2, 1e-12, 1e-3, p
 
 
+def resume_newton(rng):
+    G, b, mu, p, *_ = state(rng)
+    for a in range(len(mu)):
+        # dependent rows without a shift end in rounding
+        G[3 * a : 3 * a + 3, 3 * a : 3 * a + 3] += 0.1 * np.eye(3)
+    return G, b, mu, 2, 1e-12, p
+
+
 def attempt(rng):
     G, b, mu = law(rng, 2)
     return G, b, mu, 1e-10, np.zeros(len(b))
+
+
+def regular(rng):
+    """A law whose rows are independent."""
+    G, b, mu = law(rng, 2)
+    return np.ascontiguousarray(G + 0.1 * np.eye(len(b))), b, mu
+
+
+def solve_compliant(rng):
+    G, b, mu = regular(rng)
+    return G, b, mu, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(mu), np.int64)
+
+
+def solve_coulomb(rng):
+    G, b, mu = regular(rng)
+    return G, b, mu, 1e-10, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
+
+
+def couples_weakly(rng):
+    G, _, mu = law(rng)
+    return G, mu
+
+
+def keep_better(rng):
+    return rng.normal(size=4), rng.random(), rng.random(), rng.normal(size=4)
+
+
+def rows(rng):
+    """Contacts whose rows are independent, one of them perhaps of nothing that moves: J and M^-1 J'."""
+    m, nv = int(rng.integers(1, 3)), int(rng.integers(6, 9))
+    J, B = rng.normal(size=(3 * m, nv)), rng.normal(size=(nv, nv))
+    if m > 1 and rng.random() < 0.3:
+        J[:3] = 0.0
+    return J, np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(nv), J.T).T)
+
+
+def delassus(rng):
+    J, A = rows(rng)
+    return J, A, np.full((len(J), len(J)), np.nan), np.full(len(J) // 3, np.nan)
+
+
+def apply_percussions(rng):
+    J, A = rows(rng)
+    (n, nv), m = J.shape, len(J) // 3
+    mu = rng.choice([0.0, 0.2, 0.8], size=m)
+    moved = rng.normal(size=nv), rng.normal(size=n), mu, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
+    return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
+
+
+def coulomb_law(rng):
+    J, A = rows(rng)
+    (n, nv), m = J.shape, len(J) // 3
+    given = rng.normal(size=nv), -rng.random(n), rng.choice([0.0, 0.2, 0.8], size=m), int(rng.integers(3)), 1e-12
+    return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
 def improve_coulomb(rng):
@@ -121,6 +183,14 @@ COULOMB_ARGUMENTS = {
         newton_direction,
         newton_coulomb,
         hold_cases,
+        resume_newton,
         improve_coulomb,
+        solve_compliant,
+        solve_coulomb,
+        couples_weakly,
+        keep_better,
+        delassus,
+        apply_percussions,
+        coulomb_law,
     )
-} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen", "solve_coulomb"), attempt)
+} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen"), attempt)

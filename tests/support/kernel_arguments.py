@@ -13,6 +13,7 @@ from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
+from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -823,6 +824,7 @@ ARGUMENTS = {
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
+    **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,
     **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,

@@ -26,7 +26,7 @@ def bounce(state: MotionState) -> Generator[RungeKuttaStep | ImpactEvent, None, 
     """Apply the law (8) where a gradient jumps; return whether such contacts then stay open for `_OPEN_TIME`."""
     q, v = state.q, state.v
     active = state.problem.constraints.active(state.t, q, state.problem.tolerance)
-    number, _, J, e, point, normal, _ = active
+    number, _, J, e, point, normal, *_ = active
     before = J @ v
     if (before < -certain_rates(J, v, state.slow_constraints(number))).any():
         state.v, rates, state.residual = state.projector.law(v, FreeMotion(v, state.system.metric(q)), J, e)
@@ -73,7 +73,7 @@ def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKutt
     yield straight
     state.v = step.v
     if closing.any():
-        number, _, _, _, point, normal, _ = take(step.active, percussion > 0.0)
+        number, _, _, _, point, normal, *_ = take(step.active, percussion > 0.0)
         rates = step.rates[[0, 3, 2]][:, percussion > 0.0]
         yield state.observed.impact(ImpactEvent(state.t, step.q, v, step.v, number, rates, point, normal))
     return step.active.constraint

@@ -6,7 +6,7 @@ from ...arguments import between
 from ...errors import UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
-from ..scheme import SchemeBase, Timing
+from ..scheme import SchemeBase, Timing, refuse_friction
 from .integrator import EventDrivenIntegrator
 
 
@@ -44,7 +44,8 @@ class EventDriven(SchemeBase):
         self.tolerance = between(tolerance, "tolerance", 1e-13, 0.1)
 
     def check(self, problem: Problem) -> None:
-        """Raise `UnsuitableError` if walls move by a prescribed motion."""
+        """Raise `UnsuitableError` if walls move by a prescribed motion, or if there is friction."""
+        refuse_friction(problem, self, "it does not know the events of sticking and slipping yet")
         if problem.constraints.moving:
             raise UnsuitableError(
                 "EventDriven does not know walls that move on their own yet: take Paoli or another scheme"

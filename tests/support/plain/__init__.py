@@ -4,6 +4,7 @@ from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain,
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import first_of_lines_plain
+from support.plain.contact_blocks import pack_contacts_plain, sweep_blocks_plain
 from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.gram import gram_plain, islands_plain
 from support.plain.half_space import half_space_rows_plain, points_below_plain
@@ -37,6 +38,8 @@ from support.plain.verlet_list import _near_balls_plain
 
 PLAIN = {
     "_add_scaled": _add_scaled_plain,
+    "pack_contacts": pack_contacts_plain,
+    "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,
     "_clear": _clear_plain,
     "first_of_lines": first_of_lines_plain,

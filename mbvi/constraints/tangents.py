@@ -1,0 +1,82 @@
+"""Tangents of contact rows, for Coulomb friction: coefficients, axes, gradients and rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..system.sparse_rows import stack_rows
+
+Array = np.ndarray
+
+
+class Tangents(NamedTuple):
+    """Friction of some rows, two tangents each.
+
+    Attributes
+    ----------
+    friction : ndarray, shape (k,)
+        Coefficient mu of each row; 0 where a row has no friction.
+    axes : ndarray, shape (k, 2, 3)
+        Unit tangents in the world, orthogonal to the normal and to each other; of constraints without a contact point
+        (1, 0, 0) and (0, 1, 0).
+    jacobian : ndarray or csr_array, shape (2 k, nv)
+        Rows r with r . v = the velocity of the second body relative to the first, along the tangent; zero where mu = 0.
+    rate : ndarray, shape (2 k,), or None
+        The same at v = 0, due to walls with a prescribed motion [m/s]; None if no row has any.
+    """
+
+    friction: Array
+    axes: Array
+    jacobian: Array | csr_array
+    rate: Array | None
+
+    def slip(self, v: Array) -> Array:
+        """Return the tangential velocities, shape (k, 2) [m/s]."""
+        speeds: Array = self.jacobian @ v
+        return (speeds if self.rate is None else speeds + self.rate).reshape(-1, 2)
+
+    def take(self, index: Array) -> Tangents:
+        """Return those of some rows, by a mask or by their indices."""
+        if index.dtype == bool:
+            index = np.flatnonzero(index)
+        wide = (2 * index[:, None] + np.arange(2)).ravel()
+        rate = None if self.rate is None else self.rate[wide]
+        return Tangents(self.friction[index], self.axes[index], self.jacobian[wide], rate)
+
+
+def concatenate(parts: Sequence[Tangents]) -> Tangents:
+    """Return those of all parts, one part after the other."""
+    rate = None
+    if any(part.rate is not None for part in parts):
+        rate = np.concatenate([np.zeros(2 * len(p.friction)) if p.rate is None else p.rate for p in parts])
+    return Tangents(
+        np.concatenate([part.friction for part in parts]),
+        np.concatenate([part.axes for part in parts]),
+        stack_rows([part.jacobian for part in parts]),
+        rate,
+    )
+
+
+def none_of(count: int, nv: int, sparse: bool) -> Tangents:
+    """Return those of rows without friction."""
+    jacobian = csr_array((2 * count, nv)) if sparse else np.zeros((2 * count, nv))
+    return Tangents(np.zeros(count), np.tile(np.eye(3)[:2], (count, 1, 1)), jacobian, None)
+
+
+def axes_of(normal: Array) -> Array:
+    """Return two tangents for each unit normal, shape (k, 2, 3).
+
+    T. Duff et al., Building an orthonormal basis, revisited (2017).
+    """
+    x, y, z = normal.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    axes = np.empty((len(normal), 2, 3))
+    axes[:, 0] = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
+    axes[:, 1] = np.stack([b, sign + y * y * a, -y], axis=1)
+    return axes

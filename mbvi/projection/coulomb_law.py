@@ -1,0 +1,154 @@
+"""The kernel of an impact with Coulomb friction: from rows and velocities to percussions, cases and the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+from .coulomb import MOST_CONTACTS, REGULAR, couples_weakly, solve_coulomb
+from .coulomb_contact import coulomb_defect, sweep_contacts
+from .coulomb_newton import OPEN, find_cases, resume_newton, tangential_scale
+from .metric import Array
+
+# what is known of the last problem: nothing, or percussions of rows that were independent, or dependent
+NOTHING, INDEPENDENT, DEPENDENT = 0, 1, 2
+_RESUMED_STEPS, _MOST_SWEEPS = 4, 20_000
+
+
+@kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
+def delassus(J: Array, A: Array, G: Array, scale: Array) -> None:
+    """Write J A', shape (n, n), scaled to unit normal entries, and the scale of each contact, shape (m,).
+
+    A contact whose normal row vanishes has the scale 0, and zeros in G.
+    """
+    m, nv = len(scale), J.shape[1]
+    for a in range(m):
+        i = 3 * a
+        # its own block first: it gives the scale
+        for c in range(a, -1, -1):
+            j = 3 * c
+            s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+            for k in range(nv):
+                x, y, z = J[i, k], J[i + 1, k], J[i + 2, k]
+                f, g, h = A[j, k], A[j + 1, k], A[j + 2, k]
+                s00, s01, s02 = s00 + x * f, s01 + x * g, s02 + x * h
+                s10, s11, s12 = s10 + y * f, s11 + y * g, s12 + y * h
+                s20, s21, s22 = s20 + z * f, s21 + z * g, s22 + z * h
+            if c == a:
+                scale[a] = 1.0 / np.sqrt(s00) if s00 > 0.0 else 0.0
+                s01, s02, s12 = 0.5 * (s01 + s10), 0.5 * (s02 + s20), 0.5 * (s12 + s21)
+                s10, s20, s21 = s01, s02, s12
+            f = scale[a] * scale[c]
+            G[i, j], G[i, j + 1], G[i, j + 2] = f * s00, f * s01, f * s02
+            G[i + 1, j], G[i + 1, j + 1], G[i + 1, j + 2] = f * s10, f * s11, f * s12
+            G[i + 2, j], G[i + 2, j + 1], G[i + 2, j + 2] = f * s20, f * s21, f * s22
+            for r in range(3):
+                for q in range(3):
+                    G[j + q, i + r] = G[i + r, j + q]
+
+
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def apply_percussions(
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, scale: Array, p: Array, u: Array, w: Array, table: Array
+) -> float:
+    """Write the velocity that scaled percussions p bring about, and scaled velocities u; return `coulomb_defect`.
+
+    The other arguments are those of `coulomb_law` and `delassus`.
+    """
+    n, nv = J.shape
+    for k in range(nv):
+        w[k] = x[k]
+    for i in range(n):
+        table[0, i] = p[i] * scale[i // 3]
+        if p[i] != 0.0:
+            for k in range(nv):
+                w[k] += table[0, i] * A[i, k]
+    for i in range(n):
+        speed = 0.0
+        for k in range(nv):
+            speed += J[i, k] * w[k]
+        table[2, i] = speed
+        u[i] = (speed - lower[i]) * scale[i // 3]
+    return coulomb_defect(u, p, mu)
+
+
+@kernel(
+    "UniTuple(f8, 2)(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
+)
+def coulomb_law(
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, known: int, limit: float, start: Array, w: Array,
+    table: Array, case: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Write the velocity w that Coulomb's law gives, with M (w - x) = J' p.
+
+    Parameters
+    ----------
+    J, A : ndarray, shape (n, nv), n = 3 m
+        Of each contact the normal and two tangents, and M^-1 times each of them. Tangents may be zero rows.
+    x, w : ndarray, shape (nv,)
+        The velocity under forces alone, and the result.
+    lower : ndarray, shape (n,)
+        Least normal rates, and the negative tangential velocities of what the contacts touch.
+    mu : ndarray, shape (m,)
+        Coefficients of friction.
+    known : int
+        NOTHING, or which rows a problem like this had: INDEPENDENT or DEPENDENT ones.
+    limit : float
+        The residual that ends the iterations.
+    start : ndarray, shape (n,)
+        Percussions of a problem like this, of compliant contacts where rows were dependent; receives those of this one.
+    table : ndarray, shape (3, n)
+        Receives percussions, J x and J w.
+    case : ndarray of int, shape (m,)
+        Receives OPEN, STICK or SLIP.
+
+    Returns
+    -------
+    residual : float
+        `coulomb_defect` relative to the largest scaled speed.
+    least : float
+        As of `solve_coulomb`.
+    """
+    n, nv = J.shape
+    m = n // 3
+    closing = False
+    for i in range(n):
+        speed = 0.0
+        for k in range(nv):
+            speed += J[i, k] * x[k]
+        table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
+        closing = closing or (i % 3 == 0 and not speed >= lower[i])
+    if not closing:
+        for k in range(nv):
+            w[k] = x[k]
+        for a in range(m):
+            case[a] = OPEN
+        return 0.0, np.inf
+    G, scale, tangential = np.empty((n, n)), np.empty(m), np.empty(m)
+    b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    delassus(J, A, G, scale)
+    known = known if m <= MOST_CONTACTS and couples_weakly(G, mu) else NOTHING
+    largest, contradicted = 0.0, False
+    for i in range(n):
+        s = scale[i // 3]
+        b[i] = (table[1, i] - lower[i]) * s
+        largest = max(largest, abs(table[1, i]) * s, abs(b[i]))
+        p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
+        soft[i] = p[i]
+        contradicted = contradicted or (i % 3 == 0 and s == 0.0 and lower[i] > 0.0)
+    if contradicted:
+        return np.inf, 0.0
+    residual, least = np.inf, 0.0
+    if m > MOST_CONTACTS:
+        sweep_contacts(G, b, mu, _MOST_SWEEPS, limit, p)
+    else:
+        if known == INDEPENDENT:
+            residual, least = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
+        if residual > limit or least < REGULAR:
+            residual, least = solve_coulomb(G, b, mu, limit, known == DEPENDENT, soft, p)
+    residual = apply_percussions(J, A, x, lower, mu, scale, p, u, w, table) / largest
+    tangential_scale(G, tangential)
+    find_cases(u, p, mu, tangential, case)
+    for i in range(n):
+        start[i] = table[0, i] if least >= REGULAR else soft[i] * scale[i // 3]
+    return residual, least

@@ -1,0 +1,67 @@
+"""Projections onto rows, with Coulomb's law where they have friction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..constraints import Rows
+from ..projection import Metric, Projector
+from ..system.system import Array
+
+
+class RowProjection(NamedTuple):
+    """A velocity and the percussions that lead to it.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (nv,)
+        w with M (w - x) = J' p.
+    percussion : ndarray, shape (k,)
+        Normal percussions p >= 0 [N s, N m s].
+    residual : float
+        Relative KKT residual; with friction that of Coulomb's law.
+    tangential : ndarray, shape (k, 2), or None
+        Percussions along the tangents [N s]; None without friction.
+    """
+
+    velocity: Array
+    percussion: Array
+    residual: float
+    tangential: Array | None = None
+
+
+def project_rows(
+    projector: Projector, x: Array, metric: Metric, rows: Rows, lower: Array, h: float | None = None
+) -> RowProjection:
+    """Return the velocity nearest to x with J w >= lower, or where rows have friction that of Coulomb's law.
+
+    Parameters
+    ----------
+    projector : Projector
+        Solves the projection.
+    x : ndarray, shape (nv,)
+        Velocity under the forces alone.
+    metric : Metric
+        M.
+    rows : Rows
+        The rows.
+    lower : ndarray, shape (k,)
+        Least J w; df/dt is part of it [m/s, rad/s].
+    h : float, optional
+        As of `Projector.project`.
+    """
+    if rows.tangents is None or not rows.tangents.friction.any():
+        found = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)
+        return RowProjection(*found, None if rows.tangents is None else np.zeros((len(lower), 2)))
+    velocity, percussion, residual = projector.frictional(x, metric, rows, lower, h)
+    each = percussion.reshape(-1, 3)
+    return RowProjection(velocity, each[:, 0].copy(), residual, each[:, 1:].copy())
+
+
+def slip_rates(rows: Rows, tangential: Array | None, free: Array, after: Array, before: Array) -> Array | None:
+    """Return `Step.slip` of rows, shape (4, k, 2), from the velocities; None without friction."""
+    if rows.tangents is None or tangential is None:
+        return None
+    return np.array([tangential, *(rows.tangents.slip(v) for v in (free, after, before))])

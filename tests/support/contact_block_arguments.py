@@ -1,0 +1,105 @@
+"""Random arguments of the kernels of Coulomb's law over sparse rows: contacts between bodies, three rows each."""
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from mbvi.projection.contact_blocks import pack_contacts as pack
+
+
+def contact_rows(rng, most=6):
+    """Sparse rows of contacts between bodies of three or six velocities; some twice, or with a row left empty."""
+    n, m = int(rng.integers(2, 5)), int(rng.integers(1, most + 1))
+    rows = np.zeros((m, 3, 6 * n))
+    for a in range(m):
+        for body in rng.choice(n, size=2 if rng.random() < 0.8 else 1, replace=False):
+            width = 6 if rng.random() < 0.7 else 3
+            rows[a, :, 6 * body : 6 * body + width] = rng.normal(size=(3, width))
+        if a and rng.random() < 0.1:
+            rows[a] = rows[a - 1]
+        if rng.random() < 0.2:
+            # a sphere: the normal does not turn it, and its tangents resist alike
+            rows[a] = 0.0
+            rows[a, :, :3] = np.eye(3)
+            rows[a, 1, 4], rows[a, 2, 3] = 1.5, -1.5
+        if rng.random() < 0.1:
+            rows[a, int(rng.integers(3))] = 0.0
+    return csr_array(rows.reshape(3 * m, -1))
+
+
+def room(U):
+    """Arrays that `pack_contacts` writes to."""
+    m = U.shape[0] // 3
+    columns, starts = np.full(U.nnz, 99, np.uint32), np.full(m + 1, 99, np.uint32)
+    return np.full(3 * U.nnz, np.nan), columns, starts, np.full((m, 7), np.nan)
+
+
+def packed(U):
+    """What `pack_contacts` makes of sparse rows: blocks, columns, starts and local."""
+    blocks, columns, starts, local = room(U)
+    pack(U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], blocks, columns, starts, local)
+    entries = int(starts[-1])
+    return blocks[: 3 * entries].copy(), columns[:entries].copy(), starts, local
+
+
+def matrix(blocks, columns, starts, n):
+    """The rows of packed blocks, dense, shape (3 m, n)."""
+    A = np.zeros((3 * (len(starts) - 1), n))
+    for a in range(len(starts) - 1):
+        here = slice(starts[a], starts[a + 1])
+        A[3 * a : 3 * a + 3, columns[here]] = blocks.reshape(-1, 3)[here].T
+    return A
+
+
+def state(rng):
+    """Packed rows, how many columns they have, coefficients of friction, and percussions in their cones."""
+    U = contact_rows(rng)
+    m = U.shape[0] // 3
+    mu, p = rng.choice([0.0, 0.3, 0.9], size=m), rng.normal(size=(m, 3))
+    p[:, 0] = np.abs(p[:, 0]) * (rng.random(m) < 0.7)
+    p[:, 1:] *= (mu * p[:, 0] * rng.random(m) / np.linalg.norm(p[:, 1:], axis=1))[:, None]
+    return packed(U), U.shape[1], mu, p.ravel()
+
+
+def pack_contacts(rng):
+    U = contact_rows(rng)
+    return U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], *room(U)
+
+
+def combine_contacts(rng):
+    (*rows, _), n, _, p = state(rng)
+    return *rows, p, np.full(n, np.nan)
+
+
+def contacts_residual(rng):
+    (*rows, _), n, mu, p = state(rng)
+    return *rows, rng.normal(size=len(p)), mu, p, np.full(n, np.nan), np.full(len(p), np.nan)
+
+
+def sweep_blocks(rng):
+    (*rows, local), n, mu, p = state(rng)
+    z = matrix(*rows, n).T @ p
+    return *rows, local, rng.normal(size=len(p)), mu, rng.normal(size=len(p)), z, p
+
+
+def extrapolate_from(rng):
+    return rng.random(), rng.normal(size=7), rng.normal(size=7)
+
+
+def accelerated_contacts(rng):
+    """Velocities that some velocity of the bodies has, so that there is an answer."""
+    (*rows, local), n, mu, p = state(rng)
+    b = matrix(*rows, n) @ rng.normal(size=n)
+    return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
+
+
+CONTACT_BLOCK_ARGUMENTS = {
+    arguments.__name__: arguments
+    for arguments in (
+        pack_contacts,
+        combine_contacts,
+        contacts_residual,
+        sweep_blocks,
+        extrapolate_from,
+        accelerated_contacts,
+    )
+}
