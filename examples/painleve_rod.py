@@ -18,8 +18,8 @@ def gradient(q):
 
 
 def tangents(q):
-    """Return the rows of the velocity of the lower end along the floor; it has none across the plane."""
-    return np.array([[1.0, 0.0, HALF * np.sin(q[2])], [0.0, 0.0, 0.0]])
+    """Return the row of the velocity of the lower end along the floor."""
+    return np.array([[1.0, 0.0, HALF * np.sin(q[2])]])
 
 
 def main() -> float:

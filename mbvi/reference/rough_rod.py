@@ -112,6 +112,6 @@ def _rod_problem(mu: float, tip: float, q0: Array, v0: Array) -> Problem:
         lambda q: q[1] - _HALF * np.sin(q[2]) - tip,
         lambda q: np.array([0.0, 1.0, -_HALF * np.cos(q[2])]),
         name="lower end | floor",
-        tangents=lambda q: np.array([[1.0, 0.0, _HALF * np.sin(q[2]) + tip], np.zeros(3)]),
+        tangents=lambda q: np.array([[1.0, 0.0, _HALF * np.sin(q[2]) + tip]]),
     )
     return Problem(system, [end_on_floor], q0, v0, friction=mu)

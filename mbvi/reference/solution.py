@@ -58,8 +58,10 @@ class Reference:
     def started(self, t: float) -> Problem:
         """Return the problem that starts at time t [s] on the exact solution, so that impacts have another phase."""
         problem, t = self.problem, finite(t, "t")
-        e, length = problem.restitution, problem.length
-        return Problem(problem.system, problem.constraints.constraints, *self.at(t), restitution=e, t0=t, length=length)
+        return Problem(
+            problem.system, problem.constraints.constraints, *self.at(t), restitution=problem.restitution,
+            friction=problem.friction, t0=t, length=problem.length,
+        )  # fmt: skip
 
 
 class Pieces:

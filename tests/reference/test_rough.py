@@ -34,7 +34,7 @@ def rows(case, q):
     constraints = case.problem.constraints.constraints
     if len(q) != 7:
         closed = [c for c in constraints if c.gap(0.0, q)[0] < CLOSED]
-        return np.array([np.vstack([c.gradient(0.0, q), c.tangents(q)]) for c in closed])
+        return np.array([np.vstack([c.gradient(0.0, q), c.tangents(0.0, q)[0]]) for c in closed])
     turn = Rotation.from_quat(q[3:]).as_matrix()
     if case.name.startswith("ball"):
         points = -rough_ball._RADIUS * turn[2:]
