@@ -1,4 +1,4 @@
-"""Columns of grains collapse to heaps: the angle of repose grows with friction, and differs from heap to heap.
+"""Heaps of grains on a rough plate: the angle of repose grows with friction, and differs from heap to heap.
 
 `python examples/heap.py heap.html` writes the replay of the last heap too.
 """
@@ -9,28 +9,29 @@ import numpy as np
 
 import mbvi
 
-RADIUS, COUNT = 0.01, 40
+RADIUS, COUNT, PLATE = 0.01, 60, 13
 FRICTIONS, SEEDS = (0.1, 0.3, 0.9), (0, 1, 2)
 
 
 def heap(mu: float, seed: int) -> mbvi.Trajectory:
-    """Return the collapse of a column of grains, four wide, in a plane."""
+    """Return the fall of a block of grains in a plane onto a row of fixed ones; what is too much rolls off."""
     scene = mbvi.Scene(plane="xz", friction=mu)
-    scene.add_halfspace((0, 0, 1))
-    row, column = np.divmod(np.arange(COUNT), 4)
-    x = 2.2 * RADIUS * (column - 1.5 + 0.5 * (row % 2))
-    centres = np.column_stack([x, np.zeros(COUNT), RADIUS * (1.1 + 2.0 * row)])
+    for x in 2.0 * RADIUS * (np.arange(PLATE) - PLATE // 2):
+        scene.add_sphere(RADIUS, position=(x, 0, 0), fixed=True)
+    row, column = np.divmod(np.arange(COUNT), 6)
+    x = 2.1 * RADIUS * (column - 2.5 + 0.5 * (row % 2))
+    centres = np.column_stack([x, np.zeros(COUNT), RADIUS * (2.1 + 2.0 * row)])
     radii = np.random.default_rng(seed).uniform(0.8, 1.0, COUNT) * RADIUS
     scene.add_spheres(centres, radii, density=2500.0)
-    return mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=1.2, every=10, progress=False)
+    return mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=1.0, every=10, progress=False)
 
 
 def angle(run: mbvi.Trajectory) -> float:
-    """Return the angle of the wedge with the same mean height and mean distance from its middle [degrees]."""
-    centres = run.q[-1].reshape(COUNT, -1)[:, :2]
-    height = centres[:, 1].mean() - RADIUS
-    away = np.abs(centres[:, 0] - np.median(centres[:, 0])).mean()
-    return float(np.degrees(np.arctan2(height, away)))
+    """Return the angle of the wedge with the mean height and mean distance of what is on the plate [degrees]."""
+    # of each grain the centre and the quaternion
+    x, _, z = run.q[-1].reshape(COUNT, 7)[:, :3].T
+    on = z > 0.0
+    return float(np.degrees(np.arctan2(z[on].mean() - RADIUS, np.abs(x[on] - x[on].mean()).mean())))
 
 
 def main(page: str | None = None) -> float:
