@@ -1,4 +1,4 @@
-"""Heaps of grains on a rough plate: the angle of repose grows with friction, and differs from heap to heap.
+"""Grains at one side of a box slump: their angle of repose grows with friction, and differs from heap to heap.
 
 `python examples/heap.py heap.html` writes the replay of the last heap too.
 """
@@ -9,29 +9,28 @@ import numpy as np
 
 import mbvi
 
-RADIUS, COUNT, PLATE = 0.01, 60, 13
-FRICTIONS, SEEDS = (0.1, 0.3, 0.9), (0, 1, 2)
+RADIUS, COUNT, WIDTH = 0.01, 60, 0.24
+FRICTIONS, SEEDS = (0.0, 0.1, 0.5), (0, 1, 2)
 
 
 def heap(mu: float, seed: int) -> mbvi.Trajectory:
-    """Return the fall of a block of grains in a plane onto a row of fixed ones; what is too much rolls off."""
-    scene = mbvi.Scene(plane="xz", friction=mu)
-    for x in 2.0 * RADIUS * (np.arange(PLATE) - PLATE // 2):
-        scene.add_sphere(RADIUS, position=(x, 0, 0), fixed=True)
-    row, column = np.divmod(np.arange(COUNT), 6)
-    x = 2.1 * RADIUS * (column - 2.5 + 0.5 * (row % 2))
-    centres = np.column_stack([x, np.zeros(COUNT), RADIUS * (2.1 + 2.0 * row)])
-    radii = np.random.default_rng(seed).uniform(0.8, 1.0, COUNT) * RADIUS
-    scene.add_spheres(centres, radii, density=2500.0)
-    return mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=1e-3, duration=1.0, every=10, progress=False)
+    """Return the slump of a block of discs that fills the left half of a box, in a plane."""
+    scene, random = mbvi.Scene(plane="xz", friction=mu), np.random.default_rng(seed)
+    scene.add_container((0, -1, 0), (WIDTH, 1))
+    row, column = np.divmod(np.arange(COUNT), 5)
+    x = RADIUS * (1.3 + 2.4 * column + random.uniform(-0.2, 0.2, COUNT))
+    z = RADIUS * (1.1 + 2.1 * row)
+    radii = random.uniform(0.7, 1.0, COUNT) * RADIUS
+    scene.add_spheres(np.column_stack([x, np.zeros(COUNT), z]), radii, density=2500.0)
+    return mbvi.simulate(scene.build(), mbvi.StewartTrinkle(), step=2e-3, duration=1.0, every=10, progress=False)
 
 
 def angle(run: mbvi.Trajectory) -> float:
-    """Return the angle of the wedge with the mean height and mean distance of what is on the plate [degrees]."""
-    # of each grain the centre and the quaternion
-    x, _, z = run.q[-1].reshape(COUNT, 7)[:, :3].T
-    on = z > 0.0
-    return float(np.degrees(np.arctan2(z[on].mean() - RADIUS, np.abs(x[on] - x[on].mean()).mean())))
+    """Return the angle of a straight surface with the same centre of mass [degrees]."""
+    # the centre of each grain; friction adds a quaternion
+    centres = run.q[-1].reshape(COUNT, -1)
+    x, z = centres[:, 0].mean(), centres[:, 2 if centres.shape[1] == 7 else 1].mean()
+    return float(np.degrees(np.arctan(24.0 * z * (0.5 * WIDTH - x) / WIDTH**2)))
 
 
 def main(page: str | None = None) -> float:

@@ -18,7 +18,7 @@ from ...errors import MbviError
 from ...problem import Problem
 from ...run.simulate import simulate
 from ...scene import Scene
-from ...schemes import Centered, MoreauJean, Paoli, Scheme
+from ...schemes import MoreauJean, Paoli, Scheme, StewartTrinkle
 from ..engines.rig import State
 from .errors import Array
 from .friction import ROUGH, Rough
@@ -28,7 +28,7 @@ _WARM, _WARMEST = 0.05, 0.2
 _OURS: dict[str, Scheme] = {
     "mbvi, Paoli": Paoli(),
     "mbvi, MoreauJean": MoreauJean(),
-    "mbvi, Centered with projection": Centered(project_positions=True),
+    "mbvi, StewartTrinkle": StewartTrinkle(),
 }
 
 
