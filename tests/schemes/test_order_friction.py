@@ -9,7 +9,8 @@ from mbvi.studies.chart.errors import errors, fitted_order
 
 # nowhere dyadic multiples of one another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 5)
-RUNS = 3
+# runs with different phases of the start in a step: impacts feel them
+RUNS, RUNS_WITH_IMPACTS = 3, 12
 PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC = (
     mbvi.Paoli(),
     mbvi.MoreauJean(),
@@ -48,9 +49,9 @@ def pairs(schemes, names):
 
 def worst(case, scheme, h):
     """The largest errors of a few steps near h and phases of the start."""
-    found = []
-    for k in range(RUNS):
-        step, late = h * (1.0 - 0.2 * k / RUNS), h * (2 * k / RUNS % 1.0)
+    found, count = [], RUNS_WITH_IMPACTS if len(case.impacts) else RUNS
+    for k in range(count):
+        step, late = h * (1.0 - 0.2 * k / count), h * (2 * k / count % 1.0)
         run = mbvi.simulate(case.started(late), scheme, step=step, duration=case.duration - late, progress=False)
         found.append(errors(run, case)[:2])
     return np.max(found, axis=0)

@@ -9,11 +9,12 @@ from matplotlib.image import imread
 import mbvi
 from mbvi.cli.main import main
 from mbvi.studies.chart.friction import ROUGH
-from mbvi.studies.chart.friction_picture import draw_friction, friction_table
+from mbvi.studies.chart.friction_picture import draw_friction, friction_summary, friction_table
 from mbvi.studies.chart.friction_runs import FrictionRecord, problem_of, run_other, run_ours, sweep_other, sweep_ours
 from mbvi.studies.chart.records import read_table, write_table
 from mbvi.studies.engines import PEERS
 from mbvi.studies.engines.friction_in_mujoco import VARIANTS
+from support.paths import DOCS
 
 SHORT = ("launched-block", "spinning-tripod", "painleve-rod")
 MODULES = [peer.friction for peer in PEERS if peer.friction and peer.installed]
@@ -126,3 +127,8 @@ def test_the_command_writes_picture_and_table(run, tmp_path):
     assert not any(math.isnan(r.error) for r in found)
     assert imread(tmp_path / "made/friction.png").shape[0] > 300
     assert "<svg" in (tmp_path / "made/friction.svg").read_text()[:1000]
+
+
+def test_the_table_of_the_page_is_that_of_its_file():
+    records = read_table(DOCS / "friction.csv", FrictionRecord)
+    assert friction_summary(records, 1e-3) in (DOCS / "friction.md").read_text()

@@ -62,3 +62,14 @@ def friction_table(records: Sequence[FrictionRecord]) -> str:
         unit = r.what.rpartition(" ")[2].strip("[]")
         lines.append(f"| {r.title} | {r.line} | {1e3 * r.step:g} | {r.cpu:.3g} | {r.error:.1e} {unit} |")
     return "\n".join(lines)
+
+
+def friction_summary(records: Sequence[FrictionRecord], step: float) -> str:
+    """Return a Markdown table of the errors at one step, engines down and scenes across."""
+    some = [r for r in records if r.step == step]
+    scenes = list(dict.fromkeys(r.scene for r in some))
+    found = {(r.line, r.scene): f"{r.error:.0e}" for r in some}
+    lines = [f"| engine | {' | '.join(scenes)} |", f"|---{'|---' * len(scenes)}|"]
+    for line in dict.fromkeys(r.line for r in some):
+        lines.append(f"| {line} | {' | '.join(found.get((line, scene), '-') for scene in scenes)} |")
+    return "\n".join(lines)
