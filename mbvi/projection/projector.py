@@ -34,6 +34,9 @@ _MOST_CHECKED = 400
 _SHARE = 0.25
 # the largest residual that follows from a depth
 _MOST_RESIDUAL = 1e-2
+# the residual of bodies nearly at rest, relative to their speed over that of a step of free fall; and its least share.
+# Where rows depend on each other, speeds that a residual leaves are up to ten times as large
+_OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 
 # entries of the rows of few contacts up to which they are solved as dense ones
 _MOST_DENSE = 2_000_000
@@ -107,7 +110,12 @@ class AcceptedDepth(NamedTuple):
         """
         lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
         found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
-        return min(found, self.relative, _MOST_RESIDUAL)
+        return min(found, self.largest_residual)
+
+    @property
+    def largest_residual(self) -> float:
+        """The residual of slow bodies, which does not follow from the depth."""
+        return min(self.relative, _MOST_RESIDUAL)
 
 
 class Projector:
@@ -150,8 +158,24 @@ class Projector:
         self._frictional_start: FrictionalProjection | None = None
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
+        # speed of the bodies over that of a step of free fall
+        self._speed = np.inf
         self._last = LastPercussions()
         self._fused = FusedStep(self._last, residual) if solver is None else None
+
+    def begin(self, v: Array, free: Array) -> None:
+        """Begin a step with the speeds v of bodies, which forces alone lead to `free`.
+
+        The residual that follows from an accepted depth falls with the largest speed of bodies nearly at rest, so that
+        it does not keep them moving.
+        """
+        fall = np.abs(free - v).max(initial=0.0)
+        self._speed = float(np.abs(v).max(initial=0.0) / fall) if fall > 0.0 else np.inf
+
+    @property
+    def residual_at_rest(self) -> float:
+        """The relative residual of projections of sparse rows of bodies at rest."""
+        return self.residual if self.accepted is None else _LEAST * self.accepted.largest_residual
 
     def project(
         self,
@@ -321,7 +345,9 @@ class Projector:
         if not (qp.lengths > 0.0).all():
             return self._without_zero_rows(qp, contacts, h)
         if self.accepted is not None and h is not None:
-            qp.relative_tolerance = self._accepted_residual(self.accepted.residual(qp, contacts, h), qp.sparse)
+            residual = self.accepted.residual(qp, contacts, h)
+            residual *= min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
+            qp.relative_tolerance = self._accepted_residual(residual, qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         found, residual = first_good_enough(qp, self._solvers(qp), start)

@@ -85,7 +85,7 @@ class SurfaceItem:
 
 @dataclass(frozen=True)
 class SphereItem:
-    """Frictionless spheres under one name."""
+    """Spheres under one name."""
 
     name: str
     positions: Array

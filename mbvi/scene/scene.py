@@ -171,7 +171,7 @@ class Scene(Walls, Grains, Actions):
         fixed: bool = False,
         motion: Motion | None = None,
     ) -> str:
-        """Add one frictionless sphere: three degrees of freedom, its centre.
+        """Add one sphere: three degrees of freedom, its centre, and with friction three more, its rotation.
 
         Parameters
         ----------

@@ -69,12 +69,14 @@ class StewartTrinkle(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
         free_motion = system.free_motion(t, q, v, h)
+        lengths = system.are_lengths()
+        projector.begin(v[lengths], free_motion.free[lengths])
         # rows to walls with a prescribed motion are linearised in the middle of the step
         rows = _at_earlier_time(
             problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
-        turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
+        turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
         allowed = _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
         velocity: RowProjection | None
         for retry in range(_MOST_RETRIES + 1):

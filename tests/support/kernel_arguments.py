@@ -476,6 +476,11 @@ def near_balls(rng):
     return centres, radii, level, 2.0 * largest + reach, reach, np.full(len(radii) ** 2, -1)
 
 
+def farthest_moved(rng):
+    n, turning = int(rng.integers(1, 9)), int(rng.integers(2))
+    return *rng.normal(size=(2, n, 3)), *rng.normal(size=(2, turning * n, 3, 3)), rng.random(n)
+
+
 def room_for(k):
     return np.full(k, -1), np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
 
@@ -637,13 +642,29 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def whiten_bodies(rng):
+    n, k = int(rng.integers(1, 5)), int(rng.integers(0, 9))
+    lower = np.linalg.inv(np.linalg.cholesky(np.eye(6) + np.array([a @ a.T for a in rng.normal(size=(n, 6, 6))])))
+    return lower, rng.integers(n, size=k), rng.normal(size=6 * k), np.full(6 * k, np.nan)
+
+
+def row_lengths(rng):
+    U, _, starts = unit_rows(rng)
+    return starts.astype(np.int64), rng.normal(size=len(U.data)), np.full(U.shape[0], np.nan)
+
+
+def scale_percussions(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, [1e-11, 1e3][rng.integers(2)], 1.0, u
+
+
 def combine_rows(rng):
     U, columns, starts = unit_rows(rng)
     u = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return U.data, columns, starts, u, np.full(U.shape[1], np.nan)
 
 
-def rows_residual(rng):
+def scaled_residual(rng):
     data, columns, starts, u, z = combine_rows(rng)
     return data, columns, starts, rng.normal(size=len(u)), z, u
 
@@ -836,6 +857,7 @@ ARGUMENTS = {
     **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
+    "farthest_moved": farthest_moved,
     "_pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
@@ -855,7 +877,7 @@ ARGUMENTS = {
     "pcg_on_face": pcg_on_face,
     "line_search": line_search,
     "combine_rows": combine_rows,
-    "rows_residual": rows_residual,
+    "scaled_residual": scaled_residual,
     "sweep": sweep,
     "extrapolate": extrapolate,
     "accelerated_sweeps": accelerated_sweeps,
@@ -863,6 +885,9 @@ ARGUMENTS = {
     "refine_subset": refine_subset,
     "solve_island": solve_island,
     "_solve_islands": solve_islands,
+    "scale_percussions": scale_percussions,
+    "whiten_bodies": whiten_bodies,
+    "row_lengths": row_lengths,
     "near_triangles": near_triangles,
     "integrate": moved,
     "chart_rates": chart_rates,
