@@ -42,13 +42,14 @@ class FrictionNames:
 
 
 class ContactCone(NamedTuple):
-    """The cone of one contact at the frames at which it is closed, shapes (n,) and (n, 3)."""
+    """The cone of one contact at the frames at which it is closed, and its percussion, shapes (n,) and (n, 3)."""
 
     friction: float
     frame: Array
     sticks: Array
     point: Array
     normal: Array
+    percussion: Array
 
 
 def contact_cones(run: PlayableRun, moves: Motion) -> list[ContactCone]:
@@ -63,7 +64,8 @@ def contact_cones(run: PlayableRun, moves: Motion) -> list[ContactCone]:
     for (constraint, _), (frame, rows) in strongest:
         mu = friction(table.names[constraint])
         if mu > 0.0 and np.isfinite(table.point[rows]).all() and len(found) < _MOST_CONTACTS:
-            found.append(ContactCone(mu, frame, table.sticks[rows], table.point[rows], table.normal[rows]))
+            percussion = table.percussion[rows, None] * table.normal[rows] + table.tangential[rows]
+            found.append(ContactCone(mu, frame, table.sticks[rows], table.point[rows], table.normal[rows], percussion))
     return found
 
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _FADE, _WHOLE = 0.3, 0.08
 # length of the cones of recorded contacts, in the largest length of an arrow
 _CONE = 0.25
+# part of their percussions whose arrows are shorter than that
+_LONG = 0.9
 # largest length of an arrow, in lengths of the scene
 _LONGEST = 10.0
 # largest error of a track between its keys: in half diagonals of the motion, and in entries of a quaternion
@@ -229,32 +231,51 @@ def _draw_arrows(
 
 
 def _draw_cones(vis: meshcat.Visualizer, run: PlayableRun, length: float, moves: Motion, animation: Animation) -> None:
-    """Draw the friction cones of recorded contacts, each in two colors of which one at most is seen."""
-    frames, end = np.flatnonzero(moves.frame), float(moves.times[-1])
-    for k, cone in enumerate(contact_cones(run, moves)):
-        turns = np.array([_turn_to(normal) for normal in cone.normal])
-        size = _cone_size(cone.friction, _CONE * length)
-        times, quaternion = moves.times[cone.frame], Rotation.from_matrix(turns).as_quat()
-        place = np.rint(cone.point / (_SLACK * length))
-        moving = np.append(True, (place[1:] != place[:-1]).any(axis=1))
+    """Draw friction cones and percussions of recorded contacts, each in two colors of which one at most is seen."""
+    cones, rays = contact_cones(run, moves), _CONE * length
+    sizes = [np.linalg.norm(cone.percussion, axis=1) for cone in cones]
+    # percussions of impacts would make all others invisible
+    long = float(np.quantile(np.concatenate(sizes), _LONG)) if sizes else 1.0
+    for k, (cone, size) in enumerate(zip(cones, sizes, strict=True)):
+        # thick enough to be seen, however short
+        scale = rays * np.stack([np.ones_like(size)] * 2 + [np.sqrt(np.minimum(size / long, 1.0))], axis=1)
+        wide = np.broadcast_to(_cone_size(cone.friction, rays), scale.shape)
         for sticks in (False, True):
-            here = cone.frame[cone.sticks == sticks]
-            if not len(here):
-                continue
-            node = vis["friction"][f"contact {k} {'stick' if sticks else 'slip'}"]
-            node.set_object(cone_mesh(sticks=sticks))
-            node.set_transform(_pose(turns[0] * size, cone.point[0]))
-            _hide(node)
-            shown = np.isin(frames, here)
-            changes = np.flatnonzero(np.diff(shown, prepend=False))
-            seen = {0.0: False} | {float(moves.times[frames[c]]): bool(shown[c]) for c in changes}
-            seen.setdefault(end, bool(shown[-1]))
-            tracks = {
-                "position": _Steps("position", "vector3", times[moving], cone.point[moving]),
-                "quaternion": _Steps("quaternion", "quaternion", times[moving], quaternion[moving]),
-                "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
-            }
-            animation.clips[node.path] = AnimationClip(tracks, fps=1)
+            if (cone.sticks == sticks).any():
+                name = f"contact {k} {'stick' if sticks else 'slip'}"
+                seen = _seen(moves, cone.frame[cone.sticks == sticks])
+                parts = (
+                    (vis["friction"][name], cone_mesh(sticks=sticks), cone.normal, wide),
+                    (vis["percussions"][name], arrow_mesh(sticks=sticks), cone.percussion / size[:, None], scale),
+                )
+                for node, mesh, along, scales in parts:
+                    node.set_object(mesh)
+                    _hide(node)
+                    tracks = _placed(moves.times[cone.frame], cone.point, along, scales, length) | {"visible": seen}
+                    animation.clips[node.path] = AnimationClip(tracks, fps=1)
+
+
+def _seen(moves: Motion, frames: Array) -> AnimationTrack:
+    """Return the track of what is seen at some frames; it ends with the run."""
+    all_frames = np.flatnonzero(moves.frame)
+    shown = np.isin(all_frames, frames)
+    changes = np.flatnonzero(np.diff(shown, prepend=False))
+    seen = {0.0: False} | {float(moves.times[all_frames[c]]): bool(shown[c]) for c in changes}
+    seen.setdefault(float(moves.times[-1]), bool(shown[-1]))
+    return AnimationTrack("visible", "boolean", list(seen), list(seen.values()))
+
+
+def _placed(times: Array, point: Array, along: Array, scale: Array, length: float) -> dict[str, AnimationTrack]:
+    """Return the tracks of something that points along z, with a key wherever it moves."""
+    turns = Rotation.from_matrix([_turn_to(direction) for direction in along]).as_quat()
+    columns = np.concatenate([point / length, along, scale / length], axis=1)
+    rounded = np.rint(columns / _SLACK)
+    keys = np.append(True, (rounded[1:] != rounded[:-1]).any(axis=1))
+    return {
+        "position": _Steps("position", "vector3", times[keys], point[keys]),
+        "quaternion": _Steps("quaternion", "quaternion", times[keys], turns[keys]),
+        "scale": _Steps("scale", "vector3", times[keys], scale[keys]),
+    }
 
 
 def _cone_size(friction: float, length: float) -> Array:
