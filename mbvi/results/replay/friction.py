@@ -16,8 +16,9 @@ from .nodes import SLACK, Steps, hide, turn_to
 
 # contacts that have cones, of the strongest percussions
 _MOST_CONTACTS = 60
-# length of cones of recorded contacts, in the largest length of an arrow
-_CONE = 0.25
+# largest length of cones of recorded contacts, in the largest length of an arrow and in lengths of the scene; those of
+# impacts are up to twice as long
+_CONE, _OF_BODIES = 0.25, 1.0
 # part of the percussions of these whose arrows are shorter than that
 _LONG = 0.9
 _BETWEEN = " | "
@@ -103,7 +104,7 @@ def draw_cones(vis: meshcat.Visualizer, run: PlayableRun, length: float, moves: 
     moves : Motion
         The key times.
     """
-    cones, rays = contact_cones(run, moves), _CONE * length
+    cones, rays = contact_cones(run, moves), cone_length(run, length)
     sizes = [np.linalg.norm(cone.percussion, axis=1) for cone in cones]
     # percussions of impacts would make all others invisible
     long = float(np.quantile(np.concatenate(sizes), _LONG)) if sizes else 1.0
@@ -147,6 +148,13 @@ def _placed(times: Array, point: Array, along: Array, scale: Array, length: floa
         "quaternion": Steps("quaternion", "quaternion", times[keys], turns[keys]),
         "scale": Steps("scale", "vector3", times[keys], scale[keys]),
     }
+
+
+def cone_length(run: PlayableRun, length: float) -> float:
+    """Return the length of the cones of recorded contacts [m], where arrows are up to `length` [m] long."""
+    assert run.problem is not None
+    # longer cones would hide the bodies of a pile
+    return min(_CONE * length, _OF_BODIES * run.problem.length)
 
 
 def cone_size(friction: float, length: float) -> Array:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import InputError, TrajectoryFileError
 from ...geometry.shapes import Sphere
-from .friction import FrictionNames, cone_size, draw_cones
+from .friction import FrictionNames, cone_length, cone_size, draw_cones
 from .keyframes import Array, Motion, arrows, bounds, carried, motion, scene_of, shapes_of
 from .meshes import arrow_mesh, cone_mesh, plate_mesh, shape_mesh, sheet_mesh, striped
 from .nodes import SLACK, Track, cast_shadow, hide, label, pose, turn_to
@@ -135,7 +135,8 @@ def stage(
         cast_shadow(node["<object>"], False)
     _draw_shapes(vis, shown, moves, frames, radius, animation, rolling=scene.items.frictional)
     # long arrows would hide many small bodies
-    length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
+    assert run.problem is not None
+    length = min(radius, _LONGEST * run.problem.length)
     _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
     draw_cones(vis, run, length, moves, animation)
     return animation
@@ -217,7 +218,7 @@ def _draw_arrows(
         if mu > 0.0:
             node = vis["friction"][f"impact {k}"]
             node.set_object(cone_mesh(sticks=arrow.sticks))
-            size = cone_size(mu, arrow.length * length)
+            size = cone_size(mu, min(arrow.length * length, 2.0 * cone_length(run, length)))
             node.set_transform(pose(turn_to(arrow.normal) * size, arrow.point))
             hide(node)
             animation.clips[node.path] = AnimationClip({"visible": tracks["visible"]}, fps=1)
