@@ -179,9 +179,9 @@ def test_momentum_is_what_gravity_and_contacts_gave(scheme, every):
         assert force.any()
 
 
-def rough_rod():
+def rough_rod(**more):
     """Return a scene with a rod that meets the floor at 45 degrees and gains energy by its friction."""
-    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.95, friction=1.0)
+    scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.95, friction=1.0, **more)
     scene.add_halfspace((0, 0, 1), name="floor")
     turn = pin.exp3(np.array([0.0, np.pi / 4, 0.0]))
     scene.add_capsule(0.005, 1.0, 1.0, position=(0, 0, 0.5), rotation=turn, velocity=(0.5, 0, -1), name="rod")
@@ -197,6 +197,15 @@ def test_an_impact_that_gains_energy_is_noted_and_reported():
     assert found.gains == ((impact.time, impact.energy_change),)
     assert found.energy_excess == pytest.approx(impact.energy_change, rel=1e-6)
     assert "1 impact with friction raised the kinetic energy" in str(found)
+
+
+def test_an_impact_gives_the_restitution_that_gained_no_energy(tmp_path):
+    run, impact = first_impact(rough_rod(energy_cap=True), duration=0.2)
+    assert 0.0 < impact.e_used[0] < 0.95 and impact.after == pytest.approx(-impact.e_used * impact.before)
+    assert impact.energy_change == pytest.approx(energy_lost(run, impact), abs=1e-12)
+    assert abs(impact.energy_change) < 1e-9 and not run.diagnosis().gains
+    run.save(tmp_path / "run.h5")
+    same_fields(mbvi.load(tmp_path / "run.h5").impacts[0], impact)
 
 
 def test_the_diagnosis_names_dependent_contacts():

@@ -85,6 +85,9 @@ def test_recorded_contacts_have_cones_where_and_while_they_are_closed(run):
             contacts = run.contacts(moves.instants[frame])
             (same,) = [c for c in contacts if np.array_equal(c.point, point)]
             assert same.regime == ("stick" if sticks else "slip")
+        normal = np.vecdot(cone.percussion, cone.normal)
+        across = np.linalg.norm(cone.percussion - normal[:, None] * cone.normal, axis=1)
+        assert (across <= 0.3 * normal * (1 + 1e-9)).all()
     closed = sum(len(run.contacts(t)) for t in moves.instants[moves.frame])
     assert closed == sum(len(cone.frame) for cone in cones)
     assert any(cone.sticks.any() and not cone.sticks.all() for cone in cones)
@@ -92,12 +95,13 @@ def test_recorded_contacts_have_cones_where_and_while_they_are_closed(run):
     assert contact_cones(bare, moves) == []
 
 
-def test_one_cone_of_a_contact_is_seen_at_a_time(run):
+@pytest.mark.parametrize("part", ["friction", "percussions"])
+def test_one_cone_and_one_arrow_of_a_contact_are_seen_at_a_time(part, run):
     page, moves = drawn(run), motion(run)
-    clips = {a["path"]: a["clip"] for a in page.commands[-1]["animations"] if "/friction/contact" in a["path"]}
+    clips = {a["path"]: a["clip"] for a in page.commands[-1]["animations"] if f"/{part}/contact" in a["path"]}
     for k, cone in enumerate(contact_cones(run, moves)):
         for word, wanted in (("slip", False), ("stick", True)):
-            clip = clips.get(f"/meshcat/friction/contact {k} {word}")
+            clip = clips.get(f"/meshcat/{part}/contact {k} {word}")
             seen = np.zeros(len(moves.times), bool)
             if clip is not None:
                 (visible,) = [t for t in clip["tracks"] if t["type"] == "boolean"]
