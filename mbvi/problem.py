@@ -87,6 +87,9 @@ class Problem:
     friction : float or array_like, shape (len(constraints),)
         Coefficient of Coulomb friction mu >= 0, one for all or one each; constraints built by a `Scene` carry their
         own. Others need tangents, as of `GapFunction`.
+    energy_cap : bool
+        Whether an impact with friction that would gain kinetic energy takes the largest restitution e' <= e with which
+        it gains none, up to 32 contacts at once. e' is recorded as `Impact.e_used`.
     t0 : float
         Initial time [s].
     length : float
@@ -113,6 +116,7 @@ class Problem:
         *,
         restitution: float | Sequence[float] | Array = 0.0,
         friction: float | Sequence[float] | Array = 0.0,
+        energy_cap: bool = False,
         t0: float = 0.0,
         length: float = 1.0,
         scene: BuiltScene | None = None,
@@ -127,6 +131,7 @@ class Problem:
         if scene is not None and not (hasattr(scene, "items") and hasattr(scene, "report")):
             raise InputError(f"scene is given by Scene.build() only; got {shown(scene)}")
         self.restitution = checked_restitution(restitution, len(constraints))
+        self.energy_cap = boolean(energy_cap, "energy_cap")
         self.friction = checked_friction(friction, len(constraints))
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers

@@ -17,6 +17,14 @@ NUMBERS = {
     "arm_joint_limit": (9.7355, 2.5e-2),
     # g sin(angle) T^2 / 2, which the scheme meets to h T g sin(angle) / 2
     "avalanche": (0.5 * G * np.sin(np.radians(25)) * 0.8**2, 2e-3),
+    # an energy balance, whose error halves with the step
+    "box_drum": (1.0, 1e-2),
+    # without friction no box stays on a slope
+    "box_hopper": (1.0, 0),
+    # the flight of a bed that leaves the floor where that falls with g
+    "box_shaker": (0.206329, 1e-3),
+    # the kinetic energy that boxes have left; at rest it is zero
+    "boxes_at_rest": (0.0, 5e-4),
     # the ball against the box that it hits square: (1 + e) 6 / (1 / 1 + 1 / 2)
     "boxes_hit_by_ball": (4.8, 1e-2),
     # the foot's clearance at the start, fallen through
@@ -36,6 +44,8 @@ NUMBERS = {
     "heap": (11, 5),
     "hop_on_touchdown": (0.64354, 3e-3),
     "hourglass": (120, 0),
+    # the balance of momentum, of first order in the step of the robot
+    "mixed_heap": (1.0, 1e-3),
     # the angular momentum about the end that jams
     "painleve_rod": (1.5 * np.sin(1.0), 2e-3),
     # it stands, but for the last of its swaying
@@ -43,6 +53,13 @@ NUMBERS = {
     # the flight of a bed that leaves the floor where that falls with g
     "shaker": (0.206329, 1e-3),
     "step_by_hand": (THIRD_BOUNCE, 2e-3),
+}
+# arguments for which the numbers above hold as well
+FULL_SIZE = {
+    "box_drum": {"count": 60},
+    "box_hopper": {"count": 200, "duration": 2.5},
+    "box_shaker": {"layers": 10},
+    "mixed_heap": {"boxes": 500, "duration": 0.8},
 }
 
 
@@ -58,6 +75,20 @@ def test_example(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     number, tolerance = NUMBERS[name]
     assert load(name).main() == pytest.approx(number, abs=tolerance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FULL_SIZE)
+def test_example_of_many_bodies(name):
+    number, tolerance = NUMBERS[name]
+    assert load(name).main(**FULL_SIZE[name]) == pytest.approx(number, abs=tolerance)
+
+
+@pytest.mark.slow
+def test_a_thousand_boxes_come_to_rest(tmp_path):
+    page = tmp_path / "rest.html"
+    assert load("boxes_at_rest").main(page, count=1000, duration=4.0) < 1e-2
+    assert page.stat().st_size > 500_000
 
 
 def test_in_a_right_corner_what_starts_near_stays_near():

@@ -59,7 +59,7 @@ def chart(
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
     """Chart error against CPU time and against step; of piles worst depth, of friction creep, against CPU time."""
-    from ..studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
+    from ..studies.chart.cases import CASES, DEFAULT_CASES
     from ..studies.chart.friction import ROUGH
     from ..studies.chart.piles import PICTURES
     from ..studies.chart.records import write_csv
@@ -87,13 +87,7 @@ def chart(
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)
-    left_out = {(name, SchemeName.event_driven) for name in MANY_CONSTRAINTS}
-    tasks = [
-        (name, words[word].make())
-        for name in chosen
-        for word in named or _suitable_schemes(name, e)
-        if (name, word) not in left_out
-    ]
+    tasks = _tasks(chosen, named)
     records = _measured(tasks, e)
     if peers:
         records += _peers(chosen, e)
@@ -104,10 +98,15 @@ def chart(
     _print_summary(records, out)
 
 
-def _suitable_schemes(problem: str, e: float) -> list[str]:
-    """Return the names of the schemes that are made for a problem."""
-    plastic = problem == "pile" or (e == 0.0 and problem != "elastic 666")
-    return [word for word in SchemeName if plastic or word is not SchemeName.stewart_trinkle]
+def _tasks(problems: list[str], schemes: list[str]) -> list[tuple[str, Scheme | EventDriven]]:
+    """Return each problem with each of the schemes, by default all, that is made for it."""
+    from ..studies.chart.cases import MANY_CONSTRAINTS
+
+    made = {word.value: word.make() for word in SchemeName}
+    left_out = {(problem, SchemeName.event_driven.value) for problem in MANY_CONSTRAINTS}
+    return [
+        (problem, made[word]) for problem in problems for word in schemes or made if (problem, word) not in left_out
+    ]
 
 
 def _checked_name(word: str, known: list[str], what: str) -> str:

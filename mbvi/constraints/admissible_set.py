@@ -155,23 +155,29 @@ class AdmissibleSet(Rebuilt):
 
     def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, those of each family in turn."""
-        k = np.searchsorted(self._starts, rows.constraint, side="right") - 1
-        parts, order = [], []
-        sparse = not isinstance(rows.jacobian, np.ndarray)
-        # the rows of a family follow each other, and families are in ascending order
-        for f in np.unique(k).tolist():
-            family, here = self.families[f], np.flatnonzero(k == f)
-            own = take(rows, here)
-            own = own._replace(constraint=own.constraint - self._starts[f])
-            mu = family.friction_of(own.constraint)
+        numbers = rows.constraint
+        if not numbers.size:
+            return none_of(0, self.system.nv, not isinstance(rows.jacobian, np.ndarray))
+        f = bisect_right(self._starts, numbers.item(0)) - 1
+        # most often all rows are of one family
+        if numbers.min() >= self._starts[f] and numbers.max() < self._starts[f + 1]:
+            return self._tangents_of(f, t, q, rows)
+        which = np.searchsorted(self._starts, numbers, side="right") - 1
+        order, parts = np.argsort(which, kind="stable"), []
+        for f in np.unique(which).tolist():
+            parts.append(self._tangents_of(f, t, q, take(rows, which == f)))
+        return concatenate_tangents(parts).take(np.argsort(order, kind="stable"))
+
+    def _tangents_of(self, f: int, t: float, q: Array, rows: Rows) -> Tangents:
+        """Return the tangents of rows that are all of family number f."""
+        family = self.families[f]
+        own = rows._replace(constraint=rows.constraint - self._starts[f])
+        mu = family.friction_of(own.constraint)
+        if np.isnan(family.friction).any():
             mu = np.where(np.isnan(mu), self._mu[f], mu)
-            order.append(here)
-            parts.append(family.tangents(t, q, own, mu) if mu.any() else none_of(len(here), self.system.nv, sparse))
-        if not parts:
-            return none_of(0, self.system.nv, sparse)
-        together = concatenate_tangents(parts)
-        place = np.concatenate(order)
-        return together if (np.diff(place) > 0).all() else together.take(np.argsort(place))
+        if mu.any():
+            return family.tangents(t, q, own, mu)
+        return none_of(len(mu), self.system.nv, not isinstance(rows.jacobian, np.ndarray))
 
     @staticmethod
     def _refuse(name: str, mu: float) -> None:

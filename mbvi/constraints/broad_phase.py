@@ -109,16 +109,17 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
         paths = f": {self._listed.describe_paths()}" if self._listed.size else ""
         return f"pairs of {len(self._shapes)} shapes, found when near; {self._listed.size} are near now{paths}"
 
-    def _places(self, q: Array) -> Array:
-        """Return the placements of all shapes in the world, shape (n, 4, 3)."""
+    def _places(self, placements: Array) -> Array:
+        """Return where all shapes are in the world, shape (n, 4, 3), given the placements of their bodies."""
         table = self._shapes
         places = np.empty((len(table), 4, 3))
-        place_shapes(self.system.placements(q, table.bodies), table.frame, table.arrays[1], places)
+        place_shapes(placements, table.frame, table.arrays[1], places)
         return places
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        places = self._places(q)
+        placements = self.system.placements(q, self._shapes.bodies)
+        places = self._places(placements)
         pairs = self._neighbours.within(places[:, 3], max(tolerance, 0.0), places[:, :3])
         if self._list_count != self._neighbours.lists:
             self._list_count, last = self._neighbours.lists, self._listed
@@ -128,7 +129,7 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
             self._listed = self._pairs_of(self._allowed(near[:count]))
             self._listed.keep_axes_of(last)
             self._listed.skip_resting(self._resting)
-        return self._listed.contacts(t, q, tolerance)
+        return self._listed.contacts_of_placed(q, placements, tolerance)
 
     def skip_resting(self, resting: Array | None) -> None:
         """Leave out the pairs of bodies that are both at rest; see the base class."""
@@ -148,10 +149,12 @@ class BroadPhasePairs(Rebuilt, ConstraintFamily):
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        centres, inner = self._places(q)[:, 3], self._shapes.inner
-        moved = self._places(self.system.integrate(q, displacement))[:, 3] - centres
-        travel = self._reaches() @ np.abs(displacement)
-        i, j = may_pass(centres, moved, travel, self._shapes.bound, inner)
+        inner, travel = self._shapes.inner, self._reaches() @ np.abs(displacement)
+        if not (travel > inner).any():
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        both = (self.system.placements(at, self._shapes.bodies) for at in (q, self.system.integrate(q, displacement)))
+        centres, ends = (self._places(placements)[:, 3] for placements in both)
+        i, j = may_pass(centres, ends - centres, travel, self._shapes.bound, inner)
         pairs = self._allowed(i * len(inner) + j)
         i, j = np.divmod(pairs, len(inner))
         return pairs, travel[i] + travel[j], inner[i] + inner[j]

@@ -167,9 +167,8 @@ class ConstraintFamily(ABC):
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows, with numbers of the family, whose coefficients are given."""
         axes = axes_of(rows.normal)
-        first, second = (np.repeat(side, 2) for side in self.bodies_of(rows.constraint))
-        along = np.ascontiguousarray(axes.reshape(-1, 3))
-        jacobian = self.system.separation_rows(q, first, second, np.repeat(rows.point, 2, axis=0), along)
+        first, second = (side.repeat(2) for side in self.bodies_of(rows.constraint))
+        jacobian = self.system.separation_rows(q, first, second, rows.point.repeat(2, 0), axes.reshape(-1, 3))
         return Tangents(friction, axes, jacobian, None)
 
     # for the cache

@@ -183,14 +183,19 @@ class GivenConstraint(ConstraintFamily):
 
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows, as the user's object gives them; errors as of `gap`."""
+        plain, rows_of_all = none_of(len(friction), self._system.nv, False), self._all_tangents(t, q)
+        jacobian = plain_array(rows_of_all[rows.constraint].reshape(-1, self._system.nv))
+        return Tangents(friction, plain.axes, jacobian, None)
+
+    def _all_tangents(self, t: float, q: Array) -> Array:
+        """Return the tangents of all rows, shape (m, 2, nv), after checking them."""
         found = returned(self._constraint.tangents(t, q), f"the tangents of {self._name_of(0)}")
         shape = (self._rows, 2, self._system.nv)
         if found.shape != shape:
             raise InputError(f"the tangents of {self._name_of(0)} have shape {found.shape}; {shape} is expected")
         if not all_finite(found):
             raise not_finite(f"a tangent of {self._name_of(0)}", found, t, q)
-        plain = none_of(len(friction), self._system.nv, False)
-        return Tangents(friction, plain.axes, plain_array(found[rows.constraint].reshape(-1, shape[2])), None)
+        return found
 
     def check_rows(self, t: float, q: Array, rows: Array) -> None:
         """Check the gradients of some closed rows, at a few of the calls."""
@@ -232,6 +237,8 @@ class GivenConstraint(ConstraintFamily):
             if not gap.size:
                 return
             self.gradient(t, q)
+            if self._has_tangents:
+                self._all_tangents(t, q)
         except MbviError as error:
             if isinstance(error, InputError):
                 raise

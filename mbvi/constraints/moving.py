@@ -121,7 +121,7 @@ class MovingWalls(ConstraintFamily):
         self.frame.set_state(t, q)
         axes, first, second = axes_of(rows.normal), *self.constraint.bodies_of(rows.constraint)
         first, second, point = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
-        jacobian = self.frame.separation_in_world(first, second, point, np.ascontiguousarray(axes.reshape(-1, 3)))
+        jacobian = self.frame.separation_in_world(first, second, point, axes.reshape(-1, 3))
         rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
         return Tangents(friction, axes, jacobian, rate.ravel())
 

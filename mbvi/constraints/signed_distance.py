@@ -17,6 +17,7 @@ from ..geometry.shape_table import ShapeTable
 from ..system import System
 from .family import RowTable
 from .pairs import Array, Contacts, Pairs
+from .rows import Rows
 
 # contact points of a pair for which there is room at first
 _ROOM = 16
@@ -65,6 +66,8 @@ class SignedDistances(Pairs):
         self._grid = np.array([[_GRID]] * 3 + [[_GRID / table.unit]])
         self._cell = 1.0 / self._grid
         self._axes = SeparatingAxes(table, sides)
+        # during a query that knows them, the placements
+        self._placed: Array | None = None
         self._closed = PrimitivePairs(table, sides)
         self._coal = CoalDistances(table, self._axes)
         self._flat = ~np.logical_or(*table.smooth[sides.T])
@@ -100,8 +103,16 @@ class SignedDistances(Pairs):
         """Return the table of the rows: one for each pair, its least distance."""
         return RowTable(np.arange(self.size), self.restitution, self.smooth, self.reach(), self.thickness)
 
+    def contacts_of_placed(self, q: Array, places: Array, tolerance: float) -> Rows | None:
+        """Return what `contacts` returns, given the placements of the table's bodies, shape (b, 4, 3)."""
+        self._placed = places
+        try:
+            return self.contacts(0.0, q, tolerance)
+        finally:
+            self._placed = None
+
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
-        places = self.system.placements(q, self._axes.bodies)
+        places = self.system.placements(q, self._axes.bodies) if self._placed is None else self._placed
         left = self._axes.clear(places, pairs, tolerance, clearance)
         if not left.size:
             return None, True

@@ -283,13 +283,12 @@ class SphereWalls(ConstraintFamily):
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
         moved = self._where.of(self.system.integrate(q, displacement)) - self._where.of(q)
-        travel = np.tile(np.linalg.norm(moved, axis=1)[:, None], len(self._kind))
+        own, of_walls = np.linalg.norm(moved, axis=1), np.zeros(len(self._kind))
         for a, reach in self._reach:
-            travel[:, a] += reach @ np.abs(displacement)
-        thick = self._radii[:, None] + self._inner
-        if not (travel > thick).any():
+            of_walls[a] = reach @ np.abs(displacement)
+        if not (own.max() + of_walls > self._radii.min() + self._inner).any():
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-        travel, thick = travel.ravel(), thick.ravel()
+        travel, thick = (np.add.outer(*one).ravel() for one in ((own, of_walls), (self._radii, self._inner)))
         pairs = np.flatnonzero((travel > thick) & (self.gap(0.0, q) < travel))
         return pairs, travel[pairs], thick[pairs]
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..compiled import kernel, plain_array
 from ..system.sparse_rows import stack_rows
 
 Array = np.ndarray
@@ -67,16 +68,23 @@ def none_of(count: int, nv: int, sparse: bool) -> Tangents:
     return Tangents(np.zeros(count), np.tile(np.eye(3)[:2], (count, 1, 1)), jacobian, None)
 
 
-def axes_of(normal: Array) -> Array:
-    """Return two tangents for each unit normal, shape (k, 2, 3).
+@kernel("void(f8[:,::1], f8[:,:,::1])")
+def write_axes(normal: Array, axes: Array) -> None:
+    """Write two tangents for each unit normal, shapes (k, 3) and (k, 2, 3).
 
     T. Duff et al., Building an orthonormal basis, revisited (2017).
     """
-    x, y, z = normal.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
+    for a in range(len(normal)):
+        x, y, z = normal[a, 0], normal[a, 1], normal[a, 2]
+        sign = np.copysign(1.0, z)
+        c = -1.0 / (sign + z)
+        b = x * y * c
+        axes[a, 0, 0], axes[a, 0, 1], axes[a, 0, 2] = 1.0 + sign * x * x * c, sign * b, -sign * x
+        axes[a, 1, 0], axes[a, 1, 1], axes[a, 1, 2] = b, sign + y * y * c, -y
+
+
+def axes_of(normal: Array) -> Array:
+    """Return two tangents for each unit normal, shape (k, 2, 3)."""
     axes = np.empty((len(normal), 2, 3))
-    axes[:, 0] = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    axes[:, 1] = np.stack([b, sign + y * y * a, -y], axis=1)
+    write_axes(plain_array(normal), axes)
     return axes

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
+from .verlet_list import near_balls
+
+# relative to the largest ball
+_ROUNDING = 1e-9
 
 
 def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: Array) -> tuple[Array, Array]:
     """Return the pairs i < j that may touch, and that travel further than their inner radii together, shapes (k,).
+
+    They ascend in i, then in j.
 
     Parameters
     ----------
@@ -20,22 +26,21 @@ def may_pass(centres: Array, moved: Array, travel: Array, bound: Array, inner: A
         Radii of spheres around and inside each body [m].
     """
     # two bodies that both travel less than their inner radii cannot pass through each other
-    swift = np.flatnonzero(travel > inner).tolist()
-    if not swift:
+    swift = travel > inner
+    if not swift.any():
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     # the most by which a curved path deviates from the straight one
-    bent = np.sqrt(np.maximum(travel**2 - np.vecdot(moved, moved), 0.0))
-    first, second = [], []
-    for i in swift:
-        apart, relative = centres - centres[i], moved - moved[i]
-        square = np.vecdot(relative, relative)
-        share = np.clip(-np.vecdot(apart, relative) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-        nearest = np.linalg.norm(apart + share[:, None] * relative, axis=1)
-        far = np.sqrt(square) + bent + bent[i] > inner + inner[i]
-        j = np.flatnonzero(far & (nearest < bound + bound[i] + bent + bent[i]))
-        j = j[j != i]
-        first.append(np.minimum(i, j))
-        second.append(np.maximum(i, j))
-    # a pair of two fast bodies is found twice
-    pairs = np.unique(np.concatenate(first) * len(centres) + np.concatenate(second))
-    return pairs // len(centres), pairs % len(centres)
+    square = np.vecdot(moved, moved)
+    bent = np.sqrt(np.maximum(travel**2 - square, 0.0))
+    # balls that hold the whole path of each body
+    held = bound + bent + 0.5 * np.sqrt(square)
+    i, j = np.divmod(near_balls(centres + 0.5 * moved, held, _ROUNDING * float(held.max())), len(centres))
+    fast = swift[i] | swift[j]
+    i, j = i[fast], j[fast]
+    apart, relative = centres[j] - centres[i], moved[j] - moved[i]
+    square = np.vecdot(relative, relative)
+    share = np.clip(-np.vecdot(apart, relative) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    nearest = np.linalg.norm(apart + share[:, None] * relative, axis=1)
+    passing = np.sqrt(square) + bent[i] + bent[j] > inner[i] + inner[j]
+    passing &= nearest < bound[i] + bound[j] + bent[i] + bent[j]
+    return i[passing], j[passing]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..compiled import kernel
+from ..compiled import kernel, plain_array
 
+_NO_TURNS = np.zeros((0, 3, 3))
 # most sizes of cells; radii within a factor of two share one
 _LEVELS = 24
 # the skin is adapted so that a list is valid for at least and at most so many queries
@@ -117,6 +118,42 @@ def near_balls(centres: Array, radii: Array, reach: float) -> Array:
         pairs = np.empty(count, np.int64)
 
 
+@kernel("f8(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1])")
+def farthest_moved(old: Array, new: Array, old_turns: Array, new_turns: Array, arms: Array) -> float:
+    """Return the largest distance that a point of any shape has moved, less a displacement that all share [m].
+
+    Parameters
+    ----------
+    old, new : ndarray, shape (n, 3)
+        Centres [m].
+    old_turns, new_turns : ndarray, shape (n, 3, 3)
+        Rotations; shape (0, 3, 3) where they do not count.
+    arms : ndarray, shape (n,)
+        How far points of each shape are from its centre [m].
+    """
+    shared, most = np.empty(3), 0.0
+    for c in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(len(new)):
+            moved = new[i, c] - old[i, c]
+            low, high = min(low, moved), max(high, moved)
+        shared[c] = 0.5 * (low + high)
+    for i in range(len(new)):
+        square = 0.0
+        for c in range(3):
+            square += (new[i, c] - old[i, c] - shared[c]) ** 2
+        travel = np.sqrt(square)
+        if len(new_turns) > 0:
+            # the chord of a rotation on a sphere of unit radius
+            chord = 0.0
+            for k in range(3):
+                for c in range(3):
+                    chord += (new_turns[i, k, c] - old_turns[i, k, c]) ** 2
+            travel += np.sqrt(0.5 * chord) * arms[i]
+        most = max(most, travel)
+    return most
+
+
 class VerletList:
     """A list of near pairs of spheres, made again when two may have come nearer to each other by the skin.
 
@@ -142,12 +179,12 @@ class VerletList:
     """
 
     def __init__(self, radii: Array, arms: Array | None = None) -> None:
-        self._radii, self._arms = radii, arms
+        self._radii, self._arms = radii, np.zeros(0) if arms is None else plain_array(arms)
         self._largest_skin = 2.0 * float(np.median(radii))
         self._skin = 0.3 * self._largest_skin
         self.reach, self._queries, self.lists = -np.inf, _FEWEST, 0
         self._pairs, self._where = np.zeros(0, np.int64), np.zeros((0, 3))
-        self._turns: Array | None = None
+        self._turns = _NO_TURNS
 
     def within(self, centres: Array, reach: float, turns: Array | None = None) -> Array:
         """Return all pairs with a gap of at most `reach`, and possibly more, as i n + j with i < j, ascending.
@@ -159,24 +196,19 @@ class VerletList:
             self.reach, self._where = np.inf, np.zeros((0, 3))
             i, j = np.triu_indices(len(centres), 1)
             return i * len(centres) + j
-        if len(self._where):
-            moved = centres - self._where
-            moved -= 0.5 * (moved.max(axis=0) + moved.min(axis=0))
-            travel = np.sqrt(np.vecdot(moved, moved))
-            if turns is not None and self._arms is not None:
-                # the chord of a rotation on a sphere of unit radius
-                turned = (turns - self._turns).reshape(-1, 9)
-                travel += np.sqrt(0.5 * np.vecdot(turned, turned)) * self._arms
-            # both spheres of a pair may have moved by the largest distance, towards each other
-            if 2.0 * float(travel.max()) + reach <= self.reach:
-                self._queries += 1
-                return self._pairs
+        centres = plain_array(centres)
+        turns = _NO_TURNS if turns is None else plain_array(turns)
+        # both spheres of a pair may have moved by the largest distance, towards each other
+        if len(self._where) and 2.0 * farthest_moved(self._where, centres, self._turns, turns, self._arms) + reach <= (
+            self.reach
+        ):
+            self._queries += 1
+            return self._pairs
         if self._queries < _FEWEST:
             self._skin = min(1.5 * self._skin, self._largest_skin)
         elif self._queries > _MOST:
             self._skin *= 0.8
-        self._queries, self.reach, self._where = 0, reach + self._skin, centres.copy()
-        self._turns = turns if turns is None else turns.copy()
+        self._queries, self.reach, self._where, self._turns = 0, reach + self._skin, centres.copy(), turns.copy()
         self.lists += 1
         self._pairs = near_balls(self._where, self._radii, self.reach)
         return self._pairs

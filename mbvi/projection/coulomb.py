@@ -19,7 +19,7 @@ from .coulomb_newton import (
     resume_newton,
     tangential_scale,
 )
-from .coulomb_rescue import improve_coulomb, proximal_newton, sweeps_and_newton
+from .coulomb_rescue import improve_coulomb, proximal_newton
 from .metric import Array
 
 # contacts up to which the answer is one whatever their order; beyond, sweeps begin with the contacts as they come
@@ -29,23 +29,50 @@ COMPLIANCE = 1e-4
 # the compliant problem is solved to this residual, and polished
 _CLOSE, _POLISHING_STEPS = 1e-12, 3
 # Newton steps from nothing, from the last answer, and with the cases held
-_STEPS, _RESUMED_STEPS, _HELD_STEPS = 15, 4, 30
-# rows whose elimination leaves a lesser pivot count as dependent
-REGULAR = 1e-9
+_STEPS, _RESUMED_STEPS, _HELD_STEPS = 15, 6, 30
+# rows whose elimination leaves a lesser part of their G_nn count as dependent
+_REGULAR = 1e-9
 # shift of dependent rows: less of the rounding gets into percussions that the velocity does not depend on
 _HELD_SHIFT = 1e-7
-# mu |G_nt| of a contact up to which an answer may be taken without a look at the compliant one; from 1 on, one contact
-# alone has several answers (P. Painleve)
-_WEAK = 0.5
+# up to this mu, and this mu |G_nt|, an answer may be taken from a start near it: see docs/mathematics.md
+_NARROW, _WEAK = 0.8, 0.75
 
 
 @kernel("b1(f8[:,::1], f8[::1])")
 def couples_weakly(G: Array, mu: Array) -> bool:
-    """Return whether friction of each contact acts little on its own normal: mu |G_nt| <= G_nn / 2."""
+    """Return whether friction is low, and acts little on the normal of its own contact.
+
+    Above both, compliant contacts may have several answers too; of one contact from mu |G_nt| = G_nn on (P. Painlevé).
+    """
     for a in range(len(mu)):
         i = 3 * a
-        if mu[a] * np.sqrt(G[i, i + 1] ** 2 + G[i, i + 2] ** 2) > _WEAK * G[i, i]:
+        if mu[a] > _NARROW or mu[a] * np.sqrt(G[i, i + 1] ** 2 + G[i, i + 2] ** 2) > _WEAK * G[i, i]:
             return False
+    return True
+
+
+@kernel("b1(f8[:,::1], f8[::1])")
+def independent_rows(G: Array, mu: Array) -> bool:
+    """Return whether the rows of all contacts are independent, without the tangents of frictionless ones."""
+    L, k = np.empty(G.shape), 0
+    for i in range(len(G)):
+        if i % 3 > 0 and mu[i // 3] == 0.0:
+            continue
+        c = 0
+        for j in range(i):
+            if j % 3 == 0 or mu[j // 3] > 0.0:
+                value = G[i, j]
+                for r in range(c):
+                    value -= L[k, r] * L[c, r]
+                L[k, c] = value / L[c, c]
+                c += 1
+        rest = G[i, i]
+        for r in range(k):
+            rest -= L[k, r] * L[k, r]
+        if not rest > _REGULAR:
+            return False
+        L[k, k] = np.sqrt(rest)
+        k += 1
     return True
 
 
@@ -65,25 +92,24 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
         Receives the percussions.
     """
     n, u, scale = len(b), np.empty(len(b)), np.empty(len(mu))
-    if not started or resume_newton(H, b, mu, _RESUMED_STEPS, _CLOSE, p)[0] > _CLOSE:
+    if not started or resume_newton(H, b, mu, _RESUMED_STEPS, _CLOSE, p) > _CLOSE:
         for i in range(n):
             p[i] = 0.0
-        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 1, p) > _CLOSE:
+        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, p) > _CLOSE:
             for i in range(n):
                 p[i] = 0.0
-            # sweeps depend on the order of the contacts: they come last
-            if proximal_newton(H, b, mu, _CLOSE, p) > _CLOSE:
-                sweeps_and_newton(H, b, mu, _CLOSE, p)
+            residual = proximal_newton(H, b, mu, _CLOSE, p)
+            improve_coulomb(H, b, mu, residual, _CLOSE, p)
     contact_velocities(H, b, p, u)
     tangential_scale(H, scale)
     find_cases(u, p, mu, scale, case)
 
 
-@kernel("UniTuple(f8, 2)(f8[:,::1], f8[::1], f8[::1], f8, b1, f8[::1], f8[::1])")
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, b1, b1, f8[::1], f8[::1])")
 def solve_coulomb(
-    G: Array, b: Array, mu: Array, limit: float, started: bool, start: Array, p: Array
-) -> tuple[float, float]:
-    """Write percussions that satisfy Coulomb's law with u = G p + b.
+    G: Array, b: Array, mu: Array, limit: float, independent: bool, started: bool, start: Array, p: Array
+) -> float:
+    """Write percussions that satisfy Coulomb's law with u = G p + b; return `coulomb_defect` relative to the largest b.
 
     Parameters
     ----------
@@ -95,36 +121,28 @@ def solve_coulomb(
         Coefficients of friction.
     limit : float
         The residual that ends the iterations.
-    started : bool
-        Whether `start` is one.
+    independent, started : bool
+        Whether rows are independent (`independent_rows`), and whether `start` is one.
     start : ndarray, shape (n,)
         Percussions of compliant contacts in a problem like this; receives those of this one.
     p : ndarray, shape (n,)
         Receives the percussions.
-
-    Returns
-    -------
-    residual : float
-        `coulomb_defect` relative to the largest entry of b.
-    least : float
-        The least pivot of the rows that bear; below `REGULAR` they depend on each other. inf if none bears.
     """
     n, m = len(b), len(mu)
     case, H = np.empty(m, np.int64), G.copy()
     for i in range(n):
         H[i, i] += COMPLIANCE
     solve_compliant(H, b, mu, started, start, case)
+    if not independent:
+        # percussions that do not change the velocity of rigid contacts are known to the residual over the compliance
+        hold_cases(H, b, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
     for i in range(n):
         p[i] = start[i]
-    residual, least = hold_cases(G, b, mu, case, _HELD_STEPS, 0.1 * limit, 0.0, p)
-    if least < REGULAR:
-        hold_cases(H, b, mu, case, _POLISHING_STEPS, 0.0, SHIFT, start)
-        for i in range(n):
-            p[i] = start[i]
-        residual, shift = np.inf, _HELD_SHIFT
-        while residual > 0.1 * limit and shift > 1e-3 * SHIFT:
-            residual = hold_cases(G, b, mu, case, _HELD_STEPS, 1e-3 * limit, shift, p)[0]
-            shift *= 0.1
+    shift = 0.0 if independent else _HELD_SHIFT
+    residual = hold_cases(G, b, mu, case, _HELD_STEPS, 0.1 * limit, shift, p)
+    while residual > 0.1 * limit and shift > 1e-3 * SHIFT:
+        shift *= 0.1
+        residual = hold_cases(G, b, mu, case, _HELD_STEPS, 0.1 * limit, shift, p)
     if residual > limit:
         residual = improve_coulomb(G, b, mu, residual, limit, p)
-    return residual, least
+    return residual

@@ -39,7 +39,7 @@ def coulomb_defect(u: Array, p: Array, mu: Array) -> float:
         slip = np.sqrt(u[i + 1] ** 2 + u[i + 2] ** 2)
         n, t, s = p[i] - u[i] - mu[a] * slip, p[i + 1] - u[i + 1], p[i + 2] - u[i + 2]
         across = np.sqrt(t * t + s * s)
-        if across > mu[a] * n:
+        if n < 0.0 or across > mu[a] * n:
             if mu[a] * across <= -n:
                 n = t = s = 0.0
             else:

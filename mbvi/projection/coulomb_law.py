@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from .coulomb import MOST_CONTACTS, REGULAR, couples_weakly, solve_coulomb
+from .coulomb import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
 from .coulomb_contact import coulomb_defect, sweep_contacts
 from .coulomb_newton import OPEN, find_cases, resume_newton, tangential_scale
 from .metric import Array
 
-# what is known of the last problem: nothing, or percussions of rows that were independent, or dependent
-NOTHING, INDEPENDENT, DEPENDENT = 0, 1, 2
-_RESUMED_STEPS, _MOST_SWEEPS = 4, 20_000
+# what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
+NOTHING, UNIQUE, COMPLIANT = 0, 1, 2
+_RESUMED_STEPS, _MOST_SWEEPS = 6, 20_000
 
 
 @kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
@@ -73,12 +73,12 @@ def apply_percussions(
 
 
 @kernel(
-    "UniTuple(f8, 2)(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
+    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
 )
 def coulomb_law(
     J: Array, A: Array, x: Array, lower: Array, mu: Array, known: int, limit: float, start: Array, w: Array,
     table: Array, case: Array,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, bool]:  # fmt: skip
     """Write the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 
     Parameters
@@ -88,15 +88,15 @@ def coulomb_law(
     x, w : ndarray, shape (nv,)
         The velocity under forces alone, and the result.
     lower : ndarray, shape (n,)
-        Least normal rates, and the negative tangential velocities of what the contacts touch.
+        Of each contact the least normal rate, and the rates of the tangents at which it sticks.
     mu : ndarray, shape (m,)
         Coefficients of friction.
     known : int
-        NOTHING, or which rows a problem like this had: INDEPENDENT or DEPENDENT ones.
+        NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
     limit : float
         The residual that ends the iterations.
     start : ndarray, shape (n,)
-        Percussions of a problem like this, of compliant contacts where rows were dependent; receives those of this one.
+        Percussions of a problem like this, those of compliant contacts unless unique; receives those of this one.
     table : ndarray, shape (3, n)
         Receives percussions, J x and J w.
     case : ndarray of int, shape (m,)
@@ -106,8 +106,8 @@ def coulomb_law(
     -------
     residual : float
         `coulomb_defect` relative to the largest scaled speed.
-    least : float
-        As of `solve_coulomb`.
+    unique : bool
+        Whether rows are independent and friction acts little on normals, so that there is one answer.
     """
     n, nv = J.shape
     m = n // 3
@@ -123,7 +123,7 @@ def coulomb_law(
             w[k] = x[k]
         for a in range(m):
             case[a] = OPEN
-        return 0.0, np.inf
+        return 0.0, True
     G, scale, tangential = np.empty((n, n)), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     delassus(J, A, G, scale)
@@ -137,18 +137,20 @@ def coulomb_law(
         soft[i] = p[i]
         contradicted = contradicted or (i % 3 == 0 and s == 0.0 and lower[i] > 0.0)
     if contradicted:
-        return np.inf, 0.0
-    residual, least = np.inf, 0.0
+        return np.inf, False
+    unique = False
     if m > MOST_CONTACTS:
         sweep_contacts(G, b, mu, _MOST_SWEEPS, limit, p)
     else:
-        if known == INDEPENDENT:
-            residual, least = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
-        if residual > limit or least < REGULAR:
-            residual, least = solve_coulomb(G, b, mu, limit, known == DEPENDENT, soft, p)
+        independent = independent_rows(G, mu)
+        unique = independent and couples_weakly(G, mu)
+        residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p) if unique and known == UNIQUE else np.inf
+        # written so that a NaN is refused too
+        if not residual <= limit:
+            solve_coulomb(G, b, mu, limit, independent, known == COMPLIANT, soft, p)
     residual = apply_percussions(J, A, x, lower, mu, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
     find_cases(u, p, mu, tangential, case)
     for i in range(n):
-        start[i] = table[0, i] if least >= REGULAR else soft[i] * scale[i // 3]
-    return residual, least
+        start[i] = table[0, i] if unique else soft[i] * scale[i // 3]
+    return residual, unique

@@ -62,10 +62,9 @@ def case_error(u: Array, p: Array, mu: Array, scale: Array, case: Array, error: 
     return total
 
 
-@kernel("f8(f8[:,::1], f8[::1], i8)")
-def solve_linear(A: Array, y: Array, n: int) -> float:
-    """Overwrite n entries of y by A^-1 y, and A by its factors; return the least pivot, 0 if A is singular."""
-    least = np.inf
+@kernel("b1(f8[:,::1], f8[::1], i8)")
+def solve_linear(A: Array, y: Array, n: int) -> bool:
+    """Overwrite n entries of y by A^-1 y, and A by its factors; False if A is singular."""
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
@@ -73,8 +72,7 @@ def solve_linear(A: Array, y: Array, n: int) -> float:
                 pivot = i
         # written so that a NaN is refused too
         if not abs(A[pivot, k]) > 1e-300:
-            return 0.0
-        least = min(least, abs(A[pivot, k]))
+            return False
         if pivot != k:
             y[k], y[pivot] = y[pivot], y[k]
             for j in range(k, n):
@@ -89,15 +87,15 @@ def solve_linear(A: Array, y: Array, n: int) -> float:
         for j in range(k + 1, n):
             y[k] -= A[k, j] * y[j]
         y[k] /= A[k, k]
-    return least
+    return True
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8, f8[:,::1], f8[::1], i8[::1], f8[::1])")
+@kernel("b1(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8, f8[:,::1], f8[::1], i8[::1], f8[::1])")
 def newton_direction(
     G: Array, u: Array, p: Array, mu: Array, scale: Array, error: Array, case: Array, shift: float, A: Array,
     y: Array, place: Array, step: Array,
-) -> float:  # fmt: skip
-    """Write the Newton step of the equations of given cases; return the least pivot of their matrix, 0 if singular.
+) -> bool:  # fmt: skip
+    """Write the Newton step of the equations of given cases; False if their matrix is singular.
 
     The percussions of open contacts and, without friction, those of tangents are no unknowns: they become 0.
 
@@ -165,11 +163,11 @@ def newton_direction(
         A[r + 1, r + 1], A[r + 1, r + 2] = A[r + 1, r + 1] + s11, A[r + 1, r + 2] + s12
         A[r + 2, r + 1], A[r + 2, r + 2] = A[r + 2, r + 1] + s12, A[r + 2, r + 2] + s22
         r += 3
-    least = solve_linear(A, y, k)
-    if least > 0.0:
-        for c in range(k):
-            step[place[c]] = y[c]
-    return least
+    if not solve_linear(A, y, k):
+        return False
+    for c in range(k):
+        step[place[c]] = y[c]
+    return True
 
 
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], i8, f8, f8, i8, f8[::1])")
@@ -208,7 +206,7 @@ def newton_coulomb(
         recent[k] = value
     residual = coulomb_defect(u, p, mu) / largest
     for iteration in range(most):
-        if residual <= limit or newton_direction(G, u, p, mu, scale, error, case, shift, A, y, place, step) == 0.0:
+        if residual <= limit or not newton_direction(G, u, p, mu, scale, error, case, shift, A, y, place, step):
             break
         highest, length = 0.0, 1.0
         for k in range(remembered):
@@ -229,25 +227,16 @@ def newton_coulomb(
     return residual
 
 
-@kernel("UniTuple(f8, 2)(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
-def hold_cases(
-    G: Array, b: Array, mu: Array, case: Array, most: int, limit: float, shift: float, p: Array
-) -> tuple[float, float]:
-    """Improve percussions by Newton steps within given cases, shape (m,), as long as they help.
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8, f8[::1])")
+def hold_cases(G: Array, b: Array, mu: Array, case: Array, most: int, limit: float, shift: float, p: Array) -> float:
+    """Improve percussions by Newton steps within given cases, shape (m,), as long as they help; return the residual.
 
     The other arguments are those of `newton_coulomb`. p becomes the best found.
-
-    Returns
-    -------
-    residual : float
-        That of p.
-    least : float
-        The least pivot of the last step's matrix; inf if there was no step.
     """
     n, m = len(b), len(mu)
     u, error, trial, step, scale = np.empty(n), np.empty(n), p.copy(), np.empty(n), np.empty(m)
     A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
-    largest, best, worse, least = contact_velocities(G, b, p, u), np.inf, 0, np.inf
+    largest, best, worse = contact_velocities(G, b, p, u), np.inf, 0
     tangential_scale(G, scale)
     for _ in range(most + 1):
         residual = coulomb_defect(u, trial, mu) / largest
@@ -259,31 +248,29 @@ def hold_cases(
         if best <= limit or worse > 1:
             break
         case_error(u, trial, mu, scale, case, error)
-        least = newton_direction(G, u, trial, mu, scale, error, case, shift, A, y, place, step)
-        if least == 0.0:
+        if not newton_direction(G, u, trial, mu, scale, error, case, shift, A, y, place, step):
             break
         for i in range(n):
             trial[i] += step[i]
         contact_velocities(G, b, trial, u)
-    return best, least
+    return best
 
 
-@kernel("UniTuple(f8, 2)(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1])")
-def resume_newton(G: Array, b: Array, mu: Array, most: int, limit: float, p: Array) -> tuple[float, float]:
-    """Improve percussions that are nearly right by at least one full Newton step, without shift or line search.
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1])")
+def resume_newton(G: Array, b: Array, mu: Array, most: int, limit: float, p: Array) -> float:
+    """Improve percussions that are nearly right by full Newton steps, at least one; return the residual.
 
-    The arguments are those of `newton_coulomb`, the results those of `hold_cases`.
+    The arguments are those of `newton_coulomb`.
     """
     n, m = len(b), len(mu)
     u, error, step, scale, case = np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m, np.int64)
     A, y, place = np.empty((n, n)), np.empty(n), np.empty(n, np.int64)
-    largest, residual, least = contact_velocities(G, b, p, u), np.inf, np.inf
+    largest, residual = contact_velocities(G, b, p, u), np.inf
     tangential_scale(G, scale)
     for _ in range(most):
         find_cases(u, p, mu, scale, case)
         case_error(u, p, mu, scale, case, error)
-        least = newton_direction(G, u, p, mu, scale, error, case, 0.0, A, y, place, step)
-        if least == 0.0:
+        if not newton_direction(G, u, p, mu, scale, error, case, 0.0, A, y, place, step):
             break
         for i in range(n):
             p[i] += step[i]
@@ -291,4 +278,4 @@ def resume_newton(G: Array, b: Array, mu: Array, most: int, limit: float, p: Arr
         residual = coulomb_defect(u, p, mu) / largest
         if residual <= limit:
             break
-    return residual, least
+    return residual

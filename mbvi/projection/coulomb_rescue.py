@@ -95,7 +95,7 @@ def stiffen(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
     contact_velocities(G, b, p, u)
     tangential_scale(G, scale)
     find_cases(u, p, mu, scale, case)
-    return hold_cases(G, b, mu, case, _HELD_STEPS, limit, SHIFT, p)[0]
+    return hold_cases(G, b, mu, case, _HELD_STEPS, limit, SHIFT, p)
 
 
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8, f8[::1])")
@@ -116,6 +116,7 @@ def improve_coulomb(G: Array, b: Array, mu: Array, residual: float, limit: float
         elif attempt == 3:
             found = stiffen(G, b, mu, limit, trial)
         else:
+            # sweeps depend on the order of the contacts: they come last
             found = sweeps_and_newton(G, b, mu, limit, trial)
         residual = keep_better(trial, found, residual, p)
     return residual

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..compiled import plain_array
 from ..errors import ProjectionError
-from .coulomb import MOST_CONTACTS, REGULAR
-from .coulomb_law import DEPENDENT, INDEPENDENT, NOTHING, coulomb_law
+from .coulomb import MOST_CONTACTS
+from .coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from .existence import existence_margin
 from .metric import Array, Metric
 from .tree import TreeMetric, solve
@@ -33,7 +33,8 @@ class FrictionalProjection(NamedTuple):
     case : ndarray of int, shape (m,)
         `OPEN`, `STICK` or `SLIP` of each contact; closed contacts without friction slip.
     unique : bool
-        Whether the rows of the closed contacts are independent, so that percussions and velocity are unique.
+        Whether percussions and velocity are known to be unique: rows are independent, and friction acts little on
+        normals.
     start : ndarray, shape (3 m,)
         What the next projection of the same contacts can start from.
     """
@@ -59,7 +60,7 @@ def project_frictional(
 ) -> FrictionalProjection:
     """Return the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 
-    For each contact, K_mu ∋ p ⊥ (u_n - lower + mu |u_t|, u_t) ∈ K_mu* with u = J w (Moreau; De Saxcé).
+    For each contact, K_mu ∋ p ⊥ (u_n + mu |u_t|, u_t) ∈ K_mu* with u = J w - lower (Moreau; De Saxcé).
 
     Parameters
     ----------
@@ -70,8 +71,9 @@ def project_frictional(
     J : ndarray, shape (3 m, nv)
         Of each contact the normal and two tangents, all of unit length and orthogonal to each other in space. Tangents
         of contacts without friction may be zero.
-    lower : ndarray, shape (3 m,)
-        Of each contact the least normal rate, and the negative tangential velocities of what it touches [m/s].
+    lower : ndarray, shape (m,) or (3 m,)
+        Least normal rates [m/s], or of each contact that and the rates of its tangents at which it sticks: the velocity
+        of a belt.
     friction : ndarray, shape (m,)
         Coefficients of friction.
     residual : float
@@ -89,14 +91,18 @@ def project_frictional(
     w, table, case = np.empty(len(x)), np.empty((3, n)), np.empty(len(friction), np.int64)
     known, first = NOTHING, np.zeros(n)
     if start is not None and len(start.start) == n:
-        known, first = INDEPENDENT if start.unique else DEPENDENT, start.start.copy()
+        known, first = UNIQUE if start.unique else COMPLIANT, start.start.copy()
     limit = _AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
-    A, lower, mu = _solved(metric, J), plain_array(lower), plain_array(friction)
-    found, least = coulomb_law(J, A, plain_array(x), lower, mu, known, limit, first, w, table, case)
+    A, bound, mu = _solved(metric, J), np.zeros(n), plain_array(friction)
+    if len(lower) == n:
+        bound[:] = lower
+    else:
+        bound[::3] = lower
+    found, unique = coulomb_law(J, A, plain_array(x), bound, mu, known, limit, first, w, table, case)
     # written so that a NaN is refused too
     if not found <= residual:
-        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": lower, "friction": friction})
-    return FrictionalProjection(w, table[0], table[1], table[2], found, case, least >= REGULAR, first)
+        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": bound, "friction": friction})
+    return FrictionalProjection(w, table[0], table[1], table[2], found, case, unique, first)
 
 
 def _solved(metric: Metric, J: Array) -> Array:

@@ -9,13 +9,14 @@ from ..compiled import plain_array
 from ..errors import ProjectionError
 from .contact_blocks import pack_contacts
 from .coulomb_contact import coulomb_defect
-from .coulomb_sweeps import accelerated_contacts
+from .coulomb_islands import solve_contact_islands
+from .coulomb_sweeps import combine_contacts
+from .gram import islands
 from .metric import Array, Metric
 from .scaled_qp import Projection
 
 # sweeps are to reach this share of the residual asked, which is then computed from the rows as they are
 _MARGIN = 0.9
-_MOST_SWEEPS = 5000
 
 
 def project_frictional_sparse(
@@ -63,13 +64,8 @@ def project_frictional_sparse(
     ProjectionError
         If the residual is not reached.
     """
-    m, W = len(friction), metric.whiten_rows(J)
-    mu = plain_array(friction)
-    columns, starts = np.empty(W.nnz, np.uint32), np.empty(m + 1, np.uint32)
-    blocks, local = np.empty(3 * W.nnz), np.empty((m, 7))
-    pack_contacts(
-        W.data, W.indices.astype(np.uint32), W.indptr.astype(np.uint32), len(x), blocks, columns, starts, local
-    )
+    m, mu = len(friction), plain_array(friction)
+    blocks, columns, starts, local = _packed(metric.whiten_rows(J))
     scale = local[:, 6]
     still = scale == 0.0
     if still.any() and (lower[::3][still] > 0.0).any():
@@ -85,7 +81,10 @@ def project_frictional_sparse(
     if start is not None:
         p = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0).ravel()
     b, target = _turned(speeds, local, 1.0).ravel(), _MARGIN * residual * largest
-    accelerated_contacts(blocks, columns, starts, local, b, mu, target, _MOST_SWEEPS, z, p)
+    label = np.empty(m, np.int64)
+    count = islands(columns, starts, len(x), np.diff(starts.astype(np.int64)) > 0, label)
+    solve_contact_islands(blocks, columns, starts, len(x), local, b, mu, label, count, target, p)
+    combine_contacts(blocks, columns, starts, p, z)
     scaled = _turned(_by_contact(p), local, -1.0)
     w = x + metric.unwhiten(z)
     u = _by_contact(J @ w)
@@ -101,6 +100,16 @@ def project_frictional_sparse(
             found,
         )
     return Projection(w, (scaled * scale[:, None]).ravel(), found)
+
+
+def _packed(rows: csr_array) -> tuple[Array, Array, Array, Array]:
+    """Return what `pack_contacts` makes of whitened rows."""
+    m, n = rows.shape[0] // 3, rows.shape[1]
+    columns, starts = np.empty(rows.nnz, np.uint32), np.empty(m + 1, np.uint32)
+    blocks, local = np.empty(3 * rows.nnz), np.empty((m, 7))
+    own_columns, own_starts = rows.indices.astype(np.uint32), rows.indptr.astype(np.uint32)
+    pack_contacts(rows.data, own_columns, own_starts, n, blocks, columns, starts, local)
+    return blocks, columns, starts, local
 
 
 def _by_contact(values: Array) -> Array:

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from ..arguments import array
 from ..errors import InputError
 from .column_blocks import compose, cut
+from .sparse_whitening import whiten_bodies
 
 Array = np.ndarray
 
@@ -180,8 +181,9 @@ class BodiesMetric:
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
         # a sparse row has all six entries of each of its bodies, next to each other
-        values = self.inverse_lower[rows.indices[::6] // 6] @ rows.data.reshape(-1, 6, 1)
-        return like(rows, values.ravel())
+        values = np.empty_like(rows.data)
+        whiten_bodies(self.inverse_lower, rows.indices[::6].astype(np.int64) // 6, rows.data, values)
+        return like(rows, values)
 
     def dense(self) -> Array:
         n = 6 * len(self.blocks)

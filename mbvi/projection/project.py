@@ -58,7 +58,7 @@ def project(
     """
     if friction is not None:
         velocity, rows, bound, mu = _checked_contacts(x, J, lower, "lower", friction)
-        found = project_frictional(velocity, as_metric(M, velocity.size), rows, _on_normals(bound), mu)
+        found = project_frictional(velocity, as_metric(M, velocity.size), rows, bound, mu)
         return Projection(found.velocity, found.percussion, found.residual)
     velocity, J, bound = _checked(x, J, lower, "lower")
     return Projector().project(velocity, as_metric(M, velocity.size), J, bound)
@@ -99,16 +99,11 @@ def impact(v: Array, M: Array | Metric, J: Array, e: Array | float, friction: Ar
     if friction is not None:
         velocity, rows, restitution, mu = _checked_contacts(v, J, e, "e", friction)
         _check_restitution(restitution, e)
-        lower = _on_normals(-restitution * (rows[::3] @ velocity))
+        lower = -restitution * (rows[::3] @ velocity)
         return project_frictional(velocity, as_metric(M, velocity.size), rows, lower, mu).velocity
     velocity, J, restitution = checked_impact(v, J, e)
     metric = as_metric(M, velocity.size)
     return Projector().project(velocity, metric, J, -restitution * (J @ velocity)).velocity
-
-
-def _on_normals(bound: Array) -> Array:
-    """Return bounds of normal rates as bounds of all rows of contacts; those of tangents are 0."""
-    return (bound[:, None] * np.array([1.0, 0.0, 0.0])).ravel()
 
 
 def checked_impact(v: Array, J: Array, e: Array | float) -> tuple[Array, Array, Array]:

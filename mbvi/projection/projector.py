@@ -14,6 +14,7 @@ from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
+from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
 from .friction import FrictionalProjection, project_frictional
 from .friction_sparse import project_frictional_sparse
@@ -33,6 +34,9 @@ _MOST_CHECKED = 400
 _SHARE = 0.25
 # the largest residual that follows from a depth
 _MOST_RESIDUAL = 1e-2
+# the residual of bodies nearly at rest, relative to their speed over that of a step of free fall; and its least share.
+# Where rows depend on each other, speeds that a residual leaves are up to ten times as large
+_OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 
 # entries of the rows of few contacts up to which they are solved as dense ones
 _MOST_DENSE = 2_000_000
@@ -50,6 +54,14 @@ class FrictionalRows(Protocol):
     @property
     def jacobian(self) -> Array | csr_array:
         """Gradients, shape (k, nv)."""
+
+    @property
+    def restitution(self) -> Array:
+        """Restitution, shape (k,)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates of gaps at v = 0, shape (k,)."""
 
     @property
     def tangents(self) -> TangentRows | None:
@@ -98,7 +110,12 @@ class AcceptedDepth(NamedTuple):
         """
         lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
         found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
-        return min(found, self.relative, _MOST_RESIDUAL)
+        return min(found, self.largest_residual)
+
+    @property
+    def largest_residual(self) -> float:
+        """The residual of slow bodies, which does not follow from the depth."""
+        return min(self.relative, _MOST_RESIDUAL)
 
 
 class Projector:
@@ -118,6 +135,8 @@ class Projector:
         Replaces the residual in projections of sparse rows that give the length of their step.
     friction_residual : float, optional
         The relative residual of Coulomb's law for more than 32 contacts; `residual` by default.
+    energy_cap : bool
+        Whether `capped_restitution` limits e.
 
     Attributes
     ----------
@@ -131,14 +150,32 @@ class Projector:
         solver: ChosenSolver | None = None,
         accepted: AcceptedDepth | None = None,
         friction_residual: float | None = None,
+        energy_cap: bool = False,
     ) -> None:
+        self.energy_cap = energy_cap
         self.friction_residual = residual if friction_residual is None else friction_residual
         self._last_frictional = LastPercussions()
         self._frictional_start: FrictionalProjection | None = None
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
+        # speed of the bodies over that of a step of free fall
+        self._speed = np.inf
         self._last = LastPercussions()
         self._fused = FusedStep(self._last, residual) if solver is None else None
+
+    def begin(self, v: Array, free: Array) -> None:
+        """Begin a step with the speeds v of bodies, which forces alone lead to `free`.
+
+        The residual that follows from an accepted depth falls with the largest speed of bodies nearly at rest, so that
+        it does not keep them moving.
+        """
+        fall = np.abs(free - v).max(initial=0.0)
+        self._speed = float(np.abs(v).max(initial=0.0) / fall) if fall > 0.0 else np.inf
+
+    @property
+    def residual_at_rest(self) -> float:
+        """The relative residual of projections of sparse rows of bodies at rest."""
+        return self.residual if self.accepted is None else _LEAST * self.accepted.largest_residual
 
     def project(
         self,
@@ -210,8 +247,10 @@ class Projector:
 
     def frictional(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, h: float | None = None
-    ) -> Projection:
+    ) -> FrictionalProjection | Projection:
         """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+
+        Of few contacts also their velocities.
 
         Parameters
         ----------
@@ -220,20 +259,45 @@ class Projector:
         x, metric, lower, h
             As of `project`.
         """
-        J, tangents = rows.jacobian, rows.tangents
+        tangents, m = rows.tangents, len(lower)
         assert tangents is not None
-        bounds = np.zeros((len(lower), 3))
+        bounds = np.zeros((m, 3))
         bounds[:, 0] = lower
         if tangents.rate is not None:
             bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
-        m, order = len(lower), interleaved(len(lower))
-        if m <= MOST_CONTACTS and 3 * m * len(x) <= _MOST_DENSE:
-            wide = np.concatenate([_full(J), _full(tangents.jacobian)])[order]
-            start = self._frictional_start
-            found = project_frictional(x, metric, wide, bounds.ravel(), tangents.friction, self.residual, start)
+        if _are_few(m, len(x)):
+            J, start = _wide(rows.jacobian, tangents), self._frictional_start
+            found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
             self._frictional_start = found
-            return Projection(found.velocity, found.percussion, found.residual)
+            return found
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
+
+    def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
+        """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
+
+        None where e is not capped, where rows have no friction or do not bounce, or for more than 32 contacts.
+
+        Parameters
+        ----------
+        before : ndarray, shape (k,)
+            Rates of their gaps before [m/s].
+        x, metric, rows
+            As of `frictional`.
+        """
+        e, tangents = rows.restitution, rows.tangents
+        if not self.energy_cap or tangents is None or not tangents.friction.any() or not e.any():
+            return None
+        if not _are_few(len(e), len(x)):
+            return None
+        rate = np.zeros((len(e), 3))
+        if rows.rate is not None:
+            rate[:, 0] = rows.rate
+        if tangents.rate is not None:
+            rate[:, 1:] = tangents.rate.reshape(-1, 2)
+        J = _wide(rows.jacobian, tangents)
+        return capped_restitution(
+            x, metric, J, before - rate[:, 0], e, tangents.friction, rate.ravel(), self.residual
+        ).e
 
     def _many_frictional(
         self, x: Array, metric: Metric, rows: FrictionalRows, bounds: Array, h: float | None
@@ -281,7 +345,9 @@ class Projector:
         if not (qp.lengths > 0.0).all():
             return self._without_zero_rows(qp, contacts, h)
         if self.accepted is not None and h is not None:
-            qp.relative_tolerance = self._accepted_residual(self.accepted.residual(qp, contacts, h), qp.sparse)
+            residual = self.accepted.residual(qp, contacts, h)
+            residual *= min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
+            qp.relative_tolerance = self._accepted_residual(residual, qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         found, residual = first_good_enough(qp, self._solvers(qp), start)
@@ -349,6 +415,18 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
     return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
+
+
+def _are_few(contacts: int, nv: int) -> bool:
+    """Return whether contacts with friction are solved as dense rows."""
+    return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
+
+
+def _wide(J: Array | csr_array, tangents: TangentRows) -> Array:
+    """Return dense rows of contacts, each normal followed by its tangents, shape (3 m, nv)."""
+    wide = np.empty((J.shape[0], 3, J.shape[1]))
+    wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(len(wide), 2, -1)
+    return wide.reshape(-1, J.shape[1])
 
 
 def _full(rows: Array | csr_array) -> Array:

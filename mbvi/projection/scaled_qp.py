@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .metric import Array, Metric, like
+from .sparse_whitening import row_lengths
 
 # a violation below this share of the sum of its terms, |J| |x| + |lower|, is rounding
 ROUNDING = 1e-13
@@ -122,6 +123,10 @@ class ScaledQP:
             terms = np.abs(self.J) @ np.abs(self.x) + np.abs(self.lower)
             return bool((violation <= ROUNDING * terms).all())
         J = self.J
+        # no row has larger terms; where the violation exceeds their rounding, the terms need not be added up
+        most = np.diff(J.indptr).max() * np.abs(J.data).max(initial=0.0) * np.abs(self.x).max(initial=0.0)
+        if violation.max() > ROUNDING * (most + np.abs(self.lower).max()):
+            return False
         sums = np.concatenate([[0.0], np.cumsum(np.abs(J.data * self.x[J.indices]))])
         terms = sums[J.indptr[1:]] - sums[J.indptr[:-1]] + np.abs(self.lower)
         return bool(violation.max() <= ROUNDING * terms.max())
@@ -135,7 +140,9 @@ class ScaledQP:
     def lengths(self) -> Array:
         """Length of each gradient in the metric, shape (m,)."""
         if self.sparse:
-            return np.sqrt(np.bincount(self._row, self._whitened.data**2, minlength=len(self.lower)))
+            lengths = np.empty(len(self.lower))
+            row_lengths(self._whitened.indptr.astype(np.int64), self._whitened.data, lengths)
+            return lengths
         return np.sqrt(np.einsum("ij,ij->j", self._whitened, self._whitened))
 
     @cached_property

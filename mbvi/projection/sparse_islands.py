@@ -110,6 +110,36 @@ def solve_small_island(starts: Array, columns: Array, G: Array, d: Array, u: Arr
     return residual
 
 
+@kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8, f8, f8[::1])")
+def scale_percussions(
+    starts: Array, columns: Array, G: Array, d: Array, target: float, residual: float, u: Array
+) -> float:
+    """Scale u so that u' (G u - d) = 0 where the target residual is kept; return the residual. See `scaled_residual`.
+
+    Parameters
+    ----------
+    starts, columns, G, d, target, u
+        As of `_solve_islands`.
+    residual : float
+        The natural residual of u.
+    """
+    g, scaled, off, size = np.empty(len(u)), np.empty(len(u)), 0.0, 0.0
+    dual_residual(starts, columns, G, d, g, u)
+    for a in range(len(u)):
+        off += u[a] * g[a]
+        size += u[a] * (g[a] + d[a])
+    if not abs(off) < size:
+        return residual
+    for a in range(len(u)):
+        scaled[a] = (1.0 - off / size) * u[a]
+    after = dual_residual(starts, columns, G, d, g, scaled)
+    if after <= target:
+        for a in range(len(u)):
+            u[a] = scaled[a]
+        return after
+    return residual
+
+
 @kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])")
 def _solve_islands(
     starts: Array, columns: Array, G: Array, d: Array, label: Array, count: int, target: float, u: Array
@@ -148,6 +178,7 @@ def _solve_islands(
             residual = solved if solved < np.inf else residual
         if residual > target:
             residual = solve_island(matrix[0], matrix[1], matrix[2], own_d, target, own_u)
+            residual = scale_percussions(matrix[0], matrix[1], matrix[2], own_d, target, residual, own_u)
         for i in range(n):
             u[rows[i]] = own_u[i]
         worst = max(worst, residual)

@@ -43,6 +43,7 @@ class SparsePCG:
     formed: two rows have an entry only if they share a body. Conjugate gradients with an incomplete Cholesky factor
     then solve the equations of the active rows, cut off where a percussion would turn negative. An island whose
     residual stays too large, for instance because masses differ by many powers of ten, is solved by the dense solvers.
+    Percussions of a large island are scaled so that they do no work beyond that of their bounds.
 
     Notes
     -----

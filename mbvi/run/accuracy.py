@@ -46,7 +46,7 @@ def projector_of(
         depth = DEFAULT_DEPTH
     if depth is None:
         of_many = FRICTION_RESIDUAL if residual is None else residual
-        return Projector(DEFAULT_RESIDUAL if residual is None else residual, solver, None, of_many), []
+        return Projector(residual or DEFAULT_RESIDUAL, solver, None, of_many, problem.energy_cap), []
     size = smallest_size(problem)
     accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
     note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"

@@ -84,7 +84,8 @@ def time_stepping(problem: Problem) -> tuple[Scheme, str]:
     parts = parts_of(problem.system)
     grains = sum(part.independent_bodies for part in parts if part.free_bodies)
     free = all(part.free_bodies for part in parts)
-    if problem.scene is not None and (free or grains >= _GRAINS) and _count(problem) > _FEW:
+    many = (free or grains >= _GRAINS) and _count(problem) > _FEW
+    if problem.scene is not None and many and not problem.energy_cap:
         return StewartTrinkle(), "StewartTrinkle()"
     return Centered(project_positions=True), "Centered(project_positions=True)"
 

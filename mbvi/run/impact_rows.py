@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from ..compiled import kernel
+from ..projection.gram import islands
 from ..system import System, parts_of
 
 Array = np.ndarray
@@ -21,35 +21,57 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
     Parameters
     ----------
     number, percussion : ndarray, shape (k,)
-        Constraints and percussions of rows.
+        Constraints and percussions of rows; faster where constraints ascend.
     known : ndarray of int, shape (n,)
         Constraints, ascending, each once.
     level : ndarray, shape (n,)
         The largest percussion of each known constraint so far; raised in place.
     """
+    k = 0
     for a in range(len(number)):
-        if percussion[a] > 0.0:
+        if k > 0 and known[k - 1] >= number[a]:
             k = np.searchsorted(known, number[a])
-            if k < len(known) and known[k] == number[a]:
-                level[k] = max(level[k], percussion[a])
+        while k < len(known) and known[k] < number[a]:
+            k += 1
+        if k < len(known) and known[k] == number[a]:
+            level[k] = max(level[k], percussion[a])
 
 
-def exceeds_recent(number: Array, percussion: Array, recent: Sequence[tuple[Array, Array]]) -> Array:
-    """Return which rows have a percussion above twice the largest that their constraint had in some earlier steps.
+class RecentPercussions:
+    """The percussions of the last steps.
 
     Parameters
     ----------
-    number, percussion : ndarray, shape (k,)
-        Constraints and percussions of the rows.
-    recent : sequence of (ndarray, ndarray), shapes (m,) and (m, 4)
-        Constraints and rates of the rows of each of these steps.
+    count : int
+        How many steps.
     """
-    known, place = np.unique(number, return_inverse=True)
-    level = np.zeros(len(known))
-    if recent:
-        numbers, percussions = (np.concatenate(parts) for parts in zip(*((n, r[0]) for n, r in recent), strict=True))
-        _raise_levels(numbers, percussions, known, level)
-    return np.asarray(percussion > 2.0 * level[place])
+
+    def __init__(self, count: int) -> None:
+        # numbers and rates of rows, and of those before them only numbers and percussions of rows that have one
+        self._new: deque[tuple[Array, Array]] = deque(maxlen=count)
+        self._loaded: deque[tuple[Array, Array]] = deque(maxlen=count)
+
+    def add(self, number: Array, rates: Array) -> None:
+        """Add a step: constraints and rates of its rows, shapes (m,) and (4, m)."""
+        self._new.append((number, rates))
+
+    def exceeded(self, number: Array, percussion: Array) -> Array:
+        """Return which rows have a percussion above twice the largest that their constraint had in these steps.
+
+        Parameters
+        ----------
+        number, percussion : ndarray, shape (k,)
+            Constraints and percussions of the rows.
+        """
+        for earlier, rates in self._new:
+            loaded = rates[0] > 0.0
+            self._loaded.append((earlier[loaded], rates[0, loaded]))
+        self._new.clear()
+        known, place = np.unique(number, return_inverse=True)
+        level = np.zeros(len(known))
+        for earlier, percussions in self._loaded:
+            _raise_levels(earlier, percussions, known, level)
+        return np.asarray(percussion > 2.0 * level[place])
 
 
 def independent_parts(system: System) -> Array:
@@ -62,21 +84,26 @@ def independent_parts(system: System) -> Array:
     return np.concatenate(parts)
 
 
-def linked(jacobian: Array | csr_array, seeds: Array, parts: Array) -> Array:
+def linked(jacobian: Array | csr_array, chosen: Array, seeds: Array, parts: Array) -> Array:
     """Return which rows are linked to a seed by a chain of rows, each acting on a part of the system with the next.
 
     Parameters
     ----------
     jacobian : ndarray or csr_array, shape (k, nv)
         Gradients of the rows.
+    chosen : ndarray of bool, shape (k,)
+        The rows that chains consist of.
     seeds : ndarray of bool, shape (k,)
         Which of them are seeds.
     parts : ndarray of int, shape (nv,)
         As returned by `independent_parts`.
     """
-    row, column = jacobian.nonzero()
-    count = len(seeds)
-    size = count + int(parts.max(initial=-1)) + 1
-    edges = coo_array((np.ones(len(row), bool), (row, count + parts[column])), shape=(size, size))
-    label = connected_components(edges, directed=False)[1][:count]
-    return np.isin(label, label[seeds])
+    rows = csr_array(jacobian)
+    label = np.empty(len(chosen), np.int64)
+    columns, starts = parts[rows.indices].astype(np.uint32), rows.indptr.astype(np.uint32)
+    count = islands(columns, starts, int(parts[-1]) + 1, chosen & (np.diff(rows.indptr) > 0), label)
+    # the last entry is for label -1: rows that are not chosen, or act on nothing
+    has_seed = np.zeros(count + 1, bool)
+    has_seed[label[seeds]] = True
+    has_seed[-1] = False
+    return np.asarray(seeds | has_seed[label])

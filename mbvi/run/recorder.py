@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..results.run_data import Array, Impact, RunRecord
 from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
 from ..schemes.step import STILL
-from .impact_rows import exceeds_recent, independent_parts, linked
+from .impact_rows import RecentPercussions, independent_parts, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1
@@ -169,8 +168,7 @@ class Recorder:
         self._warned = False
         self.count = 0
         self._parts = independent_parts(problem.system)
-        # constraints and rates of the rows of the last steps
-        self._recent: deque[tuple[Array, Array]] = deque(maxlen=_RECENT)
+        self._recent = RecentPercussions(_RECENT)
         self._last: Step | None = None
 
     def step(self, step: Step, keep: bool) -> None:
@@ -189,7 +187,7 @@ class Recorder:
             self.v[k] = v
             self.count = k + 1
         self._last = step
-        self._recent.append((active.constraint, rates))
+        self._recent.add(active.constraint, rates)
 
     def trajectory(self, scheme: Scheme, h: float, *, complete: bool = True) -> Trajectory:
         """Return the run recorded so far."""
@@ -249,13 +247,13 @@ class Recorder:
         closing, others = candidates == 2, np.flatnonzero(candidates == 1)
         if not others.size:
             return closing
+        exceeds = self._recent.exceeded(step.active.constraint[others], step.percussion[others])
         chosen = closing.copy()
-        chosen[others] = exceeds_recent(step.active.constraint[others], step.percussion[others], self._recent)
-        index = np.flatnonzero(chosen)
+        chosen[others] = exceeds
         # all rows of a single mechanism are linked
-        if self._parts[-1] and len(index) > np.count_nonzero(closing):
-            chosen[index] = linked(step.active.jacobian[index], closing[index], self._parts)
-        return chosen
+        return (
+            linked(step.active.jacobian, chosen, closing, self._parts) if self._parts[-1] and exceeds.any() else chosen
+        )
 
     def _note(self, note: str) -> None:
         """Keep a note; warn of the first one."""

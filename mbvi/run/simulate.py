@@ -198,7 +198,7 @@ def simulate(
         run_so_far(partial(recorder.trajectory, scheme, h, complete=False)),
         Writer(out, problem, scheme, h, recorder) as writer,
         Progress(total, progress) as bar,
-        Sleepers(problem, h) as sleepers,
+        Sleepers(problem, h, projector) as sleepers,
     ):
         observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
         for i in range(1, total + 1):
@@ -228,7 +228,7 @@ def simulate(
                 next_poll = min(writer.poll(), bar.poll(i))
         # the sum of the steps has rounding errors
         recorder.t[-1] = problem.t0 + duration
-    recorder.notes += residual_note(projector)
+    recorder.notes += residual_note(projector) + sleepers.note()
     if shortened_steps:
         recorder.notes.append(f"{shortened_steps} steps were shortened where a body would have passed through another")
     return recorder.trajectory(scheme, h)
@@ -283,7 +283,7 @@ def _start(problem: Problem, projector: Projector) -> Step:
         rounding += 1e-12 * np.abs(active.rate)
     if (before >= -rounding).all():
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual, slip = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
+    v, rates, residual, slip, active = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
     return Step(t, q, v, active, rates, residual, slip)
 
 

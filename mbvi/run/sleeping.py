@@ -3,6 +3,10 @@
 At rest, weight and contact forces balance at every step, so that leaving out both changes nothing. The rows of the
 sleeping contacts are kept for the record. A step in which a row acts on a sleeping body, or a force moves one, is
 retried with its island awake.
+
+Projections of many bodies are solved to a residual, which leaves bodies at rest speeds that change from step to step. A
+body whose mean speed over many steps is below what the residual leaves in one is at rest as well: a force that the
+residual does not hide would have moved it farther. Its speed is removed, and a note of the run says so.
 """
 
 from __future__ import annotations
@@ -18,14 +22,18 @@ from scipy.sparse.csgraph import connected_components
 from ..constraints import ConstraintFamily, Rows
 from ..constraints.rows import concatenate, take
 from ..problem import Problem
+from ..projection import Projector
 from ..schemes import Step
 from ..system import located_parts
+from ..system.lengths import velocity_units
 from ..system.system import Array
 
 # bodies are tested once in so many steps: a body at rest before and after a step stays at rest
 _TEST_PERIOD = 8
 # speed below which a body is at rest, in units of the speed that a step of free fall adds
 _REST = 1e-10
+# tests after which mean speeds are compared with what the residual leaves, and how much faster a body may be in between
+_TESTS, _NOISE = 8, 10.0
 
 
 class _Island(NamedTuple):
@@ -45,6 +53,8 @@ class Sleepers:
         The problem that is run.
     h : float
         Time step [s].
+    projector : Projector
+        Solves the projections of the run.
 
     Attributes
     ----------
@@ -52,10 +62,12 @@ class Sleepers:
         Whether the problem has bodies that may sleep.
     """
 
-    def __init__(self, problem: Problem, h: float) -> None:
+    def __init__(self, problem: Problem, h: float, projector: Projector) -> None:
         self._problem, self._h = problem, h
         self._islands: list[_Island] = []
         self._kept: _Island | None = None
+        # the largest speed that was removed, where it was more than rounding [m/s]
+        self._removed = 0.0
         system = problem.system
         # only free bodies can sleep, and a scene has at most one system of them
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
@@ -68,8 +80,15 @@ class Sleepers:
         self._system, self._first_velocity, self._first_body = holding[0]
         self._count = len(self._system.bodies) - 1
         self._width = self._system.nv // self._count
-        self._still = _REST * h * self._system.pull
+        self._units = velocity_units(self._system, problem.length)[: self._width] / problem.length
+        fall = h * self._system.pull * self._units
+        self._still = _REST * fall
+        # few bodies are solved to rounding
+        self._slow = max(_REST, projector.residual_at_rest if problem.system.sparse else 0.0) * fall
         self._phase, self._quiet = 0, np.zeros(self._count, bool)
+        # where and when mean speeds are counted from, and bodies that were fast since then
+        self._start: Step | None = None
+        self._tests, self._fast = 0, np.zeros(self._count, bool)
         self._asleep = np.zeros(self._count, bool)
         # the families that can leave out sleeping bodies; for all families their first number, and whether they can
         self._skipping: list[ConstraintFamily] = []
@@ -111,12 +130,18 @@ class Sleepers:
             for step, begin, end in zip(found, ends[:-1], ends[1:], strict=True)
         ]
 
+    def note(self) -> list[str]:
+        """Return a note that states the largest speed that sleep removed, or none where that was rounding."""
+        if self._removed == 0.0:
+            return []
+        return [f"bodies at rest slept: their speeds, at most {self._removed:.1e} m/s, were removed"]
+
     def _touched(self, found: list[Step]) -> Array:
         """Return which sleeping bodies are touched or moved, shape (n,)."""
         touched = np.zeros(self._count, bool)
         v = slice(self._first_velocity, self._first_velocity + self._width * self._count)
         for step in found:
-            touched |= step.v[v].reshape(-1, self._width).any(axis=1)
+            touched |= self._of_bodies(step.v).any(axis=1)
             if step.active.gap.size:
                 column = step.active.jacobian[:, v].nonzero()[1]
                 touched[column // self._width] = True
@@ -127,10 +152,12 @@ class Sleepers:
         self._phase = (self._phase + 1) % _TEST_PERIOD
         if self._phase > 1:
             return
-        v = step.v[self._first_velocity : self._first_velocity + self._width * self._count].reshape(-1, self._width)
+        v = self._of_bodies(step.v)
         before, self._quiet = self._quiet, (np.abs(v) <= self._still).all(axis=1)
-        ready = before & self._quiet & ~self._asleep
-        if self._phase == 0 or not ready.any():
+        if self._phase == 0:
+            return
+        ready = ((before & self._quiet) | self._slow_bodies(step)) & ~self._asleep
+        if not ready.any():
             return
         rows, free = step.active, self._count
         row, column = rows.jacobian.nonzero()
@@ -150,9 +177,27 @@ class Sleepers:
                 continue
             here = np.flatnonzero(label[free + 1 :] == one)
             islands.append(_Island(bodies, take(rows, here), step.rates[:, here]))
+            if not self._quiet[bodies].all():
+                self._removed = max(self._removed, float((np.abs(v[bodies]) / self._units).max()))
             v[bodies] = 0.0
         if len(islands) > len(self._islands):
             self._set(islands)
+
+    def _slow_bodies(self, step: Step) -> Array:
+        """Return which bodies moved no more than the residual explains, shape (n,); none until tests are complete."""
+        slow = np.zeros(self._count, bool)
+        if self._start is None or self._tests == _TESTS:
+            if self._start is not None:
+                moved = self._of_bodies(self._problem.system.difference(self._start.q, step.q))
+                slow = ~self._fast & (np.abs(moved) <= (step.t - self._start.t) * self._slow).all(axis=1)
+            self._start, self._tests, self._fast[:] = step, 0, False
+        self._tests += 1
+        self._fast |= (np.abs(self._of_bodies(step.v)) > _NOISE * self._slow).any(axis=1)
+        return slow
+
+    def _of_bodies(self, v: Array) -> Array:
+        """Return the part of a tangent vector that belongs to the bodies that can sleep, shape (n, width)."""
+        return v[self._first_velocity : self._first_velocity + self._width * self._count].reshape(-1, self._width)
 
     def _set(self, islands: list[_Island]) -> None:
         """Make these islands, and no others, the sleeping ones."""

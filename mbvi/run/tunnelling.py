@@ -126,7 +126,8 @@ class TunnellingGuard:
         ):
             share = self._first(q, displacement) if length > 0.0 else 1.0
             if share < 1.0:
-                return start + share * length
+                # a root is a numpy scalar, and so would be the times of steps and impacts
+                return float(start + share * length)
         return 1.0
 
     def _first(self, q: Array, displacement: Array) -> float:

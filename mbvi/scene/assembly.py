@@ -263,4 +263,13 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) ->
     omitted = (*blocks.simplified.added_to(blocks.omitted), *collinear_points(builder.collinear_points))
     acted = actuated(blocks, system, blocks.length)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
-    return Problem(acted, constraints, q0, v0, restitution=items.restitution, length=blocks.length, scene=scene)
+    return Problem(
+        acted,
+        constraints,
+        q0,
+        v0,
+        restitution=items.restitution,
+        energy_cap=items.energy_cap,
+        length=blocks.length,
+        scene=scene,
+    )

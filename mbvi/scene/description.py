@@ -56,6 +56,7 @@ def describe(problem: Problem) -> str:
             "plane": items.plane,
             "pair_restitution": [[*sorted(pair), e] for pair, e in items.pair_restitution.items()],
             "friction": items.friction,
+            "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -89,7 +90,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     for a, *b, e in data["pair_restitution"]:
         items.pair_restitution[frozenset((a, *b))] = e
     # older files have no friction
-    items.friction = data.get("friction", 0.0)
+    items.friction, items.energy_cap = data.get("friction", 0.0), data.get("energy_cap", False)
     for a, *b, mu in data.get("pair_friction", ()):
         items.pair_friction[frozenset((a, *b))] = mu
     for wall in data["walls"]:

@@ -30,7 +30,7 @@ class Grains:
         name: str | None = None,
         density: Numbers | None = None,
     ) -> str:
-        """Add many frictionless spheres; `add_spheres(*packing, density=2500.0)` accepts the result of `mbvi.packing`.
+        """Add many spheres; `add_spheres(*packing, density=2500.0)` accepts the result of `mbvi.packing`.
 
         Parameters
         ----------

@@ -85,7 +85,7 @@ class SurfaceItem:
 
 @dataclass(frozen=True)
 class SphereItem:
-    """Frictionless spheres under one name."""
+    """Spheres under one name."""
 
     name: str
     positions: Array
@@ -125,6 +125,7 @@ class SceneItems:
     forces: list[ForceItem] = field(default_factory=list)
     friction: float = 0.0
     pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
+    energy_cap: bool = False
 
     def names(self) -> set[str]:
         """Return the names in use."""

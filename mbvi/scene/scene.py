@@ -63,6 +63,9 @@ class Scene(Walls, Grains, Actions):
     friction : float
         Coefficient of Coulomb friction mu >= 0 of every contact without one of its own; joint limits have none. Without
         friction contacts have no tangents, and spheres do not turn.
+    energy_cap : bool
+        Friction couples normals to tangents, so that an impact with e > 0 can gain kinetic energy (Kane's paradox).
+        With the cap such an impact takes the largest e' <= e with which it gains none; see `Problem`.
     plane : "xy", "xz" or "yz", optional
         The plane that all moves in: spheres have two degrees of freedom, bodies and free bases of robots three, two
         along the plane's axes and a turn from the first axis to the second. Where the data are symmetric about the
@@ -80,11 +83,13 @@ class Scene(Walls, Grains, Actions):
         restitution: float = 0.0,
         plane: str | None = None,
         friction: float = 0.0,
+        energy_cap: bool = False,
     ) -> None:
         self._items = SceneItems(
             gravity=vector(gravity, "gravity"),
             restitution=between(restitution, "restitution e", 0.0, 1.0),
             friction=not_negative(friction, "friction"),
+            energy_cap=boolean(energy_cap, "energy_cap"),
             plane=checked_plane(plane),
         )
 
@@ -166,7 +171,7 @@ class Scene(Walls, Grains, Actions):
         fixed: bool = False,
         motion: Motion | None = None,
     ) -> str:
-        """Add one frictionless sphere: three degrees of freedom, its centre.
+        """Add one sphere: three degrees of freedom, its centre, and with friction three more, its rotation.
 
         Parameters
         ----------

@@ -13,7 +13,7 @@ from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, law
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, law, near_margin
 
 
 class Centered(Scheme):
@@ -48,7 +48,7 @@ class Centered(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
-        ahead = nearby.at(system.integrate(q, h * v))
+        ahead = nearby.at(system.integrate(q, h * v), near_margin(problem, self.project_positions))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
@@ -63,11 +63,12 @@ class Centered(Scheme):
             active = _rows_in_the_middle(problem, t, middle, ahead, change)
         motion = system.free_motion(t, middle, force_velocity, h)
         motion = motion if force_velocity is v else motion.of(v, force_velocity)
-        w, rates, residual, slip = law(projector, v, motion, active)
+        opened = closing_speeds(problem, active, half, half * active.speeds(v))
+        w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
             return advance_gaps(step, half)
-        applied = Applied(t, middle, v, h, motion)
+        applied = Applied(t, middle, v, h, motion, opened)
         return project_positions(problem, applied, step, projector, nearby)
 
 

@@ -9,7 +9,7 @@ from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, law
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, law, near_margin
 
 
 class MoreauJean(Scheme):
@@ -53,14 +53,16 @@ class MoreauJean(Scheme):
         before = self.timing.jump * h
         t += before
         middle = system.integrate(q, before * v)
-        active = problem.constraints.active(t, middle, problem.tolerance)
+        margin = near_margin(problem, self.project_positions)
+        active = problem.constraints.active(t, middle, problem.tolerance + margin)
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)
             return Step(end, system.integrate(middle, self.theta * h * w), w, active, NO_RATES, 0.0)
         motion = system.free_motion(t, middle, v, h)
-        w, rates, residual, slip = law(projector, v, motion, active)
+        opened = closing_speeds(problem, active, h)
+        w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual, slip)
         if self.project_positions:
-            applied = Applied(t, middle, v, h, motion)
+            applied = Applied(t, middle, v, h, motion, opened)
             return project_positions(problem, applied, step, projector, NearbyRows(problem, end, linear=False))
         return advance_gaps(step, self.theta * h)

@@ -73,7 +73,8 @@ def bouncing_velocities(
     # a projector of its own: its percussions are not those of the step
     moving = FreeMotion(w, free_motion.metric)
     own = Projector(projector.residual, projector.solver, projector.accepted)
-    return displacing_velocity(problem, rows, h, own, moving)[0], velocity
+    # friction has acted in the first: the displacement is along the normals
+    return displacing_velocity(problem, rows._replace(tangents=None), h, own, moving)[0], velocity
 
 
 def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:

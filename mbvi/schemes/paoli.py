@@ -9,7 +9,7 @@ from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, law
+from .step import NO_RATES, Step, closing_speeds, law, near_margin
 
 
 class Paoli(Scheme):
@@ -40,13 +40,15 @@ class Paoli(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, drift, origin = problem.system, h * v, q
         t, q = t + h, system.integrate(q, drift)
-        active = problem.constraints.active(t, q, problem.tolerance, origin, drift)
+        margin = near_margin(problem, self.project_positions)
+        active = problem.constraints.active(t, q, problem.tolerance + margin, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)
-        velocity, rates, residual, slip = law(projector, v, motion, active)
+        opened = closing_speeds(problem, active, h)
+        velocity, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(t, q, velocity, active, rates, residual, slip)
         if not self.project_positions:
             return step
-        applied = Applied(t, q, v, h, motion)
+        applied = Applied(t, q, v, h, motion, opened)
         return project_positions(problem, applied, step, projector, NearbyRows(problem, t, linear=False))

@@ -16,7 +16,7 @@ from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
-from .step import Step, advance_gaps
+from .step import Step, advance_gaps, closing_speeds
 
 # two rows whose kinetic angle has a cosine below this are independent
 _INDEPENDENT = 1e-9
@@ -40,6 +40,8 @@ class Applied(NamedTuple):
         Length of the step [s].
     motion : FreeMotion or TreeFreeMotion
         Free motion of v.
+    opened : ndarray, shape (k,), or None
+        Speeds at which rows of the law that are open may close.
     """
 
     t: float
@@ -47,6 +49,7 @@ class Applied(NamedTuple):
     v: Array
     h: float
     motion: FreeMotion | TreeFreeMotion
+    opened: Array | None = None
 
     def kept(self) -> Applied:
         """Return the same, with a free motion that stays valid when the system is evaluated elsewhere."""
@@ -113,7 +116,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     settled = _settled(problem, applied, step, projector, nearby)
     if settled is not None:
         return settled
-    system, drift, slack = problem.system, step.t - applied.t, np.zeros(len(step.active.gap))
+    system, drift = problem.system, step.t - applied.t
+    slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
@@ -224,7 +228,11 @@ def _with_tangent_velocity(
     # a gap that the projection left open may close until the next law: otherwise its body would fall freely
     may_close = closed[owner] | (step.percussion[owner] == 0.0)
     opened = np.flatnonzero(may_close & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
-    lower[opened] = -near.gap[opened] / (applied.h - (step.t - applied.t))
+    rest = applied.h - (step.t - applied.t)
+    lower[opened] = -near.gap[opened] / rest
+    may_open = closing_speeds(problem, rows, rest)
+    if may_open is not None:
+        lower = np.where(may_open > 0.0, np.minimum(lower, -may_open), lower)
     step = _with_bounds(applied, step, rows, lower, projector)
     return step._replace(q=projected.q, residual=max(step.residual, projected.residual))
 

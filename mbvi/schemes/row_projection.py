@@ -53,15 +53,17 @@ def project_rows(
         As of `Projector.project`.
     """
     if rows.tangents is None or not rows.tangents.friction.any():
-        found = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)
-        return RowProjection(*found, None if rows.tangents is None else np.zeros((len(lower), 2)))
-    velocity, percussion, residual = projector.frictional(x, metric, rows, lower, h)
-    each = percussion.reshape(-1, 3)
-    return RowProjection(velocity, each[:, 0].copy(), residual, each[:, 1:].copy())
+        plain = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)
+        return RowProjection(*plain, None if rows.tangents is None else np.zeros((len(lower), 2)))
+    found = projector.frictional(x, metric, rows, lower, h)
+    each = found.percussion.reshape(-1, 3)
+    return RowProjection(found.velocity, each[:, 0].copy(), found.residual, each[:, 1:])
 
 
 def slip_rates(rows: Rows, tangential: Array | None, free: Array, after: Array, before: Array) -> Array | None:
     """Return `Step.slip` of rows, shape (4, k, 2), from the velocities; None without friction."""
     if rows.tangents is None or tangential is None:
         return None
-    return np.array([tangential, *(rows.tangents.slip(v) for v in (free, after, before))])
+    slip = np.empty((4, *tangential.shape))
+    slip[0], slip[1], slip[2], slip[3] = tangential, *(rows.tangents.slip(v) for v in (free, after, before))
+    return slip

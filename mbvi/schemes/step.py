@@ -69,10 +69,34 @@ class Step(NamedTuple):
         return self.rates[3]
 
 
+class AppliedLaw(NamedTuple):
+    """What the law (8) gives: fields of a `Step`.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (nv,)
+        Velocity after.
+    rates, residual, slip
+        As of `Step`.
+    rows : Rows
+        The rows, with the restitution that was used.
+    """
+
+    velocity: Array
+    rates: Array
+    residual: float
+    slip: Array | None
+    rows: Rows
+
+
 def law(
-    projector: Projector, v: Array, free_motion: FreeMotion | TreeFreeMotion, rows: Rows
-) -> tuple[Array, Array, float, Array | None]:
-    """Return the velocity after the law (8), the rates of the rows, the relative residual, and `Step.slip`.
+    projector: Projector,
+    v: Array,
+    free_motion: FreeMotion | TreeFreeMotion,
+    rows: Rows,
+    opened: Array | None = None,
+) -> AppliedLaw:
+    """Return the velocity after the law (8) with all that a `Step` holds of it.
 
     e applies to the rate of the gap: argmin |w - x|_M with J w + r >= -e (J v + r), r = df/dt. With friction it is
     Coulomb's law with that bound of the normal rates.
@@ -87,16 +111,52 @@ def law(
         The velocity x that the forces alone would lead to, and M.
     rows : Rows
         The active constraints.
+    opened : ndarray, shape (k,), optional
+        Speeds at which rows that are open may close, as of `closing_speeds`.
     """
     if rows.rate is None and rows.tangents is None:
-        return *projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None
+        return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
     x, before = free_motion.free, rows.speeds(v)
-    lower = -rows.restitution * before
-    if rows.rate is not None:
-        lower -= rows.rate
+    e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
+    if e is not None:
+        rows = rows._replace(restitution=e)
+    lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
-    return w, rates, residual, slip_rates(rows, tangential, x, w, v)
+    return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
+
+
+# rows with friction join the law from so many activation tolerances on, where positions are projected: without
+# penetration a contact would be active in every other step only, and would slide in the others
+_NEAR = 100.0
+
+
+def near_margin(problem: Problem, project_positions: bool) -> float:
+    """Return how far above the activation tolerance rows join the law [m]."""
+    return (_NEAR - 1.0) * problem.tolerance if project_positions and problem.constraints.frictional else 0.0
+
+
+def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | float = 0.0) -> Array | None:
+    """Return the speeds at which rows above the activation tolerance close within a time [s], 0 for others, shape (k,).
+
+    `change` is that of the gaps to where the tolerance counts. None if there are no such rows, as where `near_margin`
+    is 0.
+    """
+    if not problem.constraints.frictional:
+        return None
+    there = problem.constraints.levers(rows.constraint) * (rows.gap + change)
+    if not (there > problem.tolerance).any():
+        return None
+    opened = np.where(there > problem.tolerance, np.maximum(rows.gap, 0.0) / time, 0.0)
+    return opened if opened.any() else None
+
+
+def bounds(rows: Rows, before: Array, opened: Array | None) -> Array:
+    """Return the least J w of Newton's law, shape (k,): -e times the rate before, and less for rows that are open."""
+    lower = -rows.restitution * before
+    if opened is not None:
+        lower = np.where(opened > 0.0, np.minimum(lower, -opened), lower)
+    return lower if rows.rate is None else lower - rows.rate
 
 
 # closing speed below which a row counts as still [lengths of the scene per second, rad/s]

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, take
+from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
@@ -59,16 +60,23 @@ class StewartTrinkle(Scheme):
     timing = Timing(jump=0.0)
     accepts_depth = True
 
+    def check(self, problem: Problem) -> None:
+        """Raise `UnsuitableError` if restitution is to be capped."""
+        if problem.energy_cap:
+            raise UnsuitableError("StewartTrinkle does not cap restitution: take Centered(project_positions=True)")
+
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""
         system, end = problem.system, t + h
         free_motion = system.free_motion(t, q, v, h)
+        lengths = system.are_lengths()
+        projector.begin(v[lengths], free_motion.free[lengths])
         # rows to walls with a prescribed motion are linearised in the middle of the step
         rows = _at_earlier_time(
             problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
-        turning = not isinstance(rows.jacobian, np.ndarray) and not system.are_lengths().all()
+        turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
         allowed = _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
         velocity: RowProjection | None
         for retry in range(_MOST_RETRIES + 1):

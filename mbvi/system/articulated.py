@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -300,6 +301,10 @@ class ArticulatedSystem(System):
         return np.full(width, _UNBOUNDED), 0.0
 
     def are_lengths(self) -> Array:
+        return self._lengths.copy()
+
+    @cached_property
+    def _lengths(self) -> Array:
         found, neutral = np.zeros(self.nv, bool), pin.neutral(self.model)
         for joint in list(self.model.joints)[1:]:
             # a screw joint turns as well

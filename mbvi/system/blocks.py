@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..projection import BlockMetric, FreeMotion
-from .sparse_rows import MOST_DENSE, side_by_side
+from .sparse_rows import MOST_DENSE, rows_from, side_by_side
 from .system import Array, Part, System
 
 
@@ -96,9 +96,11 @@ class BlockSystem(System):
     def placements(self, q: Array, bodies: Array) -> Array:
         places = np.empty((len(bodies), 4, 3))
         for b in self.blocks:
-            here = self._inside(b, bodies)
-            if here.any():
-                places[here] = b.system.placements(q[b.q], bodies[here] - b.first_body)
+            here = np.flatnonzero(self._inside(b, bodies))
+            if here.size:
+                # slices are copied faster
+                some = slice(here[0], here[-1] + 1) if here[-1] - here[0] + 1 == here.size else here
+                places[some] = b.system.placements(q[b.q], bodies[some] - b.first_body)
         return places
 
     @staticmethod
@@ -106,6 +108,15 @@ class BlockSystem(System):
         return (bodies > b.first_body) & (bodies < b.first_body + len(b.system.bodies))
 
     def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array | csr_array:
+        if self.sparse and len(point):
+            b = next(b for b in reversed(self.blocks) if b.first_body < max(first.max(), second.max(), 1))
+            if all(((side > b.first_body) | (side == 0)).all() for side in (first, second)):
+                # bodies of one part only
+                first, second = (np.where(side > 0, side - b.first_body, 0) for side in (first, second))
+                part = b.system.separation_rows(q[b.q], first, second, point, normal)
+                if not isinstance(part, np.ndarray):
+                    return rows_from(part.data, part.indices + b.v.start, part.indptr, (len(point), self.nv))
+                return side_by_side(self.nv, len(point), [(np.arange(len(point)), b.v.start, part)])
         parts = []
         for b in self.blocks:
             sides = [np.where(self._inside(b, side), side - b.first_body, 0) for side in (first, second)]

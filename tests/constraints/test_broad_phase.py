@@ -68,7 +68,8 @@ def test_spheres_against_half_spaces_boxes_and_capsules_are_coals(rng, moving):
     system = BlockSystem([two, spheres(n)]) if moving else spheres(n)
     names = ("floor", "box", "rod")
     constraint = SphereWalls(
-        system, SphereCentres(system.nq - 3 * n, n, 3), 1 + 2 * moving, radii, walls, [f"s{k}" for k in range(n)], names,
+        system, SphereCentres(system.nq - 3 * n, n, 3), 1 + 2 * moving, radii, walls,
+        [f"s{k}" for k in range(n)], names,
         np.zeros(n, int), np.zeros((1, 3)),
     )  # fmt: skip
     # some centres are inside

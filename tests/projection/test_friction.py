@@ -6,8 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbvi
+from mbvi.projection.coulomb_contact import coulomb_defect
 from mbvi.projection.existence import existence_margin
-from mbvi.projection.metric import DenseMetric
+from mbvi.projection.friction import project_frictional
+from mbvi.projection.metric import DenseMetric, as_metric
 
 EXAMPLES = settings(max_examples=60, deadline=None)
 G_AXES = np.eye(3)
@@ -166,10 +168,12 @@ def test_the_margin_of_existence_of_a_wedge():
         normal = np.array([side * np.cos(angle), 0.0, np.sin(angle)])
         frames += [normal, np.cross([0.0, 1.0, 0.0], normal), [0.0, 1.0, 0.0]]
     metric = DenseMetric(np.eye(3))
-    for mu in (0.0, 0.3, 0.57):
+    limit = np.tan(angle)
+    for mu in (0.0, 0.3, 0.57, limit - 1e-6):
         expected = np.sin(angle) - mu * np.cos(angle)
-        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == pytest.approx(expected, abs=1e-6)
-    assert existence_margin(metric, np.array(frames), np.full(2, 0.6)) == 0.0
+        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == pytest.approx(expected, rel=1e-5)
+    for mu in (limit + 1e-9, 0.6):
+        assert existence_margin(metric, np.array(frames), np.full(2, mu)) == 0.0
 
 
 def test_what_has_no_solution_is_an_error_with_its_margin():
@@ -194,3 +198,15 @@ def test_wrong_arguments(arguments, message):
     given_ = {"v": np.ones(6), "M": np.eye(6), "J": contact((0, 0, -1), UP), "e": 0.0, "friction": 0.5, **arguments}
     with pytest.raises(mbvi.InputError, match=message):
         mbvi.impact(**given_)
+
+
+def test_an_open_contact_without_friction_and_without_tangents_is_solved(rng):
+    """As a joint limit among contacts with friction: the law of an open one has no defect."""
+    J = np.zeros((6, 4))
+    J[0, 0], J[3:, 1:] = 1.0, np.eye(3)
+    found = project_frictional(
+        np.array([0.3, -1.0, 0.2, 0.1]), as_metric(np.eye(4), 4), J, np.zeros(6), np.array([0.0, 0.5])
+    )
+    np.testing.assert_allclose(found.velocity, [0.3, 0.0, 0.0, 0.0], atol=1e-15)
+    assert found.residual <= 1e-12
+    assert coulomb_defect(np.array([0.3, 0.0, 0.0]), np.zeros(3), np.zeros(1)) == 0.0

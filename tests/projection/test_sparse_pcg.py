@@ -102,6 +102,20 @@ def test_accelerated_sweeps_tell_their_residual_and_stay_where_it_is_reached(see
     assert (u == found).all()
 
 
+@settings(deadline=None, max_examples=12)
+@given(SEEDS, st.sampled_from([1e-2, 1e-3, 1e-8]))
+def test_no_residual_raises_the_kinetic_energy(seed, residual):
+    """The largest residual included: percussions do no work beyond that of the bounds."""
+    rng = np.random.default_rng(seed)
+    v, metric, J = heap(rng, 60)
+    lower = -rng.random(J.shape[0]) * (rng.random(J.shape[0]) < 0.3)
+    found = Projector(residual).project(v, metric, J, lower)
+    before, after = v @ metric.apply(v), found.velocity @ metric.apply(found.velocity)
+    assert found.percussion.any()
+    assert found.percussion @ (J @ found.velocity - lower) == pytest.approx(0.0, abs=1e-9 * before)
+    assert after <= before * (1.0 + 1e-12)
+
+
 def test_acceleration_solves_a_column_in_a_tenth_of_the_sweeps():
     """Sweeps upwards carry the weight of a column of equal spheres one sphere down at a time."""
     height, target = 40, 1e-4

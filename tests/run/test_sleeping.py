@@ -181,7 +181,7 @@ def test_percussions_of_what_sleeps_are_recorded():
     problem = tower(0.0).build()
     assert "rest" in problem.scene.reduce
     scheme, projector, carried = mbvi.Paoli(), mbvi.projection.Projector(1e-6), []
-    with Sleepers(problem, 1e-3) as sleepers:
+    with Sleepers(problem, 1e-3, projector) as sleepers:
         q, v, t = problem.q0, problem.v0, 0.0
         for k in range(40):
             h = 1e-3 if k < 39 else 5e-4

@@ -11,7 +11,9 @@ import pytest
 
 import mbvi
 from mbvi import reference
+from mbvi.cli.chart import _tasks
 from mbvi.cli.main import main
+from mbvi.cli.scheme_names import SchemeName
 from mbvi.studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
 from mbvi.studies.chart.costs import ROUNDING, cost, slope, table
 from mbvi.studies.chart.errors import errors, fitted_order, sampled_errors
@@ -179,6 +181,14 @@ def test_the_command_writes_picture_and_table(run, tmp_path):
     pixels = imread(tmp_path / "made/corner.png")
     assert pixels.shape[0] > 300 and (pixels[..., :3].min(axis=2) < 0.9).mean() > 0.01
     assert "<svg" in (tmp_path / "made/corner.svg").read_text()[:1000]
+
+
+def test_every_scheme_is_charted_by_default_but_event_driven_among_many_constraints():
+    words = {name.value for name in SchemeName}
+    tasks = [(problem, type(scheme).__name__) for problem, scheme in _tasks(["rod", "pile"], [])]
+    assert len(tasks) == 2 * len(words) - 1
+    assert ("rod", "EventDriven") in tasks and ("pile", "EventDriven") not in tasks
+    assert {("rod", "StewartTrinkle"), ("pile", "StewartTrinkle")} <= set(tasks)
 
 
 def test_the_cost_of_an_error_is_measured_or_carried_on_at_the_fitted_order(records):

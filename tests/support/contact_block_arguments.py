@@ -78,11 +78,16 @@ def contacts_residual(rng):
 def sweep_blocks(rng):
     (*rows, local), n, mu, p = state(rng)
     z = matrix(*rows, n).T @ p
-    return *rows, local, rng.normal(size=len(p)), mu, rng.normal(size=len(p)), z, p
+    weight = float(rng.choice([0.0, 0.5]))
+    return *rows, local, rng.normal(size=len(p)), mu, weight, rng.normal(size=len(p)), rng.normal(size=len(p)), z, p
 
 
 def extrapolate_from(rng):
     return rng.random(), rng.normal(size=7), rng.normal(size=7)
+
+
+def choose_part(rng):
+    return rng.random(), rng.normal(), np.array([np.nan, rng.random(), rng.uniform(1.0, 9.0)])
 
 
 def accelerated_contacts(rng):
@@ -90,6 +95,32 @@ def accelerated_contacts(rng):
     (*rows, local), n, mu, p = state(rng)
     b = matrix(*rows, n) @ rng.normal(size=n)
     return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
+
+
+def delassus_of(rng):
+    (*rows, _), n, mu, _ = state(rng)
+    return *rows, np.full(n, np.nan), np.full((3 * len(mu), 3 * len(mu)), np.nan)
+
+
+def solve_contacts(rng):
+    *rows, _, z, p = accelerated_contacts(rng)
+    return *rows, z, p
+
+
+def solve_contact_islands(rng):
+    """Contacts of one island, or the same twice, on other bodies, and one contact that moves none."""
+    (blocks, columns, starts, local), n, mu, p = state(rng)
+    b = matrix(blocks, columns, starts, n) @ rng.normal(size=n)
+    if rng.random() < 0.3:
+        label = np.zeros(len(mu), np.int64)
+        return blocks, columns, starts, n, local, b, mu, label, 1, 1e-6, p
+    label = np.append(np.repeat([0, 1], len(mu)), -1)
+    ends = np.concatenate([starts, starts[1:] + starts[-1], 2 * starts[-1:]]).astype(np.uint32)
+    return (
+        np.tile(blocks, 2), np.append(columns, columns + np.uint32(n)), ends, 2 * n,
+        np.vstack([local, local, local[:1]]), np.concatenate([b, 0.5 * b, np.zeros(3)]), np.tile(mu, 3)[: len(label)],
+        label, 2, 1e-6, np.concatenate([p, p, np.ones(3)]),
+    )  # fmt: skip
 
 
 CONTACT_BLOCK_ARGUMENTS = {
@@ -100,6 +131,10 @@ CONTACT_BLOCK_ARGUMENTS = {
         contacts_residual,
         sweep_blocks,
         extrapolate_from,
+        choose_part,
         accelerated_contacts,
+        delassus_of,
+        solve_contacts,
+        solve_contact_islands,
     )
-}
+} | {"proximal_contacts": accelerated_contacts}

@@ -122,10 +122,15 @@ def solve_compliant(rng):
 
 def solve_coulomb(rng):
     G, b, mu = regular(rng)
-    return G, b, mu, 1e-10, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
+    return G, b, mu, 1e-10, True, rng.random() < 0.5, np.zeros(len(b)), np.zeros(len(b))
 
 
 def couples_weakly(rng):
+    G, _, mu = law(rng)
+    return G, mu
+
+
+def independent_rows(rng):
     G, _, mu = law(rng)
     return G, mu
 
@@ -188,6 +193,7 @@ COULOMB_ARGUMENTS = {
         solve_compliant,
         solve_coulomb,
         couples_weakly,
+        independent_rows,
         keep_better,
         delassus,
         apply_percussions,

@@ -31,12 +31,17 @@ def sphere_heap(rng, n, size=None):
     return x, metric, csr_array(rows.reshape(3 * len(normal), -1))
 
 
+def of_normals(values):
+    """Bounds of all rows of contacts, shape (3 m,), of those of their normals; what they touch is at rest."""
+    return np.column_stack([values, np.zeros((len(values), 2))]).ravel()
+
+
 def law_residual(x, metric, J, lower, mu, p):
     """The natural-map residual of Coulomb's law, from nothing but the problem and its percussions."""
     m, full = len(mu), J.toarray()
     solved = metric.solve_rows(full)
     lengths = np.sqrt(np.einsum("ij,ij->i", full, solved)[::3])[:, None]
-    shift = np.column_stack([lower, np.zeros((m, 2))])
+    shift = lower.reshape(m, 3)
     free = (full @ x).reshape(m, 3) / lengths
     u = ((full @ (x + p @ solved)).reshape(m, 3) - shift) / lengths
     q = p.reshape(m, 3) * lengths
@@ -52,4 +57,5 @@ def onto_cone(y, mu):
     edge = np.maximum((normal + mu * across) / (1.0 + mu**2), 0.0)
     factor = mu * edge / np.where(across > 0.0, across, 1.0)
     on_edge = np.column_stack([edge, factor[:, None] * y[:, 1:]])
-    return np.where((across <= mu * normal)[:, None], y, on_edge)
+    inside = (normal >= 0.0) & (across <= mu * normal)
+    return np.where(inside[:, None], y, on_edge)

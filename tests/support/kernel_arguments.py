@@ -291,6 +291,13 @@ def filter_active(rng):
     return pair, gap, 0.1 * rng.normal(), rng.normal(size=5), np.full(len(pair), -1)
 
 
+def normals(rng):
+    """Unit normals, some of them straight down or along an axis."""
+    normal = rng.normal(size=(5, 3))
+    normal[0], normal[1] = [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]
+    return np.ascontiguousarray(normal / np.linalg.norm(normal, axis=1)[:, None]), np.full((5, 2, 3), np.nan)
+
+
 def contacts_at_two_configurations(rng):
     """Contacts of a few constraints at points of a grid, where many are equally near; some have no points."""
     k, m = rng.integers(0, 9, size=2)
@@ -469,6 +476,11 @@ def near_balls(rng):
     return centres, radii, level, 2.0 * largest + reach, reach, np.full(len(radii) ** 2, -1)
 
 
+def farthest_moved(rng):
+    n, turning = int(rng.integers(1, 9)), int(rng.integers(2))
+    return *rng.normal(size=(2, n, 3)), *rng.normal(size=(2, turning * n, 3, 3)), rng.random(n)
+
+
 def room_for(k):
     return np.full(k, -1), np.full(k, np.nan), np.full((k, 3), np.nan), np.full((k, 3), np.nan)
 
@@ -630,13 +642,29 @@ def solve_islands(rng):
     return starts, columns, G.data, missing_rates(rng, U), label, count, 1e-11, start
 
 
+def whiten_bodies(rng):
+    n, k = int(rng.integers(1, 5)), int(rng.integers(0, 9))
+    lower = np.linalg.inv(np.linalg.cholesky(np.eye(6) + np.array([a @ a.T for a in rng.normal(size=(n, 6, 6))])))
+    return lower, rng.integers(n, size=k), rng.normal(size=6 * k), np.full(6 * k, np.nan)
+
+
+def row_lengths(rng):
+    U, _, starts = unit_rows(rng)
+    return starts.astype(np.int64), rng.normal(size=len(U.data)), np.full(U.shape[0], np.nan)
+
+
+def scale_percussions(rng):
+    starts, columns, data, d, _, u = solve_island(rng)
+    return starts, columns, data, d, [1e-11, 1e3][rng.integers(2)], 1.0, u
+
+
 def combine_rows(rng):
     U, columns, starts = unit_rows(rng)
     u = rng.random(U.shape[0]) * (rng.random(U.shape[0]) < 0.5)
     return U.data, columns, starts, u, np.full(U.shape[1], np.nan)
 
 
-def rows_residual(rng):
+def scaled_residual(rng):
     data, columns, starts, u, z = combine_rows(rng)
     return data, columns, starts, rng.normal(size=len(u)), z, u
 
@@ -829,6 +857,7 @@ ARGUMENTS = {
     **SETTLE_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
+    "farthest_moved": farthest_moved,
     "_pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
@@ -848,7 +877,7 @@ ARGUMENTS = {
     "pcg_on_face": pcg_on_face,
     "line_search": line_search,
     "combine_rows": combine_rows,
-    "rows_residual": rows_residual,
+    "scaled_residual": scaled_residual,
     "sweep": sweep,
     "extrapolate": extrapolate,
     "accelerated_sweeps": accelerated_sweeps,
@@ -856,6 +885,9 @@ ARGUMENTS = {
     "refine_subset": refine_subset,
     "solve_island": solve_island,
     "_solve_islands": solve_islands,
+    "scale_percussions": scale_percussions,
+    "whiten_bodies": whiten_bodies,
+    "row_lengths": row_lengths,
     "near_triangles": near_triangles,
     "integrate": moved,
     "chart_rates": chart_rates,
@@ -894,6 +926,7 @@ ARGUMENTS = {
     "consume_clearance": consume_clearance,
     "list_candidates": list_candidates,
     "mutual_nearest": contacts_at_two_configurations,
+    "write_axes": normals,
     "filter_active": filter_active,
     "lowest": lowest,
     "stand": stand,

@@ -168,6 +168,16 @@ def test_the_page_is_the_same_every_time_and_asks_for_nothing(run, tmp_path):
     assert len(page) < 3e6
 
 
+def test_a_page_of_shortened_steps_is_written(tmp_path):
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_box((1.0, 1.0, 0.01), fixed=True)
+    scene.add_sphere(0.01, position=(0, 0, 0.5), velocity=(0, 0, -1e3))
+    struck = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.02)
+    assert "steps were shortened" in struck.notes[-1]
+    assert [type(impact.time) for impact in struck.impacts] == [float]
+    struck.replay_html(tmp_path / "run.html")
+
+
 def test_importing_mbvi_brings_no_viewer():
     code = "import sys, mbvi; sys.exit('meshcat' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -257,11 +257,11 @@ def _system() -> mbvi.LagrangianSystem:
 
 
 def _gap() -> mbvi.GapFunction:
-    return mbvi.GapFunction(lambda q: q[1], lambda q: np.array([0.0, 1.0]))
+    return mbvi.GapFunction(lambda q: q[1], lambda q: np.array([0.0, 1.0]), tangents=lambda q: np.array([[1.0, 0.0]]))
 
 
 def _problem(system: Any = None, gap: Any = None) -> mbvi.Problem:
-    return mbvi.Problem(system or _system(), [gap or _gap()], [0.0, 1.0], [0.0, 0.0])
+    return mbvi.Problem(system or _system(), [gap or _gap()], [0.0, 1.0], [0.0, 0.0], friction=0.2)
 
 
 def _driven(motion: Any) -> None:
@@ -321,7 +321,8 @@ _REFERENCE = {"e": 0.5, "duration": 0.5}
 
 CALLS: dict[str, Call] = {
     "Scene": Call(
-        mbvi.Scene, lambda: {"gravity": (0.0, 0.0, -9.81), "restitution": 0.5, "plane": None},
+        mbvi.Scene, lambda: {"gravity": (0.0, 0.0, -9.81), "restitution": 0.5, "plane": None, "friction": 0.3,
+        "energy_cap": True},
         lambda made: (made.add_sphere(0.1), _runs(made)),
     ),
     "Scene.add_halfspace": _adds(
@@ -369,12 +370,15 @@ CALLS: dict[str, Call] = {
     "Scene.set_restitution": Call(
         lambda **given: scene().set_restitution(**given), lambda: {"first": "ball", "second": "floor", "e": 0.5}
     ),
+    "Scene.set_friction": Call(
+        lambda **given: scene().set_friction(**given), lambda: {"first": "ball", "second": "floor", "mu": 0.5}
+    ),
     "Scene.build": Call(lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest")}, _moves),
     "Problem": Call(
         mbvi.Problem,
         lambda: {
             "system": _system(), "constraints": [_gap()], "q0": [0.0, 1.0], "v0": [0.0, 0.0], "restitution": 0.5,
-            "t0": 0.0, "length": 1.0, "scene": None,
+            "friction": 0.2, "energy_cap": True, "t0": 0.0, "length": 1.0, "scene": None,
         },
         lambda problem: (problem.report(), _moves(problem)),
     ),
@@ -387,7 +391,10 @@ CALLS: dict[str, Call] = {
     ),
     "GapFunction": Call(
         mbvi.GapFunction,
-        lambda: {"f": lambda q: q[1], "grad_f": lambda q: np.array([0.0, 1.0]), "name": "floor"},
+        lambda: {
+            "f": lambda q: q[1], "grad_f": lambda q: np.array([0.0, 1.0]), "name": "floor",
+            "tangents": lambda q: np.array([[1.0, 0.0]]),
+        },
         lambda gap: _moves(_problem(gap=gap)),
     ),
     "simulate": Call(

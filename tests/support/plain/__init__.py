@@ -34,7 +34,7 @@ from support.plain.turning import (
     pulled_in_plane_plain,
     pulled_plain,
 )
-from support.plain.verlet_list import _near_balls_plain
+from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 
 PLAIN = {
     "_add_scaled": _add_scaled_plain,
@@ -45,6 +45,7 @@ PLAIN = {
     "first_of_lines": first_of_lines_plain,
     "_keep": _keep_plain,
     "_near_balls": _near_balls_plain,
+    "farthest_moved": farthest_moved_plain,
     "_record_depth": _note_plain,
     "_raise_levels": _raise_levels_plain,
     "reach": reach_plain,

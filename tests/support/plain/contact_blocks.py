@@ -44,7 +44,7 @@ def pack_contacts_plain(data, columns, starts, n, blocks, own_columns, own_start
         own_starts[a + 1] = end
 
 
-def sweep_blocks_plain(blocks, columns, starts, local, b, mu, last, z, p):
+def sweep_blocks_plain(blocks, columns, starts, local, b, mu, weight, point, last, z, p):
     A = matrix(blocks, columns, starts, len(z))
     before = p.copy()
     uphill = 0.0
@@ -52,12 +52,12 @@ def sweep_blocks_plain(blocks, columns, starts, local, b, mu, last, z, p):
         rows = A[3 * a : 3 * a + 3]
         here, old, new = slice(3 * a, 3 * a + 3), p[3 * a : 3 * a + 3].copy(), np.empty(3)
         G = np.ascontiguousarray(rows @ rows.T)
-        others = b[here] + rows @ z - G @ old
+        others = b[here] + rows @ z - G @ (old + weight * point[here])
         if G[0, 0] > 0.0:
-            solve_contact(G, 0, *others, mu[a], new)
+            solve_contact((1.0 + weight) * G, 0, *others, mu[a], new)
         else:
             new[:] = 0.0
-            new[0] = max(-others[0], 0.0)
+            new[0] = max(-(others[0] - old[0] - weight * point[3 * a]) / (1.0 + weight), 0.0)
         p[here] = new
         z += rows.T @ (new - old)
         uphill -= (new - old) @ (new - last[here])

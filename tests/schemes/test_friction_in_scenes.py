@@ -1,0 +1,236 @@
+"""Coulomb friction in scenes: exact motions, sticking without creep, moving walls, energy, refusals."""
+
+import pickle
+from itertools import islice
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mbvi
+from mbvi import motion, packing
+
+G = 9.81
+PROJECTED = [mbvi.Paoli(project_positions=True), mbvi.MoreauJean(project_positions=True)]
+PROJECTED += [mbvi.Centered(project_positions=True)]
+SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), *PROJECTED, mbvi.StewartTrinkle()]
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+QUADRUPED = "robots/quadruped/quadruped.urdf"
+
+
+def on_floor(mu, slope=0.0, **options):
+    """A scene with a floor, tilted about y by turning gravity."""
+    scene = mbvi.Scene(gravity=(G * np.sin(slope), 0.0, -G * np.cos(slope)), friction=mu, **options)
+    scene.add_halfspace((0, 0, 1), 0.0, name="floor")
+    return scene
+
+
+def block(mu, slope=0.0, speed=0.0, **options):
+    scene = on_floor(mu, slope, **options)
+    scene.add_box((0.2, 0.3, 0.1), 1.0, position=(0, 0, 0.05), velocity=(speed, 0, 0), name="block")
+    return scene.build()
+
+
+def ball(mu, speed, **options):
+    scene = on_floor(mu, **options)
+    scene.add_sphere(0.1, 1.0, (0, 0, 0.1), (speed, 0, 0), name="ball")
+    return scene.build()
+
+
+@each_scheme
+def test_a_block_on_an_incline_sticks_without_creep(scheme):
+    problem = block(0.5, np.arctan(0.9999 * 0.5))
+    run = mbvi.simulate(problem, scheme, step=1e-3, duration=0.2)
+    assert np.abs(run.q - problem.q0).max() <= 1e-12
+
+
+@each_scheme
+def test_a_block_slides_down_an_incline_with_its_exact_acceleration(scheme):
+    slope, mu = 0.6, 0.3
+    run = mbvi.simulate(block(mu, slope), scheme, step=1e-3, duration=0.2)
+    acceleration = G * (np.sin(slope) - mu * np.cos(slope))
+    np.testing.assert_allclose(run.v[-1, :3], [0.2 * acceleration, 0.0, 0.0], atol=1e-12)
+
+
+@each_scheme
+def test_a_sliding_ball_rolls_on_with_five_sevenths_of_its_speed(scheme):
+    run = mbvi.simulate(ball(0.3, 1.0), scheme, step=1e-3, duration=0.2)
+    np.testing.assert_allclose(run.v[-1], [5 / 7, 0.0, 0.0, 0.0, 5 / 0.7, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("plane", ["xz", "yz"])
+def test_a_ball_in_a_planar_scene_rolls_too(plane):
+    speed = (1.0, 0, 0) if plane == "xz" else (0, 1.0, 0)
+    scene = on_floor(0.3, plane=plane)
+    scene.add_sphere(0.1, 1.0, (0, 0, 0.1), speed)
+    problem = scene.build()
+    assert problem.system.nv == 3
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.2)
+    np.testing.assert_allclose(np.abs(run.v[-1]), [5 / 7, 0.0, 5 / 0.7], atol=1e-12)
+
+
+@each_scheme
+def test_a_belt_takes_a_block_along(scheme):
+    """A belt moves along itself: no gap changes, and yet it drags."""
+    scene = mbvi.Scene(friction=0.25)
+    scene.add_halfspace((0, 0, 1), 0.0, motion=motion.Translation((0.5, 0, 0)))
+    scene.add_box((0.2, 0.2, 0.1), 1.0, position=(0, 0, 0.05))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.4)
+    stop = 0.5 / (0.25 * G)
+    np.testing.assert_allclose(run.v[-1], [0.5, 0, 0, 0, 0, 0], atol=1e-12)
+    assert run.q[-1, 0] == pytest.approx(0.5 * (0.4 - 0.5 * stop), abs=0.5 * 1e-3)
+
+
+@pytest.mark.parametrize("mu", [0.05, 0.5])
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered()], ids=repr)
+def test_an_oblique_impact_is_exact(scheme, mu):
+    """Slip takes mu (1 + e) v_n of the speed, stick two sevenths of it."""
+    scene = mbvi.Scene(gravity=(0, 0, 0), friction=mu, restitution=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    scene.add_sphere(0.1, 2.0, (0, 0, 0.1015), (1.0, 0, -1.0))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.01)
+    lost = min(mu * 1.5, 2 / 7)
+    np.testing.assert_allclose(run.v[-1, [0, 2, 4]], [1.0 - lost, 0.5, 2.5 * lost / 0.1], rtol=1e-10)
+
+
+def test_friction_of_a_pair_goes_before_that_of_the_scene():
+    scene = on_floor(0.0)
+    for k, name in enumerate("ab"):
+        scene.add_box((0.1, 0.1, 0.1), 1.0, position=(k, 0, 0.05), velocity=(0, 1, 0), name=name)
+    scene.set_friction("floor", "b", 0.4)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.1)
+    np.testing.assert_allclose(run.v[-1].reshape(2, 6)[:, 1], [1.0, 1.0 - 0.4 * G * 0.1], rtol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=15, deadline=None)
+def test_without_restitution_the_energy_never_rises(seed):
+    rng = np.random.default_rng(seed)
+    scene = on_floor(float(rng.uniform(0.1, 1.2)))
+    for k in range(3):
+        turn, speed = rng.normal(size=3), rng.normal(size=3)
+        size = rng.uniform(0.1, 0.3, size=3)
+        scene.add_box(size, 1.0, position=(0.1 * k, 0, 0.3 + 0.6 * k), rotation=turn, velocity=speed)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.4)
+    # free flight by this scheme raises the energy by h^2 g^2 / 2 a step and body
+    assert np.diff(run.energy()).max() <= 3 * 0.5 * (1e-3 * G) ** 2 * (1.0 + 1e-6) + 1e-9
+
+
+@pytest.mark.parametrize("scheme", PROJECTED, ids=repr)
+def test_a_body_that_lands_tilted_is_lifted_and_comes_to_rest(scheme):
+    """Contacts that stick are held along their tangents, except where the body could then not turn."""
+    scene = on_floor(0.5, restitution=0.5)
+    scene.add_box((0.2, 0.3, 0.1), 1.0, position=(0, 0, 0.4), rotation=(0.3, 0.5, 0.2), velocity=(1, 0.3, 0))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=1.0)
+    assert np.abs(run.v[-100:]).max() <= 1e-9
+    assert run.q[-1, 2] == pytest.approx(0.05, abs=1e-8)
+    assert np.ptp(run.q[-100:], axis=0).max() <= 1e-12
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), *PROJECTED, mbvi.StewartTrinkle()], ids=repr)
+def test_the_feet_of_a_robot_on_a_slope_do_not_slip(scheme):
+    joints = {f"{leg}_{j}_joint": x for leg in ("FL", "FR", "RL", "RR") for j, x in (("thigh", 0.6), ("calf", -1.2))}
+    scene = on_floor(0.7, 0.2)
+    target = np.tile([0.0, 0.6, -1.2], 4)
+
+    def hold(t, q, v):
+        return np.concatenate([np.zeros(6), 200.0 * (target - q[7:]) - 1.5 * v[6:]])
+
+    scene.add_urdf(QUADRUPED, position=(0, 0, 0.36), joints=joints, control=hold)
+    problem = scene.build()
+    run = mbvi.simulate(problem, scheme, step=1e-3, duration=1.0)
+    end = problem.at(run.q[-1], run.v[-1])
+    # the first one may be the law at the initial state
+    step = list(islice(mbvi.steps(end, scheme, step=1e-3), 3))[-1]
+    held = step.percussion > 1e-3
+    assert held.sum() == 4
+    assert np.abs(step.slip[2, held]).max() <= 1e-9
+
+
+def test_many_spheres_roll_and_rest_on_each_other():
+    """Families of spheres with rotation find the same contacts; their law holds to the residual that was asked."""
+    scene = mbvi.Scene(friction=0.5)
+    scene.add_container((-0.1, -0.1, 0), (0.1, 0.1))
+    scene.add_spheres(*packing.layers((-0.1, -0.1, 0.03), (0.1, 0.1), 0.02, count=60, seed=1), density=2500.0)
+    problem = scene.build()
+    assert problem.system.nv == 360 and "180 degrees of freedom" in problem.report()
+    smooth = mbvi.Scene()
+    smooth.add_container((-0.1, -0.1, 0), (0.1, 0.1))
+    smooth.add_spheres(*packing.layers((-0.1, -0.1, 0.03), (0.1, 0.1), 0.02, count=60, seed=1), density=2500.0)
+    plain = smooth.build()
+    np.testing.assert_array_equal(problem.constraints.gap(0.0, problem.q0), plain.constraints.gap(0.0, plain.q0))
+    run = mbvi.simulate(problem, step=2e-3, duration=0.4)
+    assert "StewartTrinkle" in run.notes[0]
+    assert run.penetration().max() <= 1e-3 * 0.02
+    # they turn
+    assert np.abs(run.v[-1].reshape(-1, 6)[:, 3:]).max() > 1.0
+
+
+def test_given_functions_have_friction_with_tangents():
+    """The paper's own setting: a particle on a plane, launched along it."""
+    system = mbvi.LagrangianSystem(lambda q: np.eye(3), lambda t, q, v: np.array([0.0, 0.0, -G]), 3)
+    plane = mbvi.GapFunction(lambda q: q[2], lambda q: np.array([0.0, 0, 1]), tangents=lambda q: np.eye(3)[:2])
+    problem = mbvi.Problem(system, [plane], [0, 0, 0], [0.6, 0.8, 0], friction=0.5)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.5)
+    stop = 1.0 / (0.5 * G)
+    np.testing.assert_allclose(run.q[-1], np.array([0.6, 0.8, 0]) * 0.5 * stop, atol=1e-3)
+    assert np.abs(run.v[-1]).max() <= 1e-12
+    with pytest.raises(mbvi.InputError, match="no tangents"):
+        mbvi.Problem(
+            system, [mbvi.GapFunction(plane.f, lambda q: np.array([0.0, 0, 1]))], [0, 0, 0], [0, 0, 0], friction=0.5
+        )
+    with pytest.raises(mbvi.InputError, match="friction"):
+        mbvi.Problem(system, [plane], [0, 0, 0], [0, 0, 0], friction=-0.5)
+
+
+def test_without_friction_nothing_is_added():
+    problem = block(0.0)
+    rows = problem.constraints.active(0.0, problem.q0, problem.tolerance)
+    assert not problem.constraints.frictional and rows.tangents is None
+    step = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
+    assert step.slip is None
+
+
+def test_copies_and_files_keep_friction(tmp_path):
+    problem = block(0.5, np.arctan(0.4))
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.05, out=tmp_path / "run.h5")
+    again = mbvi.load(tmp_path / "run.h5").problem
+    for other in (again, pickle.loads(pickle.dumps(problem))):
+        np.testing.assert_array_equal(mbvi.simulate(other, mbvi.Paoli(), step=1e-3, duration=0.05).q, run.q)
+
+
+def test_schemes_without_friction_say_so():
+    problem = block(0.5)
+    for scheme in (mbvi.SchatzmanPaoli(), mbvi.EventDriven()):
+        with pytest.raises(mbvi.UnsuitableError, match="no friction"):
+            mbvi.simulate(problem, scheme, duration=0.1)
+    assert "contacts have friction" in mbvi.simulate(ball(0.5, 1.0), duration=0.01).notes[0]
+
+
+def test_wrong_coefficients_are_refused():
+    with pytest.raises(mbvi.InputError, match="friction"):
+        mbvi.Scene(friction=-0.1)
+    scene = on_floor(0.1)
+    with pytest.raises(mbvi.InputError, match="unknown name"):
+        scene.set_friction("floor", "nothing", 0.5)
+    with pytest.raises(mbvi.InputError, match="friction mu"):
+        scene.set_friction("floor", "floor", np.inf)
+
+
+def test_an_impact_that_would_gain_energy_takes_less_restitution():
+    """A tilted rod with high friction (Kane's paradox): its energy rises by a fifth, and is kept with the cap."""
+    gained = []
+    for cap in (False, True):
+        scene = mbvi.Scene(gravity=(0, 0, 0), restitution=0.9, friction=1.05, energy_cap=cap)
+        scene.add_halfspace((0, 0, 1), 0.0)
+        moves = {"velocity": (0.26, 0, -1.0), "angular_velocity": (0, -1.89, 0)}
+        scene.add_capsule(0.01, 1.0, 1.0, position=(0, 0, 0.393), rotation=(0, 0.7, 0), **moves)
+        problem = scene.build()
+        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=3e-3)
+        assert len(run.impacts) == 1
+        gained.append(run.energy()[-1] / run.energy()[0] - 1.0)
+    assert gained[0] > 0.2
+    assert abs(gained[1]) <= 1e-11
+    with pytest.raises(mbvi.UnsuitableError, match="cap"):
+        mbvi.simulate(problem, mbvi.StewartTrinkle(), step=1e-3, duration=0.1)
