@@ -1,5 +1,6 @@
 """`mbvi chart friction`: the scenes are the same in all engines, and the command writes what it measured."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from matplotlib.image import imread
 
 import mbvi
 from mbvi.cli.main import main
+from mbvi.studies.chart import piles
 from mbvi.studies.chart.friction import ROUGH
 from mbvi.studies.chart.friction_picture import draw_friction, friction_summary, friction_table
 from mbvi.studies.chart.friction_runs import FrictionRecord, problem_of, run_other, run_ours, sweep_other, sweep_ours
@@ -132,3 +134,17 @@ def test_the_command_writes_picture_and_table(run, tmp_path):
 def test_the_table_of_the_page_is_that_of_its_file():
     records = read_table(DOCS / "friction.csv", FrictionRecord)
     assert friction_summary(records, 1e-3) in (DOCS / "friction.md").read_text()
+
+
+def test_piles_with_friction_turn_their_spheres():
+    made = {name: make() for name, make in piles.PICTURES["rough-piles"].scenes.items()}
+    assert {pile.mu for pile in made.values()} == {0.5}
+    for pile in made.values():
+        few = dataclasses.replace(
+            pile, shapes=pile.shapes[-6:], centres=pile.centres[-6:], turns=pile.turns[-6:], duration=0.05
+        )
+        problem = few.problem()
+        assert few.turning == 6 and problem.system.nv == 36
+        # how a sphere is turned at the start does not matter
+        found = few.configuration(few.centres, few.turns).reshape(6, 7)
+        np.testing.assert_allclose(problem.q0.reshape(6, 7)[:, :3], found[:, :3], atol=1e-15)
