@@ -309,7 +309,8 @@ class Projector:
         J = J[interleaved(len(keys))]
         residual, rate = self.friction_residual, np.inf
         if self.accepted is not None and h is not None:
-            residual, rate = self.accepted.relative, _SHARE * self.accepted.depth / h
+            residual, rate = self.accepted.largest_residual, _SHARE * self.accepted.depth / h
+            residual *= min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
         start = self._last_frictional.of_rows(keys)
         found = project_frictional_sparse(x, metric, J, bounds, tangents.friction, residual, start, rate)
         self._last_frictional.keep(found.percussion.reshape(-1, 3), keys)

@@ -2,7 +2,8 @@
 
 At rest, weight and contact forces balance at every step, so that leaving out both changes nothing. The rows of the
 sleeping contacts are kept for the record. A step in which a row acts on a sleeping body, or a force moves one, is
-retried with its island awake.
+retried with its island awake. With friction this holds as well: the percussions of contacts that hold a body may not be
+unique, but those of the last step hold it for as long as nothing else acts on its island.
 
 Projections of many bodies are solved to a residual, which leaves bodies at rest speeds that change from step to step. A
 body whose mean speed over many steps is below what the residual leaves in one is at rest as well: a force that the
@@ -37,11 +38,12 @@ _TESTS, _NOISE = 8, 10.0
 
 
 class _Island(NamedTuple):
-    """Sleeping bodies that touch each other, and the rows and rates of their contacts."""
+    """Sleeping bodies that touch each other, and of their contacts the rows, the rates and `Step.slip`."""
 
     bodies: Array
     rows: Rows
     rates: Array
+    slip: Array | None
 
 
 class Sleepers:
@@ -73,8 +75,6 @@ class Sleepers:
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
         self.any = bool(holding) and wanted
-        # whether friction holds a body depends on the history of its contacts: such bodies stay awake
-        self.any = self.any and not problem.constraints.frictional
         if not self.any:
             return
         self._system, self._first_velocity, self._first_body = holding[0]
@@ -176,7 +176,8 @@ class Sleepers:
             if one == label[free] or not ready[bodies].all():
                 continue
             here = np.flatnonzero(label[free + 1 :] == one)
-            islands.append(_Island(bodies, take(rows, here), step.rates[:, here]))
+            slip = None if step.slip is None else step.slip[:, here]
+            islands.append(_Island(bodies, take(rows, here), step.rates[:, here], slip))
             if not self._quiet[bodies].all():
                 self._removed = max(self._removed, float((np.abs(v[bodies]) / self._units).max()))
             v[bodies] = 0.0
@@ -209,7 +210,9 @@ class Sleepers:
         self._kept = None
         if with_rows:
             rates = np.concatenate([island.rates for island in with_rows], axis=1)
-            self._kept = _Island(np.zeros(0, np.int64), concatenate([island.rows for island in with_rows]), rates)
+            slips = [island.slip for island in with_rows if island.slip is not None]
+            slip = np.concatenate(slips, axis=1) if slips else None
+            self._kept = _Island(np.zeros(0, np.int64), concatenate([island.rows for island in with_rows]), rates, slip)
         still = None
         if islands:
             still = np.zeros(len(self._problem.system.bodies), bool)
@@ -223,9 +226,18 @@ class Sleepers:
 
 def _with_sleeping_rows(step: Step, kept: _Island, share: float) -> Step:
     """Return a step with the rows of sleeping contacts; `share` is its length as a part of a whole step."""
-    rows, rates = kept.rows, kept.rates.copy()
-    # percussions and free rates are proportional to the length of the step
-    rates[:2] *= share
+    rows, rates = kept.rows, _of_length(kept.rates, share)
+    slip = None if kept.slip is None else _of_length(kept.slip, share)
     if not step.active.gap.size:
-        return step._replace(active=rows, rates=rates)
-    return step._replace(active=concatenate([step.active, rows]), rates=np.concatenate([step.rates, rates], axis=1))
+        return step._replace(active=rows, rates=rates, slip=slip)
+    if slip is not None and step.slip is not None:
+        slip = np.concatenate([step.slip, slip], axis=1)
+    rows, rates = concatenate([step.active, rows]), np.concatenate([step.rates, rates], axis=1)
+    return step._replace(active=rows, rates=rates, slip=slip)
+
+
+def _of_length(rates: Array, share: float) -> Array:
+    """Return rates of a step that lasts a part of the whole: percussions and free rates are proportional to it."""
+    rates = rates.copy()
+    rates[:2] *= share
+    return rates
