@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..compiled import plain_array
 from ..system import System
 from .candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
-from .tangents import Tangents, axes_of
+from .tangents import Tangents, axes_of, tangent_rows
 
 
 class RowTable(NamedTuple):
@@ -166,8 +167,15 @@ class ConstraintFamily(ABC):
 
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows, with numbers of the family, whose coefficients are given."""
-        axes = axes_of(rows.normal)
-        first, second = (side.repeat(2) for side in self.bodies_of(rows.constraint))
+        first, second = self.bodies_of(rows.constraint)
+        if self.system.single_mechanism:
+            k = len(friction)
+            _, columns, support = self.system.kinematics(q)
+            axes, jacobian = np.empty((k, 2, 3)), np.empty((2 * k, self.system.nv))
+            point, normal = plain_array(rows.point), plain_array(rows.normal)
+            tangent_rows(columns, support, first, second, point, normal, axes, jacobian)
+            return Tangents(friction, axes, jacobian, None)
+        axes, first, second = axes_of(rows.normal), first.repeat(2), second.repeat(2)
         jacobian = self.system.separation_rows(q, first, second, rows.point.repeat(2, 0), axes.reshape(-1, 3))
         return Tangents(friction, axes, jacobian, None)
 
