@@ -17,7 +17,7 @@ from .family import ConstraintFamily
 from .given import as_family
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate, take
-from .tangents import Tangents, none_of
+from .tangents import Tangents, none_of, tangents_of_mechanism
 from .tangents import concatenate as concatenate_tangents
 
 # number of constraints up to which each has its lever in an array
@@ -35,12 +35,15 @@ class _SingleFamily(NamedTuple):
         The family; None before the first rows.
     friction : ndarray, shape (k,)
         Coefficients.
+    bodies : tuple of ndarray, or None
+        The first and the second body of each, where tangents follow from them and one mechanism moves all bodies.
     """
 
     numbers: Array | None
     family: Any
     own: Array
     friction: Array
+    bodies: tuple[Array, Array] | None
 
 
 class AdmissibleSet(Rebuilt):
@@ -112,7 +115,7 @@ class AdmissibleSet(Rebuilt):
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
         # the last rows that were all of one family
-        self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0))
+        self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
         self.cache = ClearanceCache(system, self.numbered())
 
     def __len__(self) -> int:
@@ -180,7 +183,9 @@ class AdmissibleSet(Rebuilt):
         numbers = rows.constraint
         if numbers is self._single.numbers:
             # the same array means the same numbers: nobody writes to it
-            _, family, own, mu = self._single
+            _, family, own, mu, bodies = self._single
+            if bodies is not None:
+                return tangents_of_mechanism(self.system.kinematics(q), bodies, rows.point, rows.normal, mu)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         if not numbers.size:
             return none_of(0, self.system.nv, not isinstance(rows.jacobian, np.ndarray))
@@ -202,7 +207,8 @@ class AdmissibleSet(Rebuilt):
         if np.isnan(family.friction).any():
             mu = np.where(np.isnan(mu), self._mu[f], mu)
         if mu.any():
-            self._single = _SingleFamily(rows.constraint, family, own, mu)
+            plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
+            self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         return none_of(len(mu), self.system.nv, not isinstance(rows.jacobian, np.ndarray))
 

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import plain_array
 from ..system import System
 from .candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
-from .tangents import Tangents, axes_of, tangent_rows
+from .tangents import Tangents, axes_of, tangents_of_mechanism
 
 
 class RowTable(NamedTuple):
@@ -169,12 +168,8 @@ class ConstraintFamily(ABC):
         """Return the tangents of some rows, with numbers of the family, whose coefficients are given."""
         first, second = self.bodies_of(rows.constraint)
         if self.system.single_mechanism:
-            k = len(friction)
-            _, columns, support = self.system.kinematics(q)
-            axes, jacobian = np.empty((k, 2, 3)), np.empty((2 * k, self.system.nv))
-            point, normal = plain_array(rows.point), plain_array(rows.normal)
-            tangent_rows(columns, support, first, second, point, normal, axes, jacobian)
-            return Tangents(friction, axes, jacobian, None)
+            kinematics = self.system.kinematics(q)
+            return tangents_of_mechanism(kinematics, (first, second), rows.point, rows.normal, friction)
         axes, first, second = axes_of(rows.normal), first.repeat(2), second.repeat(2)
         jacobian = self.system.separation_rows(q, first, second, rows.point.repeat(2, 0), axes.reshape(-1, 3))
         return Tangents(friction, axes, jacobian, None)

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from ..compiled import kernel, plain_array
 from ..system.articulated import row
 from ..system.sparse_rows import stack_rows
+from ..system.system import Kinematics
 
 Array = np.ndarray
 
@@ -105,6 +106,17 @@ def tangent_rows(
     for a in range(len(first)):
         for c in range(2):
             row(columns, support[first[a]], support[second[a]], point[a], axes[a, c], rows[2 * a + c])
+
+
+def tangents_of_mechanism(
+    kinematics: Kinematics, bodies: tuple[Array, Array], point: Array, normal: Array, friction: Array
+) -> Tangents:
+    """Return the tangents of one mechanism's contacts, whose bodies are given as by `ConstraintFamily.bodies_of`."""
+    _, columns, support = kinematics
+    k = len(friction)
+    axes, jacobian = np.empty((k, 2, 3)), np.empty((2 * k, len(columns)))
+    tangent_rows(columns, support, *bodies, plain_array(point), plain_array(normal), axes, jacobian)
+    return Tangents(friction, axes, jacobian, None)
 
 
 def axes_of(normal: Array) -> Array:

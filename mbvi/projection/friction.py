@@ -66,32 +66,10 @@ class FrictionalStart(NamedTuple):
 NO_START = FrictionalStart(np.zeros(0), True)
 
 
-class LawOfContacts(NamedTuple):
-    """What Coulomb's law gives for the contacts of one mechanism.
-
-    Attributes
-    ----------
-    velocity : ndarray, shape (nv,)
-        The velocity after.
-    rates, slip : ndarray, shapes (4, m) and (4, m, 2)
-        Percussions, and rates under forces alone, after and before, of normals and of tangents.
-    residual : float
-        As of `FrictionalProjection`.
-    start : FrictionalStart
-        What the next law of the same contacts can start from.
-    """
-
-    velocity: Array
-    rates: Array
-    slip: Array
-    residual: float
-    start: FrictionalStart
-
-
 def law_of_contacts(
     motion: TreeFreeMotion, J: Array, T: Array, e: Array, drift: Array, opened: Array, friction: Array,
     last: FrictionalStart, residual: float,
-) -> LawOfContacts | None:  # fmt: skip
+) -> tuple[Array, Array, float, Array, FrictionalStart] | None:  # fmt: skip
     """Return Coulomb's law for at most 32 contacts of one mechanism, in one kernel; None if the residual is too large.
 
     Parameters
@@ -104,6 +82,19 @@ def law_of_contacts(
         Ignored if it is of another number of contacts.
     residual : float
         The relative residual that is allowed.
+
+    Returns
+    -------
+    velocity : ndarray, shape (nv,)
+        The velocity after.
+    rates : ndarray, shape (4, m)
+        Percussions, and rates of normals under forces alone, after and before.
+    residual : float
+        As of `FrictionalProjection`.
+    slip : ndarray, shape (4, m, 2)
+        The same as `rates` of tangents.
+    start : FrictionalStart
+        What the next law of the same contacts can start from.
     """
     m, nv = J.shape
     w, rates, slip = np.empty(nv), np.empty((4, m)), np.empty((4, m, 2))
@@ -115,7 +106,7 @@ def law_of_contacts(
     # written so that a NaN is refused too
     if not 0.0 <= found <= residual:
         return None
-    return LawOfContacts(w, rates, slip, found, FrictionalStart(start, unique))
+    return w, rates, found, slip, FrictionalStart(start, unique)
 
 
 def project_frictional(

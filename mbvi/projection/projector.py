@@ -21,7 +21,6 @@ from .friction import (
     NO_START,
     FrictionalProjection,
     FrictionalStart,
-    LawOfContacts,
     law_of_contacts,
     project_frictional,
 )
@@ -284,11 +283,11 @@ class Projector:
 
     def frictional_law(
         self, motion: FreeMotion | TreeFreeMotion, rows: FrictionalRows, opened: Array | None
-    ) -> LawOfContacts | None:
-        """Return Coulomb's law for the contacts of one mechanism in one kernel.
+    ) -> tuple[Array, Array, float, Array] | None:
+        """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
 
-        None where the rows are not those of one mechanism or are too many, where none has friction, where e is capped,
-        or where the residual is too large.
+        They are as of `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
+        has friction, where e is capped, or where the residual is too large.
 
         Parameters
         ----------
@@ -309,9 +308,10 @@ class Projector:
         e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
         J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
         found = law_of_contacts(motion, J, T, e, drift, opened, mu, self._frictional_start, self.residual)
-        if found is not None:
-            self._frictional_start = found.start
-        return found
+        if found is None:
+            return None
+        self._frictional_start = found[4]
+        return found[:4]
 
     def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
         """Return the largest restitution of rows, at most their own, with which an impact gains no energy.

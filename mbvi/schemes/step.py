@@ -119,7 +119,7 @@ def law(
         return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
     found = projector.frictional_law(free_motion, rows, opened) if rows.tangents is not None else None
     if found is not None:
-        return AppliedLaw(found.velocity, found.rates, found.residual, found.slip, rows)
+        return AppliedLaw(*found, rows)
     x, before = free_motion.free, rows.speeds(v)
     e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
     if e is not None:
