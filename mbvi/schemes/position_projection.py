@@ -119,6 +119,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     if settled is not None:
         return settled
     system, drift = problem.system, step.t - applied.t
+    if drift and step.slip is not None and not nearby.sinks(step.q):
+        return advance_gaps(step, drift)
     slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
