@@ -234,3 +234,17 @@ def test_an_impact_that_would_gain_energy_takes_less_restitution():
     assert abs(gained[1]) <= 1e-11
     with pytest.raises(mbvi.UnsuitableError, match="cap"):
         mbvi.simulate(problem, mbvi.StewartTrinkle(), step=1e-3, duration=0.1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_ball_that_rolls_without_weight_rolls_on(seed):
+    """Its contact speeds are rounding of terms that cancel: nothing must be solved for them."""
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    scene = mbvi.Scene(gravity=(0, 0, 0), friction=0.4)
+    scene.add_halfspace(normal, 0.0)
+    scene.add_sphere(0.1, 1.0, 0.1005 * normal, rng.normal(size=3) - 2.0 * normal)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.05)
+    assert len(run.impacts) == 1
+    np.testing.assert_allclose(run.v[-1], run.v[10], rtol=1e-12, atol=1e-12)
