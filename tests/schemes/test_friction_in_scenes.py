@@ -1,6 +1,7 @@
 """Coulomb friction in scenes: exact motions, sticking without creep, moving walls, energy, refusals."""
 
 import pickle
+from contextlib import nullcontext
 from itertools import islice
 
 import numpy as np
@@ -227,7 +228,8 @@ def test_an_impact_that_would_gain_energy_takes_less_restitution():
         moves = {"velocity": (0.26, 0, -1.0), "angular_velocity": (0, -1.89, 0)}
         scene.add_capsule(0.01, 1.0, 1.0, position=(0, 0, 0.393), rotation=(0, 0.7, 0), **moves)
         problem = scene.build()
-        run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=3e-3)
+        with nullcontext() if cap else pytest.warns(mbvi.MbviWarning, match="Kane"):
+            run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-4, duration=3e-3)
         assert len(run.impacts) == 1
         gained.append(run.energy()[-1] / run.energy()[0] - 1.0)
     assert gained[0] > 0.2
