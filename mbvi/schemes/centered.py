@@ -48,7 +48,7 @@ class Centered(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
-        ahead = nearby.at(system.integrate(q, h * v), near_margin(problem, self.project_positions))
+        ahead = nearby.at(system.integrate(q, h * v), near_margin(problem, self.project_positions, h * v))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v

@@ -53,7 +53,7 @@ class MoreauJean(Scheme):
         before = self.timing.jump * h
         t += before
         middle = system.integrate(q, before * v)
-        margin = near_margin(problem, self.project_positions)
+        margin = near_margin(problem, self.project_positions, h * v)
         active = problem.constraints.active(t, middle, problem.tolerance + margin)
         if not active.gap.size:
             w = system.free_velocity(t, middle, v, h)

@@ -40,7 +40,7 @@ class Paoli(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, drift, origin = problem.system, h * v, q
         t, q = t + h, system.integrate(q, drift)
-        margin = near_margin(problem, self.project_positions)
+        margin = near_margin(problem, self.project_positions, drift)
         active = problem.constraints.active(t, q, problem.tolerance + margin, origin, drift)
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)

@@ -135,9 +135,15 @@ def law(
 _NEAR = 100.0
 
 
-def near_margin(problem: Problem, project_positions: bool) -> float:
-    """Return how far above the activation tolerance rows join the law [m]."""
-    return (_NEAR - 1.0) * problem.tolerance if project_positions and problem.constraints.frictional else 0.0
+def near_margin(problem: Problem, project_positions: bool, displacement: Array) -> float:
+    """Return how far above the activation tolerance rows join the law [m].
+
+    It covers the second-order part of gaps along the displacement of a step, shape (nv,).
+    """
+    if not (project_positions and problem.constraints.frictional):
+        return 0.0
+    bent = problem.constraints.travel(displacement) ** 2 / problem.length
+    return max((_NEAR - 1.0) * problem.tolerance, bent)
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")
@@ -169,10 +175,11 @@ def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | fl
 
 
 def bounds(rows: Rows, before: Array, opened: Array | None) -> Array:
-    """Return the least J w of Newton's law, shape (k,): -e times the rate before, and less for rows that are open."""
+    """Return the least J w of Newton's law, shape (k,): -e times the rate before, and less for rows that stay open."""
     lower = -rows.restitution * before
     if opened is not None:
-        lower = np.where(opened > 0.0, np.minimum(lower, -opened), lower)
+        # what closes within the step by its own speed has its impact now
+        lower = np.where((opened > 0.0) & (before > -opened), np.minimum(lower, -opened), lower)
     return lower if rows.rate is None else lower - rows.rate
 
 
