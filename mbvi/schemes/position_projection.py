@@ -119,7 +119,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     if settled is not None:
         return settled
     system, drift = problem.system, step.t - applied.t
-    if drift and step.slip is not None and not nearby.sinks(step.q):
+    if step.slip is not None and not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
     slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
     for _ in range(MOST_LINEARISATIONS):
@@ -171,6 +171,15 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if drift:
             step = step._replace(q=system.integrate(applied.q, drift * step.v))
     return advance_gaps(step, drift)
+
+
+def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) -> bool:
+    """Return whether a gap at the end of the step may be below zero by more than the tolerance."""
+    if drift:
+        return nearby.sinks(step.q)
+    rows = step.active
+    lengths = problem.constraints.levers(rows.constraint) * rows.gap
+    return bool(lengths.min(initial=0.0) < -problem.tolerance)
 
 
 def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
