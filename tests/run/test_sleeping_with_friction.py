@@ -91,12 +91,12 @@ def test_a_belt_carries_what_lies_on_it(asleep):
 
 def test_a_wall_that_moves_along_its_face_wakes_what_it_touches(asleep):
     scene = incline(0.0, 1)
-    # comes down onto the sleeping box and drags it along
-    drag = motion.Translation((0.5, 0, -0.5))
-    scene.add_halfspace((0, 0, -1), -0.1, name="press", motion=drag)
-    first = mbvi.simulate(scene.build(), mbvi.Paoli(), step=STEP, duration=0.098)
-    assert asleep == [{0}] or asleep == [{0}, set()]
-    np.testing.assert_allclose(first.q[-1, 0], 0.0, atol=1e-12)
+    # reaches the side of the sleeping box after 0.1 s, and then drags it along
+    scene.add_halfspace((0, 1, 0), -0.12, name="wall", motion=motion.Translation((1.0, 0.2, 0)))
+    first, _ = with_and_without(scene, mbvi.StewartTrinkle(), 0.2)
+    assert asleep[:2] == [{0}, set()]
+    np.testing.assert_allclose(first.q[first.t < 0.095, 0], 0.0, atol=1e-12)
+    assert first.q[-1, 0] > 1e-3 and first.q[-1, 1] > 1e-2
 
 
 def test_what_a_robot_stands_on_does_not_sleep(asleep):
