@@ -11,6 +11,7 @@ import typer
 from ..arguments import positive
 from ..errors import InputError
 from ..studies.pictures import check_pictures
+from .friction import FRICTION, chart_friction
 from .piles import chart_piles
 from .scheme_names import SchemeName
 
@@ -28,7 +29,7 @@ _Problems = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[PROBLEM]...",
-        help="Names of problems, or piles and names of its scenes; --list prints them.",
+        help="Names of problems, or piles or friction and names of its scenes; --list prints them.",
         show_default=False,
     ),
 ]
@@ -41,7 +42,8 @@ _Schemes = Annotated[
 _Budget = Annotated[
     float | None,
     typer.Option(
-        help="Of piles: CPU time that a run may cost, judged by the run before [s].", show_default=f"{_PILE_BUDGET:g}"
+        help="Of piles and friction: CPU time that a run may cost, judged by the run before [s].",
+        show_default=f"{_PILE_BUDGET:g}",
     ),
 ]
 _Out = Annotated[Path, typer.Option(metavar="STEM", help="Where to write: STEM.png, STEM.svg and STEM.csv.")]
@@ -56,8 +58,9 @@ def chart(
     out: _Out = Path("out/chart"),
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
-    """Chart error against CPU time and against step; of piles worst depth against CPU time."""
+    """Chart error against CPU time and against step; of piles worst depth, of friction creep, against CPU time."""
     from ..studies.chart.cases import CASES, DEFAULT_CASES
+    from ..studies.chart.friction import ROUGH
     from ..studies.chart.piles import PICTURES
     from ..studies.chart.records import write_csv
     from ..studies.engines import PEERS
@@ -68,16 +71,19 @@ def chart(
         print("without a name: " + "; ".join(DEFAULT_CASES))
         for name, picture in PICTURES.items():
             print(f"scenes of {name}: {'; '.join(picture.scenes)}")
+        print(f"scenes of {FRICTION}: {'; '.join(ROUGH)}")
         print("\n  ".join(["schemes", *words]))
         print("\n  ".join(["engines", *(f"{p.name}: {'installed' if p.installed else p.install}" for p in PEERS)]))
         return
-    if problems and problems[0] in PICTURES:
+    if problems and problems[0] in (*PICTURES, FRICTION):
         if schemes:
-            raise InputError(f"{problems[0]} are run by StewartTrinkle: leave out --schemes")
-        chart_piles(problems, peers, _PILE_BUDGET if budget is None else positive(budget, "budget"), out)
+            raise InputError(f"{problems[0]} has schemes of its own: leave out --schemes")
+        spent = _PILE_BUDGET if budget is None else positive(budget, "budget")
+        make = chart_friction if problems[0] == FRICTION else chart_piles
+        make(problems, peers, spent, out)
         return
     if budget is not None:
-        raise InputError("--budget is an option of piles")
+        raise InputError("--budget is an option of piles and friction")
     chosen = [_checked_name(name.replace("-", " "), list(CASES), "problem") for name in problems or DEFAULT_CASES]
     named = [_checked_name(name.strip().lower(), list(words), "scheme") for name in schemes.split(",") if name.strip()]
     check_pictures(out.parent)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 # height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
 _FAR_ABOVE = 1000.0
 _DROP_HEIGHT, _RESTITUTION = 0.5, 0.5
+# e and mu where none are given
+_CONTACT = _RESTITUTION, 0.0
 
 app = typer.Typer(
     help="Rigid multibody systems with impacts.",
@@ -81,6 +83,7 @@ def simulate(
     restitution: Annotated[
         float, typer.Option(help="Newton's e in [0, 1] of every contact and joint limit.")
     ] = _RESTITUTION,
+    friction: Annotated[float, typer.Option(help="Coefficient of Coulomb friction of every contact.")] = 0.0,
     scheme: Annotated[
         SchemeName | None, typer.Option(help="Scheme.", show_default="chosen for the robot, with the reason as a note")
     ] = None,
@@ -108,7 +111,7 @@ def simulate(
     """Drop a robot on the floor z = 0 and print its impacts, energy and penetration."""
     _check_targets(robot, out, replay)
     chosen = _scheme(scheme, tolerance)
-    problem = _problem_on_floor(robot, base, height, restitution, _joint_positions(joint or []), srdf)
+    problem = _problem_on_floor(robot, base, height, (restitution, friction), _joint_positions(joint or []), srdf)
     _print_problem(problem)
     _run(problem, chosen, step, duration, every, out, replay, shapes, None if solver is None else solver.solver)
 
@@ -119,11 +122,11 @@ def inspect(robot: _Robot, base: _Base = Base.free, srdf: _Srdf = None) -> None:
     from .tables import joint_table, shape_table
 
     try:
-        problem = _problem_on_floor(robot, base, None, _RESTITUTION, {}, srdf)
+        problem = _problem_on_floor(robot, base, None, _CONTACT, {}, srdf)
     except InadmissibleStartError as error:
         if base is Base.free:
             raise
-        problem = _robot_problem(robot, base, _FAR_ABOVE, _RESTITUTION, {}, srdf)
+        problem = _robot_problem(robot, base, _FAR_ABOVE, _CONTACT, {}, srdf)
         print(f"as `mbvi simulate` would start it, {error}\n")
     print("\n\n".join((joint_table(problem), shape_table(problem), problem.report())))
 
@@ -239,7 +242,7 @@ def _robot_problem(
     robot: Path,
     base: Base,
     z: float,
-    restitution: float,
+    contact: tuple[float, float],
     joints: dict[str, float],
     srdf: Path | None,
     reduce: Collection[str] | None = None,
@@ -247,7 +250,7 @@ def _robot_problem(
     from ..scene import Scene
     from ..scene.reductions import DEFAULT_REDUCTIONS
 
-    scene = Scene(restitution=restitution)
+    scene = Scene(restitution=contact[0], friction=contact[1])
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     scene.add_urdf(
         robot, base=base.value, position=(0.0, 0.0, z), joints=joints, srdf=None if srdf is None else str(srdf)
@@ -256,19 +259,27 @@ def _robot_problem(
 
 
 def _problem_on_floor(
-    robot: Path, base: Base, height: float | None, restitution: float, joints: dict[str, float], srdf: Path | None
+    robot: Path,
+    base: Base,
+    height: float | None,
+    contact: tuple[float, float],
+    joints: dict[str, float],
+    srdf: Path | None,
 ) -> Problem:
-    """Return the problem of a robot above the floor z = 0; the lowest point of a free robot is at `height`."""
+    """Return the problem of a robot above the floor z = 0; the lowest point of a free robot is at `height`.
+
+    `contact` is e and mu.
+    """
     if base is Base.fixed:
         try:
-            return _robot_problem(robot, base, height or 0.0, restitution, joints, srdf)
+            return _robot_problem(robot, base, height or 0.0, contact, joints, srdf)
         except InadmissibleStartError as error:
             raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
     height = _DROP_HEIGHT if height is None else height
-    problem = _robot_problem(robot, base, _FAR_ABOVE, restitution, joints, srdf, ())
+    problem = _robot_problem(robot, base, _FAR_ABOVE, contact, joints, srdf, ())
     floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
     lowest = [_FAR_ABOVE - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
-    return _robot_problem(robot, base, height + min(lowest, default=0.0), restitution, joints, srdf)
+    return _robot_problem(robot, base, height + min(lowest, default=0.0), contact, joints, srdf)
 
 
 def _print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> None:

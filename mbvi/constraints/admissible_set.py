@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,11 +17,33 @@ from .family import ConstraintFamily
 from .given import as_family
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate, take
-from .tangents import Tangents, none_of
+from .tangents import Tangents, none_of, tangents_of_mechanism
 from .tangents import concatenate as concatenate_tangents
 
 # number of constraints up to which each has its lever in an array
 _MOST_LEVERS = 100_000
+
+
+class _SingleFamily(NamedTuple):
+    """Rows of one family with friction.
+
+    Attributes
+    ----------
+    numbers, own : ndarray of int, shape (k,)
+        Their constraints, numbered in the problem and in the family.
+    family : ConstraintFamily or None
+        The family; None before the first rows.
+    friction : ndarray, shape (k,)
+        Coefficients.
+    bodies : tuple of ndarray, or None
+        The first and the second body of each, where tangents follow from them and one mechanism moves all bodies.
+    """
+
+    numbers: Array | None
+    family: Any
+    own: Array
+    friction: Array
+    bodies: tuple[Array, Array] | None
 
 
 class AdmissibleSet(Rebuilt):
@@ -91,6 +114,8 @@ class AdmissibleSet(Rebuilt):
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
+        # the last rows that were all of one family
+        self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
         self.cache = ClearanceCache(system, self.numbered())
 
     def __len__(self) -> int:
@@ -151,11 +176,17 @@ class AdmissibleSet(Rebuilt):
         """
         found = self.cache.contacts(t, q, tolerance, origin, moved)
         rows = concatenate(found) if found else self.empty
-        return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows
+        return Rows(*rows[:7], self._tangents(t, q, rows)) if self.frictional else rows
 
     def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, those of each family in turn."""
         numbers = rows.constraint
+        if numbers is self._single.numbers:
+            # the same array means the same numbers: nobody writes to it
+            _, family, own, mu, bodies = self._single
+            if bodies is not None:
+                return tangents_of_mechanism(self.system.kinematics(q), bodies, rows.point, rows.normal, mu)
+            return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         if not numbers.size:
             return none_of(0, self.system.nv, not isinstance(rows.jacobian, np.ndarray))
         f = bisect_right(self._starts, numbers.item(0)) - 1
@@ -171,12 +202,14 @@ class AdmissibleSet(Rebuilt):
     def _tangents_of(self, f: int, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows that are all of family number f."""
         family = self.families[f]
-        own = rows._replace(constraint=rows.constraint - self._starts[f])
-        mu = family.friction_of(own.constraint)
+        own = rows.constraint - self._starts[f]
+        mu = family.friction_of(own)
         if np.isnan(family.friction).any():
             mu = np.where(np.isnan(mu), self._mu[f], mu)
         if mu.any():
-            return family.tangents(t, q, own, mu)
+            plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
+            self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
+            return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         return none_of(len(mu), self.system.nv, not isinstance(rows.jacobian, np.ndarray))
 
     @staticmethod

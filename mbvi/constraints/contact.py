@@ -23,6 +23,13 @@ class Contact:
         p >= 0 along the gradient during the step [N s, N m s].
     force : float
         Mean reaction during the step, p / h [N, N m].
+    tangential : ndarray, shape (3,), or None
+        Tangential percussion on the body that the normal points to, in the world [N s]; None in problems without
+        friction. Of a constraint without a contact point the first two entries are those along its tangents.
+    slip : ndarray, shape (3,), or None
+        Tangential velocity of that body relative to the other after the step, in the world [m/s]; zero where mu = 0.
+    regime : str or None
+        "stick" or "slip"; where mu = 0 it is "slip".
     """
 
     name: str
@@ -30,3 +37,6 @@ class Contact:
     normal: Array
     percussion: float
     force: float
+    tangential: Array | None = None
+    slip: Array | None = None
+    regime: str | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from ..system import System
 from .candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
-from .tangents import Tangents, axes_of
+from .tangents import Tangents, axes_of, tangents_of_mechanism
 
 
 class RowTable(NamedTuple):
@@ -166,8 +166,11 @@ class ConstraintFamily(ABC):
 
     def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
         """Return the tangents of some rows, with numbers of the family, whose coefficients are given."""
-        axes = axes_of(rows.normal)
-        first, second = (side.repeat(2) for side in self.bodies_of(rows.constraint))
+        first, second = self.bodies_of(rows.constraint)
+        if self.system.single_mechanism:
+            kinematics = self.system.kinematics(q)
+            return tangents_of_mechanism(kinematics, (first, second), rows.point, rows.normal, friction)
+        axes, first, second = axes_of(rows.normal), first.repeat(2), second.repeat(2)
         jacobian = self.system.separation_rows(q, first, second, rows.point.repeat(2, 0), axes.reshape(-1, 3))
         return Tangents(friction, axes, jacobian, None)
 

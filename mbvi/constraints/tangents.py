@@ -9,7 +9,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
+from ..system.articulated import row
 from ..system.sparse_rows import stack_rows
+from ..system.system import Kinematics
 
 Array = np.ndarray
 
@@ -81,6 +83,40 @@ def write_axes(normal: Array, axes: Array) -> None:
         b = x * y * c
         axes[a, 0, 0], axes[a, 0, 1], axes[a, 0, 2] = 1.0 + sign * x * x * c, sign * b, -sign * x
         axes[a, 1, 0], axes[a, 1, 1], axes[a, 1, 2] = b, sign + y * y * c, -y
+
+
+@kernel("void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1])")
+def tangent_rows(
+    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, axes: Array, rows: Array
+) -> None:
+    """Write axes and gradients of the tangents of one mechanism's contacts.
+
+    Parameters
+    ----------
+    columns, support
+        As of `Kinematics`.
+    first, second : ndarray of int, shape (k,)
+        Bodies of each contact.
+    point, normal : ndarray, shape (k, 3)
+        Contact points and unit normals in the world.
+    axes, rows : ndarray, shapes (k, 2, 3) and (2 k, nv)
+        Receive the axes, as of `write_axes`, and the gradients along them.
+    """
+    write_axes(normal, axes)
+    for a in range(len(first)):
+        for c in range(2):
+            row(columns, support[first[a]], support[second[a]], point[a], axes[a, c], rows[2 * a + c])
+
+
+def tangents_of_mechanism(
+    kinematics: Kinematics, bodies: tuple[Array, Array], point: Array, normal: Array, friction: Array
+) -> Tangents:
+    """Return the tangents of one mechanism's contacts, whose bodies are given as by `ConstraintFamily.bodies_of`."""
+    _, columns, support = kinematics
+    k = len(friction)
+    axes, jacobian = np.empty((k, 2, 3)), np.empty((2 * k, len(columns)))
+    tangent_rows(columns, support, *bodies, plain_array(point), plain_array(normal), axes, jacobian)
+    return Tangents(friction, axes, jacobian, None)
 
 
 def axes_of(normal: Array) -> Array:

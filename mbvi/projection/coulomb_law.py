@@ -111,13 +111,16 @@ def coulomb_law(
     """
     n, nv = J.shape
     m = n // 3
-    closing = False
+    closing, cancelled = False, 0.0
     for i in range(n):
-        speed = 0.0
+        speed, terms = 0.0, 0.0
         for k in range(nv):
             speed += J[i, k] * x[k]
+            terms += abs(J[i, k] * x[k])
         table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
-        closing = closing or (i % 3 == 0 and not speed >= lower[i])
+        cancelled = max(cancelled, terms)
+        # a speed within rounding of the terms that cancel in it closes nothing
+        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms)
     if not closing:
         for k in range(nv):
             w[k] = x[k]
@@ -132,7 +135,7 @@ def coulomb_law(
     for i in range(n):
         s = scale[i // 3]
         b[i] = (table[1, i] - lower[i]) * s
-        largest = max(largest, abs(table[1, i]) * s, abs(b[i]))
+        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), 1e-9 * cancelled * s)
         p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
         soft[i] = p[i]
         contradicted = contradicted or (i % 3 == 0 and s == 0.0 and lower[i] > 0.0)

@@ -11,8 +11,9 @@ from ..errors import ProjectionError
 from .coulomb import MOST_CONTACTS
 from .coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from .existence import existence_margin
+from .frictional_step import frictional_tree_law
 from .metric import Array, Metric
-from .tree import TreeMetric, solve
+from .tree import TreeFreeMotion, TreeMetric, solve
 
 # the residual that is aimed at
 _AIM = 1e-12
@@ -49,6 +50,65 @@ class FrictionalProjection(NamedTuple):
     start: Array
 
 
+class FrictionalStart(NamedTuple):
+    """What a projection can start from: fields of a `FrictionalProjection`."""
+
+    start: Array
+    unique: bool
+
+    @property
+    def known(self) -> int:
+        """Which percussions these are, as `coulomb_law` counts them."""
+        return UNIQUE if self.unique else COMPLIANT
+
+
+# there is no start yet
+NO_START = FrictionalStart(np.zeros(0), True)
+
+
+def law_of_contacts(
+    motion: TreeFreeMotion, J: Array, T: Array, e: Array, drift: Array, opened: Array, friction: Array,
+    last: FrictionalStart, residual: float,
+) -> tuple[Array, Array, float, Array, FrictionalStart] | None:  # fmt: skip
+    """Return Coulomb's law for at most 32 contacts of one mechanism, in one kernel; None if the residual is too large.
+
+    Parameters
+    ----------
+    motion : TreeFreeMotion
+        The free motion.
+    J, T, e, drift, opened, friction
+        As of `frictional_tree_law`, where friction is mu.
+    last : FrictionalStart
+        Ignored if it is of another number of contacts.
+    residual : float
+        The relative residual that is allowed.
+
+    Returns
+    -------
+    velocity : ndarray, shape (nv,)
+        The velocity after.
+    rates : ndarray, shape (4, m)
+        Percussions, and rates of normals under forces alone, after and before.
+    residual : float
+        As of `FrictionalProjection`.
+    slip : ndarray, shape (4, m, 2)
+        The same as `rates` of tangents.
+    start : FrictionalStart
+        What the next law of the same contacts can start from.
+    """
+    m, nv = J.shape
+    w, rates, slip = np.empty(nv), np.empty((4, m)), np.empty((4, m, 2))
+    matches = len(last.start) == 3 * m
+    known, start = (last.known, last.start.copy()) if matches else (NOTHING, np.zeros(3 * m))
+    found, unique = frictional_tree_law(
+        *motion.kernel_arguments, J, T, e, drift, opened, friction, known, _AIM, start, w, rates, slip
+    )
+    # written so that a NaN is refused too
+    if not 0.0 <= found <= residual:
+        return None
+    return w, rates, found, slip, FrictionalStart(start, unique)
+
+
 def project_frictional(
     x: Array,
     metric: Metric,
@@ -56,7 +116,7 @@ def project_frictional(
     lower: Array,
     friction: Array,
     residual: float = 1e-6,
-    start: FrictionalProjection | None = None,
+    start: FrictionalProjection | FrictionalStart | None = None,
 ) -> FrictionalProjection:
     """Return the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 

@@ -180,7 +180,7 @@ class BodiesMetric:
         return np.ascontiguousarray(self.unwhiten(self.whiten(rows.T)).T)
 
     def whiten_rows(self, rows: csr_array) -> csr_array:
-        # a sparse row has all six entries of each of its bodies, next to each other
+        rows = _with_whole_bodies(rows)
         values = np.empty_like(rows.data)
         whiten_bodies(self.inverse_lower, rows.indices[::6].astype(np.int64) // 6, rows.data, values)
         return like(rows, values)
@@ -191,6 +191,22 @@ class BodiesMetric:
         for k, block in enumerate(self.blocks):
             full[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = block
         return full
+
+
+def _with_whole_bodies(rows: csr_array) -> csr_array:
+    """Return rows with all six entries of each of their bodies, next to each other; some may be zeros."""
+    first, last = rows.indices[::6], rows.indices[5::6]
+    if not (rows.indptr % 6).any() and not (first % 6).any() and (last == first + 5).all():
+        return rows
+    # rows that were dense lack the entries that are zero
+    m, n = rows.shape
+    bodies = np.repeat(np.arange(m), np.diff(rows.indptr)) * (n // 6) + rows.indices // 6
+    held, place = np.unique(bodies, return_inverse=True)
+    data = np.zeros((len(held), 6))
+    data[place, rows.indices % 6] = rows.data
+    starts = 6 * np.searchsorted(held, np.arange(m + 1) * (n // 6))
+    columns = 6 * (held % (n // 6))[:, None] + np.arange(6)
+    return csr_array((data.ravel(), columns.ravel(), starts), shape=rows.shape)
 
 
 class BlockMetric:

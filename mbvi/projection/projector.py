@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ..arguments import shown
+from ..compiled import plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
@@ -16,7 +17,13 @@ from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
 from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
-from .friction import FrictionalProjection, project_frictional
+from .friction import (
+    NO_START,
+    FrictionalProjection,
+    FrictionalStart,
+    law_of_contacts,
+    project_frictional,
+)
 from .friction_sparse import project_frictional_sparse
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
@@ -40,6 +47,8 @@ _OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 
 # entries of the rows of few contacts up to which they are solved as dense ones
 _MOST_DENSE = 2_000_000
+
+_NONE = np.zeros(0)
 
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
 
@@ -155,7 +164,7 @@ class Projector:
         self.energy_cap = energy_cap
         self.friction_residual = residual if friction_residual is None else friction_residual
         self._last_frictional = LastPercussions()
-        self._frictional_start: FrictionalProjection | None = None
+        self._frictional_start = NO_START
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
         # speed of the bodies over that of a step of free fall
@@ -268,9 +277,41 @@ class Projector:
         if _are_few(m, len(x)):
             J, start = _wide(rows.jacobian, tangents), self._frictional_start
             found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
-            self._frictional_start = found
+            self._frictional_start = FrictionalStart(found.start, found.unique)
             return found
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
+
+    def frictional_law(
+        self, motion: FreeMotion | TreeFreeMotion, rows: FrictionalRows, opened: Array | None
+    ) -> tuple[Array, Array, float, Array] | None:
+        """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
+
+        They are as of `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
+        has friction, where e is capped, or where the residual is too large.
+
+        Parameters
+        ----------
+        motion : TreeFreeMotion
+            The free motion; None is returned for others.
+        rows : Rows
+            Rows with tangents.
+        opened : ndarray, shape (k,), or None
+            Speeds at which rows that are open may close, 0 of others.
+        """
+        tangents, J, m = rows.tangents, rows.jacobian, len(rows.restitution)
+        if type(motion) is not TreeFreeMotion or tangents is None or not isinstance(J, np.ndarray):
+            return None
+        T = tangents.jacobian
+        if m > MOST_CONTACTS or self.energy_cap or not isinstance(T, np.ndarray):
+            return None
+        drift = _NONE if rows.rate is None and tangents.rate is None else _drift(rows, tangents).ravel()
+        e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
+        J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
+        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self._frictional_start, self.residual)
+        if found is None:
+            return None
+        self._frictional_start = found[4]
+        return found[:4]
 
     def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
         """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
@@ -289,11 +330,7 @@ class Projector:
             return None
         if not _are_few(len(e), len(x)):
             return None
-        rate = np.zeros((len(e), 3))
-        if rows.rate is not None:
-            rate[:, 0] = rows.rate
-        if tangents.rate is not None:
-            rate[:, 1:] = tangents.rate.reshape(-1, 2)
+        rate = _drift(rows, tangents)
         J = _wide(rows.jacobian, tangents)
         return capped_restitution(
             x, metric, J, before - rate[:, 0], e, tangents.friction, rate.ravel(), self.residual
@@ -421,6 +458,16 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
 def _are_few(contacts: int, nv: int) -> bool:
     """Return whether contacts with friction are solved as dense rows."""
     return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
+
+
+def _drift(rows: FrictionalRows, tangents: TangentRows) -> Array:
+    """Return the rates of contacts at v = 0, each normal followed by its tangents, shape (m, 3)."""
+    rate = np.zeros((len(rows.restitution), 3))
+    if rows.rate is not None:
+        rate[:, 0] = rows.rate
+    if tangents.rate is not None:
+        rate[:, 1:] = tangents.rate.reshape(-1, 2)
+    return rate
 
 
 def _wide(J: Array | csr_array, tangents: TangentRows) -> Array:

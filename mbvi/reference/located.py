@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from .law import complementary, law
-from .solution import Array, Pieces, State, times
+from .solution import Array, Pieces, State, from_start, times
 
 _RTOL, _ATOL = 1e-13, 1e-14
 # first step after an event, so short that a contact that opens cannot close again within it [s]
@@ -143,7 +143,7 @@ def locate(
         else:
             struck.append(t)
         y, closed = _apply_event(mechanism, t, y, closed, event, e, nq)
-    states[0] = partial(_from_start, states[0], q0, v0)
+    states[0] = partial(from_start, states[0], q0, v0)
     return Located(Pieces(starts, states, duration), duration, times(struck, duration), times(released, duration))
 
 
@@ -219,8 +219,3 @@ def _contact_force(mechanism: Mechanism, closed: list[int], number: int, nq: int
 def _state(mechanism: Mechanism, solution: Any, nq: int, t: float) -> State:
     y = solution(t)
     return mechanism.normalise(y[:nq]), y[nq:]
-
-
-def _from_start(state: Callable[[float], State], q0: Array, v0: Array, t: float) -> State:
-    # the dense output has rounding errors at its start
-    return (q0.copy(), v0.copy()) if t == 0.0 else state(t)

@@ -58,8 +58,10 @@ class Reference:
     def started(self, t: float) -> Problem:
         """Return the problem that starts at time t [s] on the exact solution, so that impacts have another phase."""
         problem, t = self.problem, finite(t, "t")
-        e, length = problem.restitution, problem.length
-        return Problem(problem.system, problem.constraints.constraints, *self.at(t), restitution=e, t0=t, length=length)
+        return Problem(
+            problem.system, problem.constraints.constraints, *self.at(t), restitution=problem.restitution,
+            friction=problem.friction, t0=t, length=problem.length,
+        )  # fmt: skip
 
 
 class Pieces:
@@ -102,3 +104,8 @@ def times(values: Sequence[float], end: float) -> Array:
     """Return the times that are not after the end, as an array [s]."""
     found = np.array(values, dtype=float)
     return found[found <= end]
+
+
+def from_start(state: Callable[[float], State], q0: Array, v0: Array, t: float) -> State:
+    """Return a state whose dense output has rounding errors at the start, which is (q0, v0) at time 0."""
+    return (q0.copy(), v0.copy()) if t == 0.0 else state(t)

@@ -79,6 +79,9 @@ def check_impacts(impacts: dict[str, Array], t: Array, metadata: Metadata, probl
     if (np.diff(time) < 0.0).any() or time[0] < t[0] or (metadata.complete and time[-1] > t[-1] + slack):
         raise TrajectoryFileError("the times of its impacts do not ascend within those of its states")
     _check_places(impacts, "impacts", problem)
+    _check_friction(impacts, "impacts", problem)
+    if (np.abs(impacts.get("e_used", np.zeros(1)) - 0.5) > 0.5).any():
+        raise TrajectoryFileError("impacts/e_used holds numbers outside [0, 1]")
 
 
 def check_contacts(contacts: dict[str, Array], t: Array, problem: Problem | None) -> None:
@@ -96,6 +99,22 @@ def check_contacts(contacts: dict[str, Array], t: Array, problem: Problem | None
     if (np.diff(t)[interval - 1] == 0.0).any():
         raise TrajectoryFileError("contacts/interval names an interval that takes no time")
     _check_places(contacts, "contacts", problem)
+    _check_friction(contacts, "contacts", problem)
+
+
+def _check_friction(rows: dict[str, Array], table: str, problem: Problem | None) -> None:
+    """Raise unless the friction of some rows can be that of contacts of the problem."""
+    if problem is not None and CONSTRAINTS_BY_HAND not in problem.not_kept:
+        if problem.constraints.frictional != ("regime" in rows):
+            raise TrajectoryFileError(f"{table} have friction, or lack it, against their problem")
+    if "regime" not in rows:
+        return
+    for name in ("tangential", "slip", "slip_before", "slip_after", "e_used"):
+        if not np.isfinite(rows.get(name, 0.0)).all():
+            raise TrajectoryFileError(f"{table}/{name} holds numbers that are not finite")
+    words = {word.decode() for word in set(rows["regime"].tolist())}
+    if not words <= {"stick", "slip", "open"}:
+        raise TrajectoryFileError(f"{table}/regime holds other words than stick, slip and open")
 
 
 def _check_places(rows: dict[str, Array], table: str, problem: Problem | None) -> None:

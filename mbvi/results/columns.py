@@ -77,9 +77,24 @@ CONTACTS = {
     "point": Column("m", "contact point in the world; NaN where the constraint is no contact", (3,)),
     "normal": Column("1", "unit normal in the world, as of impacts", (3,)),
 }
+# of runs with friction
+REGIME = Column("1", "stick, slip or open", kind="name")
+IMPACT_FRICTION = {
+    "tangential": Column("N s", "tangential percussion in the world, on the body that the normal points to", (3,)),
+    "slip_before": Column("m/s", "tangential velocity of that body relative to the other before, in the world", (3,)),
+    "slip_after": Column("m/s", "the same after", (3,)),
+    "regime": REGIME,
+    "e_used": Column("1", "restitution that the law was applied with"),
+}
+CONTACT_FRICTION = {
+    "tangential": Column("N s", "tangential percussion, over the time between two states, as of impacts", (3,)),
+    "slip": Column("m/s", "mean tangential velocity after the steps, weighted by their percussions", (3,)),
+    "regime": REGIME,
+}
 # where each table of columns lies in the file; contacts in files of runs that recorded them
 TABLES = {"/": STATES, "impacts": IMPACTS}
 RECORDED = {"contacts": CONTACTS}
+FRICTION = {"impacts": IMPACT_FRICTION, "contacts": CONTACT_FRICTION}
 # of many rows that are alike
 _COMPRESSED = {"impacts", "contacts"}
 

@@ -128,6 +128,8 @@ def _summed(table: ContactTable, index: Array, sign: Array, durations: Array) ->
     contact = np.isfinite(table.normal[index, 0])
     index, sign = index[contact], sign[contact]
     force = (sign * table.percussion[index])[:, None] * table.normal[index]
+    if table.tangential is not None:
+        force += sign[:, None] * table.tangential[index]
     wrench = np.concatenate([force, np.cross(table.point[index], force)], axis=1)
     interval = np.searchsorted(table.starts, index, side="right") - 1
     for k in range(6):

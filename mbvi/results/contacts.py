@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..constraints.contact import Contact
 from ..constraints.rows import Rows, match_contacts
+from ..schemes.contact_friction import ContactFriction, regime
 
 Array = np.ndarray
 # rows allocated at first
 _ROOM = 64
+# where the columns of friction begin
+_FRICTION = 7, 10, 11
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,11 @@ class ContactTable:
         As `Contact`.
     percussion : ndarray, shape (k,)
         Over the whole interval [N s, N m s].
+    tangential, slip : ndarray, shape (k, 3), or None
+        As `Contact`, the percussion over the whole interval and the mean velocity after its steps, weighted by their
+        percussions; None in problems without friction.
+    sticks : ndarray of bool, shape (k,), or None
+        Which rows stick in all steps of the interval.
     """
 
     starts: Array
@@ -39,26 +47,39 @@ class ContactTable:
     point: Array
     normal: Array
     percussion: Array
+    tangential: Array | None = None
+    slip: Array | None = None
+    sticks: Array | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.starts, self.constraint, self.point, self.normal, self.percussion):
-            array.setflags(write=False)
+        for array in (self.starts, self.constraint, *self.columns):
+            if array is not None:
+                array.setflags(write=False)
+
+    @property
+    def columns(self) -> tuple[Array | None, ...]:
+        """The last six attributes."""
+        return self.point, self.normal, self.percussion, self.tangential, self.slip, self.sticks
 
     def part(self, first: int, end: int) -> ContactTable:
         """Return the contacts of the intervals that end at some of the states."""
         starts = self.starts[first : end + 1]
         rows = slice(int(starts[0]), int(starts[-1]))
-        columns = (self.point[rows], self.normal[rows], self.percussion[rows])
-        return ContactTable(starts - starts[0], self.constraint[rows], self.names, *columns)
+        columns = (None if values is None else values[rows] for values in self.columns)
+        return ContactTable(starts - starts[0], self.constraint[rows], self.names, *columns)  # type: ignore[arg-type]
 
     def interval(self, i: int, duration: float) -> tuple[Contact, ...]:
         """Return the contacts of an interval of the given duration [s]."""
-        rows = range(int(self.starts[i]), int(self.starts[i + 1]))
+        rows = slice(int(self.starts[i]), int(self.starts[i + 1]))
         names, p = self.names, self.percussion
-        return tuple(
+        found = tuple(
             Contact(names[self.constraint[a]], self.point[a], self.normal[a], float(p[a]), float(p[a]) / duration)
-            for a in rows
+            for a in range(rows.start, rows.stop)
         )
+        if self.tangential is None or self.slip is None or self.sticks is None:
+            return found
+        more = zip(found, self.tangential[rows], self.slip[rows], self.sticks[rows].tolist(), strict=True)
+        return tuple(replace(c, tangential=p, slip=u, regime=regime(s, c.percussion)) for c, p, u, s in more)
 
 
 class ContactLog:
@@ -71,26 +92,31 @@ class ContactLog:
     ----------
     same : float
         Points of one constraint farther apart than this are different contacts [m].
+    frictional : bool
+        Whether the problem has friction.
 
     Attributes
     ----------
     number : ndarray of int, shape (room,)
         Constraint of each row; the first `starts[-1]` are filled.
-    values : ndarray, shape (room, 7)
-        Point, normal and percussion of each row.
+    values : ndarray, shape (room, 7), with friction (room, 14)
+        Point, normal and percussion of each row; with friction its velocity, the part of the percussion with which it
+        slips, and the tangential percussion.
     starts : list of int
         As `ContactTable.starts`, of the intervals that have ended.
     """
 
-    def __init__(self, same: float) -> None:
-        self._same = same
-        self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, 7))
+    def __init__(self, same: float, *, frictional: bool = False) -> None:
+        self._same, self._frictional = same, frictional
+        self.number, self.values = np.empty(_ROOM, np.int64), np.empty((_ROOM, 14 if frictional else 7))
         self.starts = [0]
         # first rows of the steps of the present interval, and the end of the last one
         self._begins: list[int] = []
         self._end = 0
 
-    def add(self, number: Array, point: Array, normal: Array, percussion: Array) -> None:
+    def add(
+        self, number: Array, point: Array, normal: Array, percussion: Array, friction: ContactFriction | None = None
+    ) -> None:
         """Add the rows of a step that have a percussion."""
         index = (percussion > 0.0).nonzero()[0]
         if not index.size:
@@ -98,12 +124,18 @@ class ContactLog:
         begin, end = self._end, self._end + index.size
         if end > len(self.number):
             room = max(2 * len(self.number), end)
-            number_of, values_of = np.empty(room, np.int64), np.empty((room, 7))
+            number_of, values_of = np.empty(room, np.int64), np.empty((room, self.values.shape[1]))
             number_of[:begin], values_of[:begin] = self.number[:begin], self.values[:begin]
             self.number, self.values = number_of, values_of
         values = self.values[begin:end]
         self.number[begin:end] = number[index]
         values[:, :3], values[:, 3:6], values[:, 6] = point[index], normal[index], percussion[index]
+        if self._frictional:
+            values[:, 7:] = 0.0
+            values[:, 10] = 1.0
+        if friction is not None:
+            values[:, 7:10], values[:, 11:] = friction.after[index], friction.tangential[index]
+            values[:, 10] = ~friction.sticks[index]
         self._begins.append(begin)
         self._end = end
 
@@ -123,9 +155,13 @@ class ContactLog:
         starts = np.array(self.starts[first : end + 1])
         rows = slice(int(starts[0]), int(starts[-1]))
         known, constraint = np.unique(self.number[rows], return_inverse=True)
-        point, normal, percussion = np.split(self.values[rows].copy(), [3, 6], axis=1)
+        point, normal, percussion, *friction = np.split(self.values[rows].copy(), [3, 6, *_FRICTION], axis=1)
         names = tuple(map(name, known.tolist()))
-        return ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0])
+        table = ContactTable(starts - starts[0], constraint, names, point, normal, percussion[:, 0])
+        if not self._frictional:
+            return table
+        slip, slides, tangential = friction
+        return replace(table, tangential=tangential, slip=slip, sticks=slides[:, 0] == 0.0)
 
     def _merge(self) -> None:
         """Merge the rows of each contact of the present interval into one."""
@@ -149,14 +185,16 @@ class ContactLog:
         self.number[first : self._end] = number
         values = self.values[first : self._end]
         values[:, :3], values[:, 3:6], values[:, 6] = (
-            total[:, :3] / total[:, 6:],
+            total[:, :3] / total[:, 6:7],
             total[:, 3:6] / length[:, None],
             length,
         )
+        if self._frictional:
+            values[:, 7:11], values[:, 11:] = total[:, 7:11] / total[:, 6:7], total[:, 11:]
 
     def _owner(self, number: Array, moments: Array, others: Array, known: Array) -> Array:
         """Return the contact that each row continues, -1 where it begins a new one."""
-        point, place = moments[:, :3] / moments[:, 6:], known[:, :3] / known[:, 6:]
+        point, place = moments[:, :3] / moments[:, 6:7], known[:, :3] / known[:, 6:7]
         if len(number) == len(others) and (number == others).all():
             apart = point - place
             if not (np.vecdot(apart, apart) > self._same**2).any():
@@ -165,9 +203,10 @@ class ContactLog:
 
 
 def _moments(values: Array) -> Array:
-    """Return p x, p n and p of rows, shape (k, 7): these add up."""
+    """Return p x, p n and p of rows, then p times their velocity and slipping part, and p_t: these add up."""
     moments = values.copy()
-    moments[:, :6] *= values[:, 6:]
+    moments[:, :6] *= values[:, 6:7]
+    moments[:, 7:11] *= values[:, 6:7]
     return moments
 
 

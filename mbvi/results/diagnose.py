@@ -14,7 +14,7 @@ from ..projection import Projector
 from ..schemes.observer import observer
 from ..system.sparse_rows import dense
 from .diagnosis import Array, Diagnosis, Instant
-from .run_data import RunData
+from .run_data import Impact, RunData
 
 if TYPE_CHECKING:
     from ..constraints import Rows
@@ -28,6 +28,8 @@ _MOST_IMPACTS = 2_000
 _DEPENDENT = 1e-6
 # differences of times, in steps, and of velocities, relative to the speed, that count as zero
 _INSTANT, _ROUNDING = 1e-6, 1e-10
+# energies relative to the sum of percussions times speeds that count as zero
+_ENERGY_ROUNDING = 1e-9
 # most numbers of all gradients and angles at one instant
 _MOST_ENTRIES = 30_000_000
 # length below which a gradient counts as zero
@@ -65,6 +67,8 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         variation += float(np.linalg.norm(v - before))
         if step is not None:
             gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
+            if step.slip is not None:
+                gained += 0.5 * float(np.vdot(step.slip[0], step.slip[2] + step.slip[3]))
         else:
             # the same by the balance of percussions, less the work of the forces within the step
             gained = 0.5 * float((v - before) @ metric.apply(v + before))
@@ -93,14 +97,24 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
     return Diagnosis(
         tuple(found.instants),
-        np.nan if unseen and np.isinf(found.horizon) else found.horizon,
+        np.nan if (unseen or found.not_followed) and np.isinf(found.horizon) else found.horizon,
         tolerance,
         variation,
         max((float(i.percussion.max()) for i in run.impacts), default=0.0),
         excess,
         tuple(vanishing),
         unseen,
+        found.not_followed,
+        tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
     )
+
+
+def _gains_by_friction(impact: Impact) -> bool:
+    """Return whether an impact with friction raised the kinetic energy beyond rounding."""
+    if impact.regime is None:
+        return False
+    scale = impact.percussion @ (np.abs(impact.before) + np.abs(impact.after))
+    return bool(impact.energy_change > _ENERGY_ROUNDING * scale)
 
 
 def _dense(active: Rows) -> Rows:
@@ -108,7 +122,10 @@ def _dense(active: Rows) -> Rows:
     rows, columns = active.jacobian.shape
     if rows * (rows + columns) > _MOST_ENTRIES:
         raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
-    return active._replace(jacobian=dense(active.jacobian))
+    tangents = active.tangents
+    if tangents is not None:
+        tangents = tangents._replace(jacobian=dense(tangents.jacobian))
+    return active._replace(jacobian=dense(active.jacobian), tangents=tangents)
 
 
 def _stepping_scheme(run: RunData) -> Scheme | None:
@@ -157,7 +174,7 @@ class _Instants:
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self._problem, self._tolerance = problem, tolerance
         self.instants: list[Instant] = []
-        self.horizon = np.inf
+        self.horizon, self.not_followed = np.inf, 0
         # the present stretch: its rows, its instant so far, its largest violation of (12)
         self._stretch: tuple[bytes, Instant, float] | None = None
 
@@ -172,8 +189,10 @@ class _Instants:
         columns, _ = unit_gradients(metric, active.jacobian)
         cosines, e = cosines_between(columns), active.restitution
         worst = float(condition_12_violation(cosines, e, self._tolerance).max())
-        found = None
-        if impact and worst and not np.isfinite(self.horizon):
+        found, frictional = None, active.tangents is not None and bool(active.tangents.friction.any())
+        if impact and frictional:
+            self.not_followed += 1
+        elif impact and worst and not np.isfinite(self.horizon):
             before = state.before
             if active.rate is not None:
                 # relative to moving walls, in the sense of least squares where they move apart
@@ -186,7 +205,9 @@ class _Instants:
                 self.horizon = state.t
         names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
         free = independent(columns, cosines, _DEPENDENT)
-        new = Instant(state.t, state.t, names, e, impact, not worst, free, gained, found, csr_array(cosines))
+        free_slip = not frictional or _independent_tangents(metric, active)
+        kept = csr_array(cosines)
+        new = Instant(state.t, state.t, names, e, impact, not worst, free, gained, found, kept, free_slip)
         if impact:
             self.end()
             self.instants.append(new)
@@ -211,4 +232,14 @@ def _joined(first: Instant, second: Instant, worse: bool) -> Instant:
         first.energy_change + second.energy_change,
         None,
         (second if worse else first)._cosines,
+        first.friction_independent and second.friction_independent,
     )
+
+
+def _independent_tangents(metric: Metric, active: Rows) -> bool:
+    """Return whether gradients, and tangents where there is friction, are linearly independent."""
+    tangents = active.tangents
+    assert tangents is not None
+    rows = np.concatenate([active.jacobian, tangents.jacobian[np.repeat(tangents.friction > 0.0, 2)]])
+    columns, _ = unit_gradients(metric, rows)
+    return independent(columns, cosines_between(columns), _DEPENDENT)

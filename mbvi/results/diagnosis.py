@@ -37,7 +37,10 @@ class Instant:
         Kinetic energy gained, measured from the states: v+' M v+ / 2 - v-' M v- / 2 less the work of the forces
         within the step, summed over a stretch [J].
     forks : Forks or None
-        The outcomes of an impact where (12) fails; None elsewhere and after the horizon.
+        The outcomes of an impact where (12) fails; None elsewhere, after the horizon, and where friction acts.
+    friction_independent : bool
+        Whether the gradients and the tangents of contacts with friction are linearly independent, throughout a
+        stretch. Where they are not, percussions are not unique and velocities need not be. True without friction.
     """
 
     time: float
@@ -50,6 +53,7 @@ class Instant:
     energy_change: float
     forks: Forks | None
     _cosines: csr_array = field(repr=False)
+    friction_independent: bool = True
 
     @property
     def angles(self) -> Array:
@@ -69,7 +73,7 @@ class Diagnosis:
         Every instant with several active constraints, in order.
     horizon : float
         First time at which outcomes of one impact differ by more than the tolerance [s]; inf if none do, nan where this
-        is unknown because states are missing.
+        is unknown because states are missing, or because friction acts in an impact of several constraints.
     tolerance : float
         Largest cosine that counts as that of a right angle, and largest spread of outcomes, relative to the jump, that
         counts as zero.
@@ -87,6 +91,10 @@ class Diagnosis:
     unseen : bool
         Whether states between the recorded ones could not be computed again: the run was thinned and comes from a file
         that lacks its control, or from another version. The horizon is then an upper bound.
+    not_followed : int
+        How many impacts of several constraints have friction: outcomes are only sought without it.
+    gains : tuple of (float, float)
+        Time [s] and energy [J] of each impact with friction that raised the kinetic energy.
     """
 
     instants: tuple[Instant, ...]
@@ -97,6 +105,8 @@ class Diagnosis:
     energy_excess: float
     vanishing: tuple[str, ...]
     unseen: bool
+    not_followed: int = 0
+    gains: tuple[tuple[float, float], ...] = ()
 
     def __str__(self) -> str:
         return self.report()
@@ -118,6 +128,15 @@ class Diagnosis:
             dependence = _failing("condition (12) on their angles fails", self.instants, "condition_12")
             independence = _failing("(H4) fails: their gradients depend on each other", self.instants, "independent")
             lines.append(f"Several constraints were active at {several}; {dependence}{independence}".rstrip(" ;") + ".")
+            rows = _failing("The rows of contacts with friction are dependent", self.instants, "friction_independent")
+            if rows:
+                lines.append(f"{rows.rstrip(' ;')}: percussions are not unique there, and velocities need not be.")
+        if self.gains:
+            time, most = max(self.gains, key=lambda gain: gain[1])
+            lines.append(
+                f"{_count(len(self.gains), 'impact', 'impacts')} with friction raised the kinetic energy, by up to "
+                f"{most:.3g} J at t = {time:.6g} s: Newton's law with e > 0 promises no loss there (Kane's paradox)."
+            )
         lines.append(
             f"Total variation of the velocity {self.variation:.6g}, largest percussion {self.largest_percussion:.6g}, "
             f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."
@@ -140,6 +159,11 @@ class Diagnosis:
             return (
                 f"No impact was found to have several outcomes, but at {_count(len(incomplete), 'impact', 'impacts')}, "
                 f"first at t = {incomplete[0][0]:.6g} s, {incomplete[0][1]}."
+            )
+        if self.not_followed:
+            return (
+                f"Whether {_count(self.not_followed, 'impact', 'impacts')} of several constraints with friction have "
+                "several outcomes is not known: outcomes are only sought without friction."
             )
         if self.unseen:
             return "Whether an impact has several outcomes cannot be told: the file keeps only some of the steps."

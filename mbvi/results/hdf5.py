@@ -83,7 +83,8 @@ class Writer:
             # the notes tell why the scheme was chosen: also the file of a killed run holds them
             metadata = _metadata(problem, scheme, scheme.name, h, recorder.timing, recorder.notes)
             sizes = _sizes(problem.system.nq, problem.system.nv, recorder.dense)
-            self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None)
+            friction = problem.constraints.frictional
+            self._file = RunFile(path, metadata, sizes, contacts=recorder.contacts is not None, friction=friction)
             self._next = 0.0
 
     def __enter__(self) -> Writer:
@@ -142,7 +143,7 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
     try:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)
-        with RunFile(path, metadata, sizes, contacts=record.contacts is not None) as file:
+        with RunFile(path, metadata, sizes, contacts=record.contacts is not None, friction=_frictional(run)) as file:
             file.append(recorded, run.impacts, record.dense, run.notes, record.contacts)
             if record.dense is not None:
                 recorded["dense"] = record.dense
@@ -150,6 +151,14 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     except TrajectoryFileError as error:
         error.run = run
         raise
+
+
+def _frictional(run: RunData) -> bool:
+    """Return whether the impacts and contacts of a run have friction."""
+    if run.problem is not None:
+        return run.problem.constraints.frictional
+    contacts = run.record.contacts
+    return any(i.regime is not None for i in run.impacts) or (contacts is not None and contacts.sticks is not None)
 
 
 def _metadata(

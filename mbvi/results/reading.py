@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -21,7 +21,17 @@ from ..scene.given_again import Controls, GivenAgain, given_again
 from ..scene.items import Force
 from ..schemes import SCHEMES, SchemeBase, Timing
 from .checks import check_contacts, check_impacts, check_problem, check_states
-from .columns import CONTACTS, DENSE, IMPACTS, STATES, Sums, read_column
+from .columns import (
+    CONTACT_FRICTION,
+    CONTACTS,
+    DENSE,
+    IMPACT_FRICTION,
+    IMPACTS,
+    STATES,
+    Column,
+    Sums,
+    read_column,
+)
 from .contacts import ContactTable
 from .metadata import Metadata, ProblemData, check_digest, read_metadata
 from .run_data import Array, Impact, RunRecord
@@ -93,11 +103,11 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         problem = None if kept is None else _problem(kept, GivenAgain())
         sizes = _sizes(file, problem)
         states = {name: read_column(file, name, column, sizes) for name, column in STATES.items()}
-        impacts = {name: read_column(file["impacts"], name, column, sizes) for name, column in IMPACTS.items()}
+        impacts = _table(file["impacts"], IMPACTS, IMPACT_FRICTION)
         dense = read_column(file, "dense", DENSE, sizes) if "dense" in file else None
         contacts = None
         if "contacts" in file:
-            contacts = {name: read_column(file["contacts"], name, column, {}) for name, column in CONTACTS.items()}
+            contacts = _table(file["contacts"], CONTACTS, CONTACT_FRICTION)
         found = Sums()
         for table, columns in (("", states), ("impacts/", impacts), ("contacts/", contacts or {})):
             for name, values in columns.items():
@@ -136,6 +146,12 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         ),
     )
     return run, kept
+
+
+def _table(group: h5py.Group, columns: dict[str, Column], friction: dict[str, Column]) -> dict[str, Array]:
+    """Return the columns of impacts or contacts, with those of friction if the file has them."""
+    known = columns | friction if "regime" in group else columns
+    return {name: read_column(group, name, column, {}) for name, column in known.items()}
 
 
 def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
@@ -234,7 +250,12 @@ def _impacts(columns: dict[str, Array]) -> tuple[Impact, ...]:
             columns[k][rows] for k in ("percussion", "before", "after", "point", "normal")
         )
         time, energy_change = (float(columns[k][start]) for k in ("time", "energy_change"))
-        impacts.append(Impact(time, tuple(names[rows]), p, before, after, point, normal, energy_change))
+        impact = Impact(time, tuple(names[rows]), p, before, after, point, normal, energy_change)
+        if "regime" in columns:
+            more: dict[str, Any] = {name: columns[name][rows] for name in IMPACT_FRICTION}
+            more["regime"] = tuple(word.decode() for word in more["regime"].tolist())
+            impact = replace(impact, **more)
+        impacts.append(impact)
     return tuple(impacts)
 
 
@@ -242,4 +263,8 @@ def _contacts(columns: dict[str, Array], states: int) -> ContactTable:
     names, constraint = np.unique(columns["constraint"], return_inverse=True)
     starts = np.searchsorted(columns["interval"], np.arange(states + 1))
     known = tuple(name.decode() for name in names.tolist())
-    return ContactTable(starts, constraint, known, columns["point"], columns["normal"], columns["percussion"])
+    table = ContactTable(starts, constraint, known, columns["point"], columns["normal"], columns["percussion"])
+    if "regime" not in columns:
+        return table
+    sticks = columns["regime"] == b"stick"
+    return replace(table, tangential=columns["tangential"], slip=columns["slip"], sticks=sticks)

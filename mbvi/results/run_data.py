@@ -35,6 +35,18 @@ class Impact:
     energy_change : float
         Kinetic energy gained by the law (8) at this instant [J], never positive for one e: the sum over all active
         rows of p (1 - e) / 2 times the normal velocity that the law acts on, J v with 1 / (1 + e) of the step's force.
+        With friction, half the tangential percussion times the sum of the slips under forces alone and after is added;
+        the sum can then be positive where e > 0 (Kane's paradox).
+    tangential : ndarray, shape (k, 3), or None
+        Tangential percussions on the body that the normal points to, in the world [N s]; None in problems without
+        friction, and so are all attributes below. Of a constraint without a contact point the first two entries are
+        those along its tangents.
+    slip_before, slip_after : ndarray, shape (k, 3), or None
+        Tangential velocities of that body relative to the other, in the world [m/s]; zero where mu = 0.
+    regime : tuple of str, length k, or None
+        "stick", "slip", or "open" without a percussion; where mu = 0 it is "slip".
+    e_used : ndarray, shape (k,), or None
+        Restitution that the law was applied with.
     """
 
     time: float
@@ -45,6 +57,11 @@ class Impact:
     point: Array
     normal: Array
     energy_change: float
+    tangential: Array | None = None
+    slip_before: Array | None = None
+    slip_after: Array | None = None
+    regime: tuple[str, ...] | None = None
+    e_used: Array | None = None
 
 
 @dataclass(frozen=True)

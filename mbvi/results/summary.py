@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arguments import integer
 from .energies import end_energies
-from .run_data import RunData
+from .run_data import Impact, RunData
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -62,7 +63,22 @@ def _impacts(run: RunData) -> str:
     # a joint limit has no normal; its unit depends on the joint
     unit = " N s" if np.isfinite(strongest.normal[k]).all() else ""
     where = f"{strongest.percussion[k]:.4g}{unit} at t = {strongest.time:.6g} s, {strongest.constraints[k]}"
-    return f"{len(found)} impact{'s' * (len(found) > 1)} {when}; the strongest percussion is {where}"
+    return f"{len(found)} impact{'s' * (len(found) > 1)} {when}{_regimes(run)}; the strongest percussion is {where}"
+
+
+def _regimes(run: RunData) -> str:
+    """Return how many contacts with friction stick and slip in impacts; nothing without friction."""
+    found = Counter(word for impact in run.impacts for word in _words(impact))
+    return f", where {found['stick']} contacts stick and {found['slip']} slip" if found else ""
+
+
+def _words(impact: Impact) -> list[str]:
+    """Return the regime of each row, "" where it has no friction; an empty list in problems without friction."""
+    if impact.regime is None or impact.tangential is None:
+        return []
+    # the tangential percussion of a contact that slips is mu p
+    pairs = zip(impact.regime, impact.tangential, strict=True)
+    return [word if word == "stick" or percussion.any() else "" for word, percussion in pairs]
 
 
 def _energy(run: RunData) -> str:
@@ -102,12 +118,16 @@ def impact_table(run: RunData, most: int) -> str:
     """Return the impacts as a table, the `most` strongest if there are more."""
     most = integer(most, "most")
     strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max()))[:most]
-    lines = [f"{'time [s]':>10}  {'p [N s]':>10}  {'before':>9}  {'after':>9}  constraint"]
+    friction = any(impact.regime is not None for impact in strongest)
+    head = f"  {'p_t [N s]':>10}  {'regime':>6}" if friction else ""
+    lines = [f"{'time [s]':>10}  {'p [N s]':>10}  {'before':>9}  {'after':>9}{head}  constraint"]
     for impact in sorted(strongest, key=lambda i: i.time):
         for k, name in enumerate(impact.constraints):
-            time = f"{impact.time:10.4f}" if k == 0 else " " * 10
+            time, more = f"{impact.time:10.4f}" if k == 0 else " " * 10, ""
+            if impact.tangential is not None:
+                more = f"  {np.linalg.norm(impact.tangential[k]):10.4g}  {_words(impact)[k]:>6}"
             lines.append(
-                f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}  {name}"
+                f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}{more}  {name}"
             )
     left = len(run.impacts) - len(strongest)
     return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))

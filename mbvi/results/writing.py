@@ -19,8 +19,11 @@ import numpy as np
 from ..errors import TrajectoryFileError
 from .checked_file import CheckedFile, reason, uninterrupted
 from .columns import (
+    CONTACT_FRICTION,
     CONTACTS,
     DENSE,
+    FRICTION,
+    IMPACT_FRICTION,
     IMPACTS,
     RECORDED,
     STATES,
@@ -61,8 +64,8 @@ class RunFile:
         The metadata of the run.
     sizes : dict
         "nq", "nv" and, of schemes with dense output, its "degree".
-    contacts : bool
-        Whether the run records contacts.
+    contacts, friction : bool
+        Whether the run records contacts, and whether its problem has friction.
 
     Attributes
     ----------
@@ -76,10 +79,16 @@ class RunFile:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], metadata: Metadata, sizes: Mapping[str, int], *, contacts: bool = False
+        self,
+        path: str | os.PathLike[str],
+        metadata: Metadata,
+        sizes: Mapping[str, int],
+        *,
+        contacts: bool = False,
+        friction: bool = False,
     ) -> None:
         self.path = os.fspath(path)
-        self._metadata = metadata
+        self._metadata, self._friction = metadata, friction
         self._problem = "" if metadata.problem is None else metadata.problem.digest()
         self.states = self.impacts = self._kept = 0
         self._sums = Sums()
@@ -91,7 +100,8 @@ class RunFile:
                 self._file = h5py.File(self._disk, "w", libver=("v108", "v108"))
                 metadata.write(self._file)
                 for name, columns in (TABLES | (RECORDED if contacts else {})).items():
-                    self._create(self._file.require_group(name), columns, sizes)
+                    more = FRICTION.get(name, {}) if friction else {}
+                    self._create(self._file.require_group(name), {**columns, **more}, sizes)
                 if "degree" in sizes:
                     self._create(self._file, {"dense": DENSE}, sizes)
                 self._commit()
@@ -136,10 +146,11 @@ class RunFile:
                 if between is not None and len(between):
                     append_rows(self._file, {"dense": DENSE}, {"dense": between}, self._sums)
                 if now:
-                    append_rows(self._file["impacts"], IMPACTS, impact_rows(now, self.impacts), self._sums)
+                    rows = impact_rows(now, self.impacts, self._friction)
+                    append_rows(self._file["impacts"], IMPACTS | IMPACT_FRICTION, rows, self._sums)
                 if contacts is not None:
                     rows = contact_rows(contacts.part(start, stop), self.states)
-                    append_rows(self._file["contacts"], CONTACTS, rows, self._sums)
+                    append_rows(self._file["contacts"], CONTACTS | CONTACT_FRICTION, rows, self._sums)
                 self.states += stop - start
                 self.impacts += len(now)
                 self._metadata = replace(self._metadata, notes=tuple(notes))
@@ -220,8 +231,9 @@ class RunFile:
 
     def _compare(self, recorded: Mapping[str, Array], impacts: Sequence[Impact], contacts: ContactTable | None) -> None:
         """Read the file as `load` does and compare it with what was recorded."""
-        rows = impact_rows(impacts, 0) if impacts else {}
-        rows = {name: as_kept(values, IMPACTS[name]) for name, values in rows.items()}
+        rows = impact_rows(impacts, 0, self._friction) if impacts else {}
+        columns = IMPACTS | IMPACT_FRICTION
+        rows = {name: as_kept(values, columns[name]) for name, values in rows.items()}
         with opened(self.path, locked=True) as file:
             tables = [(file, recorded), (file["impacts"], rows)]
             if contacts is not None:
@@ -241,10 +253,10 @@ def _close_all() -> None:
         file.close()
 
 
-def impact_rows(impacts: Sequence[Impact], first: int) -> dict[str, Any]:
+def impact_rows(impacts: Sequence[Impact], first: int, friction: bool = False) -> dict[str, Any]:
     """Return the columns of impacts, numbered from `first`."""
     counts = [len(i.constraints) for i in impacts]
-    return {
+    rows = {
         "instant": np.repeat(np.arange(first, first + len(impacts)), counts),
         "time": np.repeat([i.time for i in impacts], counts),
         "energy_change": np.repeat([i.energy_change for i in impacts], counts),
@@ -254,6 +266,9 @@ def impact_rows(impacts: Sequence[Impact], first: int) -> dict[str, Any]:
             for name in ("percussion", "before", "after", "point", "normal")
         },
     }
+    if friction:
+        rows |= {name: [x for i in impacts for x in getattr(i, name)] for name in IMPACT_FRICTION}
+    return rows
 
 
 def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
@@ -261,6 +276,9 @@ def contact_rows(table: ContactTable, first: int) -> dict[str, Any]:
     interval = np.repeat(np.arange(first, first + len(table.starts) - 1), np.diff(table.starts))
     names = encoded(table.names)[table.constraint] if table.names else encoded(())
     columns = {"percussion": table.percussion, "point": table.point, "normal": table.normal}
+    if table.tangential is not None and table.slip is not None and table.sticks is not None:
+        regimes = np.array([b"slip", b"stick"])[table.sticks.astype(int)]
+        columns |= {"tangential": table.tangential, "slip": table.slip, "regime": regimes}
     return {"interval": interval, "constraint": names, **columns}
 
 

@@ -9,6 +9,8 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel
 from ..projection.gram import islands
+from ..schemes import Step
+from ..schemes.contact_friction import friction_of, regime
 from ..system import System, parts_of
 
 Array = np.ndarray
@@ -107,3 +109,15 @@ def linked(jacobian: Array | csr_array, chosen: Array, seeds: Array, parts: Arra
     has_seed[label[seeds]] = True
     has_seed[-1] = False
     return np.asarray(seeds | has_seed[label])
+
+
+def friction_of_impact(
+    step: Step, chosen: Array
+) -> tuple[Array, Array, Array, tuple[str, ...], Array] | tuple[None, None, None, None, None]:
+    """Return the last five attributes of an `Impact` on the chosen rows of a step."""
+    found = friction_of(step)
+    if found is None:
+        return None, None, None, None, None
+    tangential, before, after, sticks = found.take(chosen)
+    regimes = map(regime, sticks.tolist(), step.percussion[chosen].tolist())
+    return tangential, before, after, tuple(regimes), step.active.restitution[chosen]

@@ -14,8 +14,9 @@ from ..results.contacts import ContactLog
 from ..results.run_data import Array, Impact, RunRecord
 from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
+from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
-from .impact_rows import RecentPercussions, independent_parts, linked
+from .impact_rows import RecentPercussions, friction_of_impact, independent_parts, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1
@@ -231,16 +232,23 @@ class Recorder:
             return
         chosen = self._taking_part(step, candidates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
-        if energy > 1e-9 * scale and e.min() < e.max():
-            self._note(
-                f"at t = {step.t:.6g} s a simultaneous impact with different restitutions raised the energy by "
-                f"{energy:.3g} J: Newton's law with several e promises no loss"
-            )
+        if step.slip is not None:
+            energy += 0.5 * float(np.vdot(step.slip[0], step.slip[1] + step.slip[2]))
+        if energy > 1e-9 * scale:
+            when, gain = f"at t = {step.t:.6g} s", f"raised the energy by {energy:.3g} J: Newton's law with"
+            if step.slip is not None and e.max() > 0.0:
+                self._note(f"{when} an impact {gain} friction and e > 0 promises no loss (Kane's paradox)")
+            elif e.min() < e.max():
+                what = "a simultaneous impact with different restitutions"
+                self._note(f"{when} {what} {gain} several e promises no loss")
         names = tuple(map(self.problem.constraints.name, number[chosen].tolist()))
         percussion, _, after, speed = rates[:, chosen]
         self.impacts.append(
-            Impact(step.t, names, percussion, speed, after, point[chosen], active.normal[chosen], energy)
-        )
+            Impact(
+                step.t, names, percussion, speed, after, point[chosen], active.normal[chosen], energy,
+                *friction_of_impact(step, chosen),
+            )
+        )  # fmt: skip
 
     def _taking_part(self, step: Step, candidates: Array) -> Array:
         """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""
@@ -269,14 +277,16 @@ class ContactRecorder(Recorder):
 
     def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
         super().__init__(problem, count, timing, notes)
-        self.contacts: ContactLog = ContactLog(_SAME_POINT * problem.length)
+        far = _SAME_POINT * problem.length
+        self.contacts: ContactLog = ContactLog(far, frictional=problem.constraints.frictional)
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step and its contacts; see `Recorder`."""
         # percussions of the law at the initial state belong to no interval between states
         if self.count:
             active = step.active
-            self.contacts.add(active.constraint, active.point, active.normal, step.rates[0])
+            friction = friction_of(step)
+            self.contacts.add(active.constraint, active.point, active.normal, step.rates[0], friction)
         # before the state, so that an interrupt leaves no state without its contacts
         if keep:
             self.contacts.close()

@@ -95,10 +95,26 @@ class NearbyRows:
 
     def known_at(self, q: Array, margin: float = 0.0) -> Rows | None:
         """Return the same from the last search, with gaps to first order; None if the rows must be searched again."""
+        if self._rows is None:
+            return None
+        gap = self._gaps_at(q, margin)
+        return None if gap is None else self._within(self._rows._replace(gap=gap), margin)
+
+    def sinks(self, q: Array) -> bool:
+        """Return whether some gap at q may be below zero by more than the tolerance."""
+        gap = self._gaps_at(q, 0.0)
+        if gap is None or self._rows is None:
+            return True
+        lengths = self._problem.constraints.levers(self._rows.constraint) * gap
+        return bool(lengths.min(initial=0.0) < -self._problem.tolerance)
+
+    def _gaps_at(self, q: Array, margin: float) -> Array | None:
+        """Return the gaps of the last search at q to first order; None if the rows must be searched again."""
         if self._rows is None or self._q is None or self._reach == 0.0:
             return None
         displacement = self._problem.system.difference(self._q, q)
         travel = self._problem.constraints.travel(displacement)
         if travel > self._reach or margin + travel > self._margin:
             return None
-        return self._within(self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement), margin)
+        gap: Array = self._rows.gap + self._rows.jacobian @ displacement
+        return gap

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..constraints.contact import Contact
+from .contact_friction import ContactFriction, friction_of, regime
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -27,15 +29,25 @@ def observer(problem: Problem) -> Callable[[Step, float], None] | None:
         return None
 
     def pass_on(step: Step, h: float) -> None:
-        rows = step.active
-        of_rows = rows.constraint, step.percussion, rows.point, rows.normal
-        observe(partial(contacts_of_rows, *of_rows, h, problem.constraints.name))
+        observe(partial(_contacts_of_step, step, h, problem.constraints.name))
 
     return pass_on
 
 
+def _contacts_of_step(step: Step, h: float, name: Callable[[int], str]) -> tuple[Contact, ...]:
+    """Return the contacts of a step of the length h [s]."""
+    rows = step.active
+    return contacts_of_rows(rows.constraint, step.percussion, rows.point, rows.normal, h, name, friction_of(step))
+
+
 def contacts_of_rows(
-    number: Array, percussion: Array, point: Array, normal: Array, h: float, name: Callable[[int], str]
+    number: Array,
+    percussion: Array,
+    point: Array,
+    normal: Array,
+    h: float,
+    name: Callable[[int], str],
+    friction: ContactFriction | None = None,
 ) -> tuple[Contact, ...]:
     """Return the contacts of the rows whose percussion is positive.
 
@@ -51,6 +63,13 @@ def contacts_of_rows(
         Length of the step [s]; 0 for an instantaneous impact, whose forces are infinite.
     name : callable
         Returns the name of a constraint by its number.
+    friction : ContactFriction, optional
+        Friction of each row, in scenes that have it.
     """
     rows = zip(number.tolist(), point, normal, percussion.tolist(), strict=True)
-    return tuple(Contact(name(k), x, n, p, p / h if h else np.inf) for k, x, n, p in rows if p > 0.0)
+    found = tuple(Contact(name(k), x, n, p, p / h if h else np.inf) for k, x, n, p in rows if p > 0.0)
+    if friction is None:
+        return found
+    some = friction.take(percussion > 0.0)
+    more = zip(found, some.tangential, some.after, some.sticks.tolist(), strict=True)
+    return tuple(replace(c, tangential=p, slip=u, regime=regime(s, c.percussion)) for c, p, u, s in more)

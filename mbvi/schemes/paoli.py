@@ -45,7 +45,7 @@ class Paoli(Scheme):
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)
-        opened = closing_speeds(problem, active, h)
+        opened = closing_speeds(problem, active, h) if margin > 0.0 else None
         velocity, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(t, q, velocity, active, rates, residual, slip)
         if not self.project_positions:

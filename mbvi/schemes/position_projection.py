@@ -25,6 +25,8 @@ _DEPENDENT = 1e-12
 # displacements whose squared slip is below this part of the largest are not held: a body that stands on slightly
 # different heights must be able to turn
 _HARDLY = 1e-4
+# a displacement that holds tangents is at most so many times as long as one row by itself needs without
+_FARTHEST = 100.0
 
 
 class Applied(NamedTuple):
@@ -117,6 +119,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     if settled is not None:
         return settled
     system, drift = problem.system, step.t - applied.t
+    if drift and step.slip is not None and not nearby.sinks(step.q):
+        return advance_gaps(step, drift)
     slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
@@ -329,6 +333,8 @@ def _projected(
             moved, percussion, residual = projector.project(still, metric, J, lower)
         except ProjectionError:
             return None
+        if sticking is not None and not _raises(metric, near.jacobian, moved, lower, tolerance):
+            return None
         place, last = system.integrate(step.q, moved), near
         near = nearby.at(place, NEARBY * depth)
         owner, pushed = match_contacts(near, before), match_contacts(near, last)
@@ -338,6 +344,22 @@ def _projected(
         if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
             return _Projected(place, moved, near, residual)
     return None
+
+
+def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:
+    """Return whether a displacement that holds tangents raises gaps, and is not much longer than one that does not.
+
+    Held, the rows of two contacts of a ball in a groove oppose each other: to raise both takes a displacement that is
+    very long, or mere rounding.
+    """
+    if (J @ moved < lower - tolerance).any():
+        return False
+    if not isinstance(J, np.ndarray):
+        return True
+    squares = np.vecdot(J, metric.solve_rows(J))
+    some = (lower > 0.0) & (squares > 0.0)
+    least = (lower[some] ** 2 / squares[some]).max(initial=0.0)
+    return bool(moved @ metric.apply(moved) <= _FARTHEST**2 * least)
 
 
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compiled import kernel, plain_array
 from ..constraints import Rows
 from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
@@ -116,6 +117,9 @@ def law(
     """
     if rows.rate is None and rows.tangents is None:
         return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
+    found = projector.frictional_law(free_motion, rows, opened) if rows.tangents is not None else None
+    if found is not None:
+        return AppliedLaw(*found, rows)
     x, before = free_motion.free, rows.speeds(v)
     e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
     if e is not None:
@@ -136,6 +140,20 @@ def near_margin(problem: Problem, project_positions: bool) -> float:
     return (_NEAR - 1.0) * problem.tolerance if project_positions and problem.constraints.frictional else 0.0
 
 
+@kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")
+def write_closing_speeds(gap: Array, lever: Array, change: Array, time: float, tolerance: float, opened: Array) -> bool:
+    """Write the speeds of `closing_speeds`, shape (k,); return whether there are any.
+
+    The other arrays have shape (k,) too: gaps, the factors that make lengths of them, and their change.
+    """
+    some = False
+    for a in range(len(gap)):
+        there = lever[a] * (gap[a] + change[a])
+        opened[a] = max(gap[a], 0.0) / time if there > tolerance else 0.0
+        some = some or opened[a] != 0.0
+    return some
+
+
 def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | float = 0.0) -> Array | None:
     """Return the speeds at which rows above the activation tolerance close within a time [s], 0 for others, shape (k,).
 
@@ -144,11 +162,10 @@ def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | fl
     """
     if not problem.constraints.frictional:
         return None
-    there = problem.constraints.levers(rows.constraint) * (rows.gap + change)
-    if not (there > problem.tolerance).any():
-        return None
-    opened = np.where(there > problem.tolerance, np.maximum(rows.gap, 0.0) / time, 0.0)
-    return opened if opened.any() else None
+    gap = plain_array(rows.gap)
+    lever, opened = np.ones(len(gap)) * problem.constraints.levers(rows.constraint), np.empty(len(gap))
+    change = plain_array(change) if isinstance(change, np.ndarray) else np.full(len(gap), change)
+    return opened if write_closing_speeds(gap, lever, change, time, problem.tolerance, opened) else None
 
 
 def bounds(rows: Rows, before: Array, opened: Array | None) -> Array:

@@ -43,6 +43,13 @@ def lowest_gap(problem):
     return floor.gap(0.0, problem.q0).min()
 
 
+def test_simulate_takes_friction(run):
+    code, out, err = run("simulate", HOPPER, "--friction", 0.5, "--step", 1e-3, "--duration", 0.4, "--out", "run.h5")
+    assert (code, err) == (0, "")
+    assert "Coulomb friction, mu 0.5" in out
+    assert mbvi.load("run.h5").problem.constraints.frictional
+
+
 def test_simulate_prints_and_writes(run):
     code, out, err = run(
         *("simulate", HOPPER, "--base", "free", "--height", 0.2, "--restitution", 0.4, "--step", 1e-3),
@@ -231,6 +238,7 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("inspect", "empty.urdf"), "no <link>"),
         (("simulate", "orphan.urdf"), "orphan.urdf: "),
         (("simulate", HOPPER, "--restitution", 1.5), "restitution e must lie in [0, 1]; got 1.5"),
+        (("simulate", HOPPER, "--friction", -0.5), "friction must be zero or a positive"),
         (("simulate", HOPPER, "--step", 0), "step must be positive"),
         (("simulate", HOPPER, "--step", "abc"), "'--step'"),
         (("simulate", HOPPER, "--scheme", "euler"), "'euler' is not one of"),

@@ -168,6 +168,23 @@ def coulomb_law(rng):
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
+def interleave(rng):
+    m, nv = int(rng.integers(0, 4)), int(rng.integers(1, 6))
+    return rng.normal(size=(m, nv)), rng.normal(size=(2 * m, nv)), np.full((3 * m, nv), np.nan)
+
+
+def wide_speeds(rng):
+    wide = rng.normal(size=(3 * int(rng.integers(0, 4)), 5))
+    return wide, rng.normal(size=5), np.full(len(wide), np.nan)
+
+
+def write_closing_speeds(rng):
+    """Some of the gaps and the tolerance are equal."""
+    k = 5
+    gap = rng.choice([-1e-9, 0.0, 1e-9, 1e-6], size=k)
+    return gap, rng.choice([1.0, 0.3], size=k), rng.choice([0.0, 1e-7], size=k), 1e-3, 1e-9, np.full(k, np.nan)
+
+
 def improve_coulomb(rng):
     G, b, mu, limit, p = attempt(rng)
     return G, b, mu, 1.0, limit, p
@@ -198,5 +215,8 @@ COULOMB_ARGUMENTS = {
         delassus,
         apply_percussions,
         coulomb_law,
+        interleave,
+        wide_speeds,
+        write_closing_speeds,
     )
 } | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen"), attempt)

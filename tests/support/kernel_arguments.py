@@ -239,6 +239,27 @@ def tree_law(rng):
     return mass, *others, J, restitution(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
 
 
+def frictional_tree_law(rng):
+    """Perhaps damped, with rates of walls, or with open contacts; some have no friction, now and then none has."""
+    system, q, v = moving_robot(rng)
+    mass, *others = forces(rng, system, q, v)
+    if rng.random() < 0.1:
+        mass[0, 0] = -1.0
+    m, n = int(rng.integers(1, 1 + max(1, system.nv // 3))), system.nv
+    J, T = rng.normal(size=(m, n)), rng.normal(size=(2 * m, n))
+    drift = rng.normal(size=3 * m) if rng.random() < 0.3 else np.zeros(0)
+    opened = rng.choice([0.0, 0.1], size=m) if rng.random() < 0.3 else np.zeros(0)
+    given = restitution(rng, m), drift, opened, rng.choice([0.0, 0.5], size=m), 0, 1e-12
+    out = np.full(n, np.nan), np.full((4, m), np.nan), np.full((4, m, 2), np.nan)
+    return mass, *others, J, T, *given, np.zeros(3 * m), *out
+
+
+def tangent_rows(rng):
+    columns, support, first, second, point, normal, _ = separation(rng)
+    m, nv = len(first), columns.shape[0]
+    return columns, support, first, second, point, normal, np.full((m, 2, 3), np.nan), np.full((2 * m, nv), np.nan)
+
+
 def row(rng):
     system, q, _ = moving_robot(rng)
     _, columns, support = system.kinematics(q)
@@ -920,6 +941,8 @@ ARGUMENTS = {
     "scale_rows": scale_rows,
     "natural_residual": natural_residual,
     "tree_law": tree_law,
+    "frictional_tree_law": frictional_tree_law,
+    "tangent_rows": tangent_rows,
     "row": row,
     "separation": separation,
     "_bias": bias,
@@ -957,6 +980,7 @@ IF_ACCEPTED = {
     "share": 1,
     "solve_active_set": 2,
     "tree_law": 2,
+    "frictional_tree_law": 4,
     "half_space_rows": 3,
     "_limits_within": 1,
 }
@@ -974,6 +998,8 @@ def accepted(name, result):
         return 0.0 <= result < np.inf
     if name == "goldfarb_idnani":
         return result[0] >= 0
+    if name == "frictional_tree_law":
+        return 0.0 <= result[0] < np.inf
     return result[-1] if isinstance(result, tuple) else result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -38,6 +38,10 @@ class PlayableRun(Protocol):
     @property
     def impacts(self) -> tuple[Any, ...]:
         """Impacts in order of time."""
+
+    @property
+    def record(self) -> Any:
+        """What the run keeps beside, such as `contacts`."""
 
     @property
     def problem(self) -> Problem | None:
@@ -160,12 +164,18 @@ def carried(drive: Drive, times: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Arrow:
-    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion."""
+    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion.
+
+    With friction, also the name of its constraint, its own direction, and whether the contact sticks.
+    """
 
     time: float
     point: Array
     normal: Array
     length: float
+    name: str = ""
+    direction: Array | None = None
+    sticks: bool = False
 
 
 def arrows(run: PlayableRun) -> list[Arrow]:
@@ -175,14 +185,30 @@ def arrows(run: PlayableRun) -> list[Arrow]:
     the percussion.
     """
     found = [
-        (float(p), impact.time, point, normal)
+        _Row(float(p), impact, k)
         for impact in run.impacts
-        for p, point, normal in zip(impact.percussion, impact.point, impact.normal, strict=True)
-        if p > 0.0 and np.isfinite(point).all()
+        for k, p in enumerate(impact.percussion)
+        if p > 0.0 and np.isfinite(impact.point[k]).all()
     ]
-    strongest = sorted(found, key=lambda a: -a[0])[:_MOST_ARROWS]
-    shown = [Arrow(t, x, n, 0.1 + 0.5 * float(np.sqrt(p / strongest[0][0]))) for p, t, x, n in strongest]
+    strongest = sorted(found, key=lambda row: -row.percussion)[:_MOST_ARROWS]
+    shown = [row.arrow(0.1 + 0.5 * float(np.sqrt(row.percussion / strongest[0].percussion))) for row in strongest]
     return sorted(shown, key=lambda a: a.time)
+
+
+class _Row(NamedTuple):
+    """One contact of an impact."""
+
+    percussion: float
+    impact: Any
+    k: int
+
+    def arrow(self, length: float) -> Arrow:
+        i, k = self.impact, self.k
+        if i.tangential is None:
+            return Arrow(i.time, i.point[k], i.normal[k], length)
+        whole = self.percussion * i.normal[k] + i.tangential[k]
+        direction = whole / np.linalg.norm(whole)
+        return Arrow(i.time, i.point[k], i.normal[k], length, i.constraints[k], direction, i.regime[k] == "stick")
 
 
 def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None = None) -> tuple[Array, Array]:

@@ -15,7 +15,11 @@ from ...scene.meshes import Mesh
 Array = np.ndarray
 
 _SEGMENTS = 32
-_ARROW_COLOR = 0xD81B4A
+# of percussions; with friction of contacts that slip, and of those that stick
+_ARROW_COLOR, _STICK_COLOR = 0xD81B4A, 0x1565C0
+_CONE_OPACITY = 0.3
+# of a sphere that rolls, and how dark every second one is
+_STRIPES, _SHADE = 8, 0.45
 _CHECKER = np.array([[0.80, 0.83, 0.85], [0.70, 0.74, 0.77]])
 # cells along the longer side of the motion, and how far a wall reaches beyond it, in longer sides
 _CELLS, _BEYOND = 12, 0.4
@@ -43,11 +47,10 @@ def shape_mesh(placed: PlacedShape) -> tuple[g.Mesh, Array]:
         geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles, shape.colors)
     else:
         geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles)
-    red, green, blue = (round(255 * part) for part in placed.color[:3])
     colored = isinstance(shape, Mesh) and shape.colors is not None
     material = g.MeshPhongMaterial(
         # the colours of vertices are multiplied by this one
-        color=0xFFFFFF if colored else red << 16 | green << 8 | blue,
+        color=0xFFFFFF if colored else _number_of(placed.color),
         vertexColors=colored,
         opacity=float(placed.color[3]),
         flatShading=isinstance(shape, Hull | Mesh),
@@ -63,12 +66,52 @@ class _Round(g.Ellipsoid):
         return {**super().lower(object_data), "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
 
 
-def arrow_mesh() -> g.Mesh:
-    """Return an arrow of length 1 along z; it shines through whatever it is in."""
+def arrow_mesh(*, sticks: bool = False) -> g.Mesh:
+    """Return an arrow of length 1 along z in the color of its contact; it shines through whatever it is in."""
     profile = [(0.0, 0.0), (0.014, 0.0), (0.014, 0.82), (0.045, 0.82), (0.0, 1.0)]
     # only what counts as transparent is drawn after all else
-    material = g.MeshBasicMaterial(color=_ARROW_COLOR, transparent=True, depthTest=False)
+    material = g.MeshBasicMaterial(color=_color(sticks), transparent=True, depthTest=False)
     return g.Mesh(_revolved(profile, 12), material)
+
+
+def cone_mesh(*, sticks: bool) -> g.Mesh:
+    """Return a cone of radius 1 and height 1 that opens along z from its tip, seen through."""
+    material = g.MeshBasicMaterial(
+        color=_color(sticks), transparent=True, opacity=_CONE_OPACITY, side=_BOTH, depthWrite=False
+    )
+    return g.Mesh(_revolved([(0.0, 0.0), (1.0, 1.0)], _SEGMENTS), material)
+
+
+def striped(radius: float, color: Sequence[float]) -> tuple[g.Mesh, Array]:
+    """Return a sphere with dark stripes from pole to pole, which show that it turns, and its scaling, shape (3, 3)."""
+    down = np.linspace(0.0, np.pi, _SEGMENTS // 2 + 1)
+    wide = _SEGMENTS // _STRIPES
+    points, triangles, shades = list[Array](), list[Array](), list[Array]()
+    for k in range(_STRIPES):
+        # stripes share no corners, so that colors end at their edges
+        around = 2.0 * np.pi * (k + np.arange(wide + 1) / wide) / _STRIPES
+        ring = np.stack([np.cos(around), np.sin(around)], axis=1)
+        first = len(points) * len(down) * (wide + 1)
+        points.append(
+            np.concatenate([np.column_stack([np.sin(d) * ring, np.full(len(ring), np.cos(d))]) for d in down])
+        )
+        corner = first + np.add.outer((wide + 1) * np.arange(len(down) - 1), np.arange(wide)).ravel()
+        below = corner + wide + 1
+        triangles += [np.stack([corner, below, below + 1], axis=1), np.stack([corner, below + 1, corner + 1], axis=1)]
+        shades.append(np.full(points[-1].shape, _SHADE if k % 2 else 1.0))
+    geometry = g.TriangularMeshGeometry(np.concatenate(points), np.concatenate(triangles), np.concatenate(shades))
+    # the shades of corners are multiplied by this color
+    material = g.MeshPhongMaterial(color=_number_of(color), vertexColors=True, opacity=float(color[3]), shininess=20)
+    return g.Mesh(geometry, material), radius * np.eye(3)
+
+
+def _number_of(color: Sequence[float]) -> int:
+    red, green, blue = (round(255 * part) for part in color[:3])
+    return red << 16 | green << 8 | blue
+
+
+def _color(sticks: bool) -> int:
+    return _STICK_COLOR if sticks else _ARROW_COLOR
 
 
 def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper: Array) -> g.Mesh:

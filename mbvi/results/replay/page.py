@@ -33,7 +33,7 @@ body { margin: 0; overflow: hidden; font: 14px sans-serif; color: #345; }
 </head>
 <body>
 <div id="meshcat-pane"></div>
-<div id="bar"><button></button><input type="range" min="0" step="any" value="0"><output></output></div>
+<div id="bar"><button></button><input type="range" min="0" step="any" value="0"><output></output>@TOGGLE@</div>
 <script>@VIEWER@</script>
 <script>
 const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
@@ -58,9 +58,19 @@ function show() {
 show();
 // the first picture takes long: time starts after it
 requestAnimationFrame(() => requestAnimationFrame(() => animator.play()));
-</script>
+@SWITCH@</script>
 </body>
 </html>
+"""
+
+
+# of pages with friction: whether cones are shown, and what the colors mean
+_TOGGLE = (
+    '<label style="white-space: nowrap"><input type="checkbox" id="cones" checked>friction cones</label>'
+    '<span style="color: #1565c0">stick</span><span style="color: #d81b4a">slip</span>'
+)
+_SWITCH = """const cones = document.getElementById("cones");
+cones.onchange = () => viewer.set_property(["meshcat", "friction"], "visible", cones.checked);
 """
 
 
@@ -104,7 +114,9 @@ class Page:
             commands.append([chunks.setdefault(part, len(chunks)) for part in parts])
         texts = json.dumps([base64.b64encode(data).decode() for data in chunks])
         viewer = Path(VIEWER_ROOT, "main.min.js").read_text(encoding="utf-8")
-        page = _PAGE.replace("@COMMANDS@", json.dumps(commands)).replace("@CHUNKS@", texts)
+        friction = any("/friction/" in str(command.get("path")) for command in self.commands)
+        page = _PAGE.replace("@TOGGLE@", _TOGGLE if friction else "").replace("@SWITCH@", _SWITCH if friction else "")
+        page = page.replace("@COMMANDS@", json.dumps(commands)).replace("@CHUNKS@", texts)
         return page.replace("@VIEWER@", viewer)
 
 

@@ -6,18 +6,19 @@ import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import meshcat
 import numpy as np
 from meshcat.animation import Animation, AnimationClip, AnimationTrack
-from meshcat.commands import SetProperty
-from meshcat.geometry import pack_numpy_array
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError, TrajectoryFileError
+from ...geometry.shapes import Sphere
+from .friction import FrictionNames, cone_length, cone_size, draw_cones
 from .keyframes import Array, Motion, arrows, bounds, carried, motion, scene_of, shapes_of
-from .meshes import arrow_mesh, plate_mesh, shape_mesh, sheet_mesh
+from .meshes import arrow_mesh, cone_mesh, plate_mesh, shape_mesh, sheet_mesh, striped
+from .nodes import SLACK, Track, cast_shadow, hide, label, pose, turn_to
 from .page import Page
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 _FADE, _WHOLE = 0.3, 0.08
 # largest length of an arrow, in lengths of the scene
 _LONGEST = 10.0
-# largest error of a track between its keys: in half diagonals of the motion, and in entries of a quaternion
-_SLACK = 1e-3
 # direction of the camera from the middle of the scene, field of view [degrees], smallest width of a window [heights]
 _DIRECTION = np.array([0.50, -0.80, 0.33]) / np.linalg.norm([0.50, -0.80, 0.33])
 _FIELD, _ASPECT = 40.0, 1.3
@@ -125,19 +124,21 @@ def stage(
     animation = Animation(default_framerate=1)
     frames = _frames(vis, scene, moves, radius, animation)
     for k, (name, wall) in enumerate(scene.walls.items()):
-        node = frames[id(wall.motion)]["walls"][_label(k, name)]
+        node = frames[id(wall.motion)]["walls"][label(k, name)]
         others = [w for w in scene.walls.values() if w is not wall and w.motion is wall.motion]
         node.set_object(plate_mesh(wall, others, lower, upper))
         # a wall is drawn from its free side only, and must not cast a shadow from behind
-        _cast_shadow(node["<object>"], False)
+        cast_shadow(node["<object>"], False)
     for k, item in enumerate(scene.surfaces):
-        node = frames[id(item.motion)]["surfaces"][_label(k, item.name)]
+        node = frames[id(item.motion)]["surfaces"][label(k, item.name)]
         node.set_object(sheet_mesh(item.placed()))
-        _cast_shadow(node["<object>"], False)
-    _draw_shapes(vis, shown, moves, frames, radius, animation)
+        cast_shadow(node["<object>"], False)
+    _draw_shapes(vis, shown, moves, frames, radius, animation, rolling=scene.items.frictional)
     # long arrows would hide many small bodies
-    length = radius if run.problem is None else min(radius, _LONGEST * run.problem.length)
+    assert run.problem is not None
+    length = min(radius, _LONGEST * run.problem.length)
     _draw_arrows(vis, run, length, speed, float(moves.times[-1]), animation)
+    draw_cones(vis, run, length, moves, animation)
     return animation
 
 
@@ -156,10 +157,10 @@ def _animate(
     node: meshcat.Visualizer, moves: Motion, position: Array, quaternion: Array, radius: float, animation: Animation
 ) -> None:
     """Place and animate a node."""
-    node.set_transform(_pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
+    node.set_transform(pose(Rotation.from_quat(quaternion[0]).as_matrix(), position[0]))
     tracks = {
-        "position": _track("position", "vector3", moves, position, _SLACK * radius),
-        "quaternion": _track("quaternion", "quaternion", moves, quaternion, _SLACK),
+        "position": _track("position", "vector3", moves, position, SLACK * radius),
+        "quaternion": _track("quaternion", "quaternion", moves, quaternion, SLACK),
     }
     moving = {name: track for name, track in tracks.items() if track is not None}
     if moving:
@@ -173,27 +174,33 @@ def _draw_shapes(
     frames: dict[int, meshcat.Visualizer],
     radius: float,
     animation: Animation,
+    *,
+    rolling: bool,
 ) -> None:
     parts, names = {}, {s.body: s.name for s in reversed(shown)}
     for b, body in enumerate(moves.bodies):
-        node = parts[body] = vis["bodies"][_label(body, names[body])]
+        node = parts[body] = vis["bodies"][label(body, names[body])]
         _animate(node, moves, moves.position[:, b], moves.quaternion[:, b], radius, animation)
     for k, placed in enumerate(shown):
-        mesh, turn = shape_mesh(placed)
-        node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[_label(k, placed.name)]
+        # links of robots have names with a slash
+        if rolling and isinstance(placed.shape, Sphere) and placed.body and "/" not in placed.name:
+            mesh, turn = striped(placed.shape.radius, placed.color)
+        else:
+            mesh, turn = shape_mesh(placed)
+        node = (parts[placed.body] if placed.body else frames[id(placed.motion)]["fixed"])[label(k, placed.name)]
         node.set_object(mesh)
-        node.set_transform(_pose(placed.rotation @ turn, placed.position))
+        node.set_transform(pose(placed.rotation @ turn, placed.position))
 
 
 def _draw_arrows(
     vis: meshcat.Visualizer, run: PlayableRun, length: float, speed: float, end: float, animation: Animation
 ) -> None:
+    friction = FrictionNames(run)
     for k, arrow in enumerate(arrows(run)):
         node = vis["percussions"][str(k)]
-        node.set_object(arrow_mesh())
-        node.set_transform(_pose(_turn_to(arrow.normal), arrow.point))
-        node.set_property("visible", False)
-        _cast_shadow(node["<object>"], False)
+        node.set_object(arrow_mesh(sticks=arrow.sticks))
+        node.set_transform(pose(turn_to(arrow.normal if arrow.direction is None else arrow.direction), arrow.point))
+        hide(node)
         # the opacity of a node cannot be animated: the arrow gets thin instead
         shown = round((arrow.time - float(run.t[0])) / speed, 6)
         fade = [shown, shown + _WHOLE, shown + _FADE]
@@ -203,32 +210,28 @@ def _draw_arrows(
         # every clip ends with the run: one that ended before would not start again when played from earlier
         seen = {0.0: False, shown: True, min(fade[2], end): False, end: fade[2] > end}
         tracks = {
-            "scale": _Track("scale", "vector3", keys, size),
+            "scale": Track("scale", "vector3", keys, size),
             "visible": AnimationTrack("visible", "boolean", list(seen), list(seen.values())),
         }
         animation.clips[node.path] = AnimationClip(tracks, fps=1)
+        mu = friction(arrow.name) if arrow.name else 0.0
+        if mu > 0.0:
+            node = vis["friction"][f"impact {k}"]
+            node.set_object(cone_mesh(sticks=arrow.sticks))
+            size = cone_size(mu, min(arrow.length * length, 2.0 * cone_length(run, length)))
+            node.set_transform(pose(turn_to(arrow.normal) * size, arrow.point))
+            hide(node)
+            animation.clips[node.path] = AnimationClip({"visible": tracks["visible"]}, fps=1)
 
 
-class _Track(AnimationTrack):
-    """A track that sends its keys as two arrays of floats, a quarter of the bytes of a list of keys."""
-
-    def lower(self) -> dict[str, Any]:
-        return {
-            "name": f".{self.name}",
-            "type": self.jstype,
-            "times": pack_numpy_array(self.frames)["array"],
-            "values": pack_numpy_array(self.values.T)["array"],
-        }
-
-
-def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> _Track | None:
+def _track(name: str, kind: str, moves: Motion, values: Array, slack: float) -> Track | None:
     """Return the track of one body, without keys at impacts that did not change its path; None if it never moved."""
     if np.abs(values - values[0]).max() <= 1e-3 * slack:
         return None
     at, frame = moves.times, moves.frame
     straight = np.stack([np.interp(at, at[frame], column[frame]) for column in values.T], axis=1)
     kept = frame | (np.abs(values - straight).max(axis=1) > slack)
-    return _Track(name, kind, at[kept], values[kept])
+    return Track(name, kind, at[kept], values[kept])
 
 
 def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -> None:
@@ -255,36 +258,6 @@ def _light(vis: meshcat.Visualizer, centre: Array, radius: float, size: Array) -
     lamp.set_property("visible", True)
     for key, value in {"position": [2.0, -2.5, 5.5], "angle": 0.5, "penumbra": 0.6}.items():
         lamp["<object>"].set_property(key, value)
-    _cast_shadow(lamp["<object>"], True)
+    cast_shadow(lamp["<object>"], True)
     for light, intensity in {"SpotLight": 0.55, "FillLight": 0.25, "AmbientLight": 0.55}.items():
         vis[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
-
-
-class _Property(SetProperty):
-    """A property with its exact name, which meshcat would convert to lower case."""
-
-    def lower(self) -> dict[str, Any]:
-        return {**super().lower(), "property": self.key}
-
-
-def _cast_shadow(node: meshcat.Visualizer, value: bool) -> None:
-    node.window.send(_Property("castShadow", value, node.path))
-
-
-def _pose(rotation: Array, position: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose
-
-
-def _turn_to(direction: Array) -> Array:
-    """Return a rotation, shape (3, 3), that rotates z to a unit direction."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    side = np.cross(other, direction)
-    side /= np.linalg.norm(side)
-    return np.stack([side, np.cross(direction, side), direction], axis=1)
-
-
-def _label(number: int, name: str) -> str:
-    """Return a unique name of a node without slashes, which meshcat reads as a path."""
-    return f"{number} {name}".replace("/", " ")

@@ -35,7 +35,7 @@ def draw_piles(records: Sequence[PileRecord], footnote: str = "") -> Figure:
     scenes = list(dict.fromkeys(r.scene for r in records))
     figure = Figure(figsize=(4.3 * len(scenes) + 0.4, 5.6), layout="constrained")
     panels = figure.subplots(1, len(scenes), squeeze=False, sharey=True)[0]
-    styles = _styles(records)
+    styles = line_styles([r.line for r in records])
     for axes, scene in zip(panels, scenes, strict=True):
         mine = [r for r in records if r.scene == scene]
         lines = list(dict.fromkeys(r.line for r in mine))
@@ -72,13 +72,13 @@ def pile_table(records: Sequence[PileRecord]) -> str:
     return "\n".join(lines)
 
 
-def _styles(records: Sequence[PileRecord]) -> dict[str, dict[str, Any]]:
-    """Return the look of each line."""
+def line_styles(lines: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the look of each line by its name, which begins with that of the engine."""
     from matplotlib.colors import to_rgb
 
     styles: dict[str, dict[str, Any]] = {}
     count: dict[str, int] = {}
-    for line in dict.fromkeys(r.line for r in records):
+    for line in dict.fromkeys(lines):
         engine = line.split()[0].rstrip(",")
         colour, marker = _STYLES.get(engine, ("C4", "s"))
         shade = _SHADES[min(count.get(engine, 0), len(_SHADES) - 1)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +19,13 @@ _RADIUS = 0.02
 _MASS = 1.0
 # distance of the centres of bodies that turn [m], and their number along a side of the container
 _PITCH, _ALONG = 0.075, 5
+# coefficient of friction of the rough piles
+_MU = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pile:
-    """Bodies of 1 kg that fall into an open box without friction and restitution.
+    """Bodies of 1 kg that fall into an open box without restitution.
 
     Attributes
     ----------
@@ -39,6 +41,8 @@ class Pile:
         Simulated time [s].
     unit : tuple of str and float
         The length that depths are relative to: its name in the plural, and its size [m].
+    mu : float
+        Coefficient of friction of all contacts.
     """
 
     name: str
@@ -48,9 +52,15 @@ class Pile:
     walls: tuple[float, float]
     duration: float
     unit: tuple[str, float]
+    mu: float = 0.0
 
     @property
     def turning(self) -> int:
+        """The number of bodies that turn: without friction those that are not spheres."""
+        return len(self.shapes) if self.mu else self.others
+
+    @property
+    def others(self) -> int:
         """The number of bodies that are not spheres."""
         return sum(not isinstance(shape, Sphere) for shape in self.shapes)
 
@@ -63,7 +73,7 @@ class Pile:
 
     def problem(self) -> Problem:
         """Return the problem that mbvi solves."""
-        scene, (low, high) = Scene(), self.walls
+        scene, (low, high) = Scene(friction=self.mu), self.walls
         scene.add_container((low, low, 0.0), (high, high))
         for shape, centre, turn in zip(self.shapes, self.centres, self.turns, strict=True):
             if isinstance(shape, Sphere):
@@ -75,7 +85,7 @@ class Pile:
                 scene.add_capsule(shape.radius, shape.length, _MASS, **pose)
         radii = [shape.radius for shape in self.shapes if isinstance(shape, Sphere)]
         if radii:
-            scene.add_spheres(self.centres[self.turning :], radii, _MASS, name="sphere")
+            scene.add_spheres(self.centres[self.others :], radii, _MASS, name="sphere")
         return scene.build()
 
     def configuration(self, centres: Array, turns: Array) -> Array:
@@ -132,10 +142,18 @@ class Scenes(NamedTuple):
     scenes: dict[str, Callable[[], Pile]]
 
 
-# pictures by their names on the command line; another one, such as with friction, is another entry
+# pictures by their names on the command line
 PICTURES = {
     "piles": Scenes(
         "Poured without friction, e = 0",
         {"spheres": lambda: spheres(1000), "boxes": lambda: boxes(200), "mixed": lambda: mixed(200)},
+    ),
+    "rough-piles": Scenes(
+        "Poured with friction, mu = 0.5, e = 0",
+        {
+            "spheres": lambda: replace(spheres(216), mu=_MU),
+            "boxes": lambda: replace(boxes(60), mu=_MU),
+            "mixed": lambda: replace(mixed(60), mu=_MU),
+        },
     ),
 }

@@ -15,7 +15,7 @@ SYSTEM = "/usr/bin/python3"
 class Peer(NamedTuple):
     """Another engine: name, adapter module, imported package, how to install it, and its Python if not this one.
 
-    `piles` is the module that runs piles in it, if there is one.
+    `piles` and `friction` are the modules that run piles and scenes with friction in it, if there are any.
     """
 
     name: str
@@ -24,6 +24,7 @@ class Peer(NamedTuple):
     install: str
     python: str = ""
     piles: str = ""
+    friction: str = ""
 
     @property
     def installed(self) -> bool:
@@ -40,10 +41,12 @@ def _found(python: str, name: str) -> bool:
 
 
 PEERS = (
-    Peer("MuJoCo", "in_mujoco", "mujoco", "pip install mujoco", piles="piles_in_mujoco"),
-    Peer("Drake", "in_drake", "pydrake", "pip install drake", piles="piles_in_drake"),
+    Peer("MuJoCo", "in_mujoco", "mujoco", "pip install mujoco", piles="piles_in_mujoco", friction="friction_in_mujoco"),
+    Peer("Drake", "in_drake", "pydrake", "pip install drake", piles="piles_in_drake", friction="friction_in_drake"),
     Peer("DART", "in_dart", "dartpy", "pip install dartpy"),
-    Peer("PyBullet", "in_pybullet", "pybullet", "pip install pybullet", piles="piles_in_pybullet"),
+    Peer(
+        "PyBullet", "in_pybullet", "pybullet", "pip install pybullet", "", "piles_in_pybullet", "friction_in_pybullet"
+    ),
     Peer("jiminy", "in_jiminy", "jiminy_py", "pip install jiminy-py"),
     Peer("Siconos", "in_siconos", "siconos", f"apt install python3-siconos, for {SYSTEM}, which runs it", SYSTEM),
 )

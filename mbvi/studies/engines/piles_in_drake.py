@@ -34,7 +34,7 @@ class Solver:
 
     line: str
     approximation: DiscreteContactApproximation
-    setting: str = "discrete steps, point contact of the delivered stiffness, friction 0"
+    setting: str = "discrete steps, point contact of the delivered stiffness"
 
     def make(self, pile: Pile, h: float) -> PileInDrake:
         """Return the adapter with a pile at its start."""
@@ -64,17 +64,17 @@ class PileInDrake:
         plant, _ = AddMultibodyPlantSceneGraph(builder, h)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_discrete_contact_approximation(approximation)
-        slippery = CoulombFriction(0.0, 0.0)
+        friction = CoulombFriction(pile.mu, pile.mu)
         for k, (normal, offset) in enumerate(pile.planes):
             pose = HalfSpace.MakePose(normal, offset * normal)
-            plant.RegisterCollisionGeometry(plant.world_body(), pose, HalfSpace(), f"plane {k}", slippery)
+            plant.RegisterCollisionGeometry(plant.world_body(), pose, HalfSpace(), f"plane {k}", friction)
         bodies = []
         for k, shape in enumerate(pile.shapes):
             inertia = SpatialInertia.MakeFromCentralInertia(
                 1.0, np.zeros(3), RotationalInertia(*np.diag(shape.inertia(1.0)))
             )
             bodies.append(plant.AddRigidBody(f"body {k}", inertia))
-            plant.RegisterCollisionGeometry(bodies[-1], RigidTransform(), _shape(shape), f"shape {k}", slippery)
+            plant.RegisterCollisionGeometry(bodies[-1], RigidTransform(), _shape(shape), f"shape {k}", friction)
         plant.Finalize()
         self._plant, self._h, self._taken = plant, h, 0
         self._simulator = Simulator(builder.Build())

@@ -22,7 +22,7 @@ class Contacts:
 
     line: str
     of_step: float | None
-    setting: str = "CG solver, condim 1, other options as delivered"
+    setting: str = "CG solver, condim 1, with friction condim 3 and the elliptic cone, other options as delivered"
 
     def make(self, pile: Pile, h: float) -> PileInMuJoCo:
         """Return the adapter with a pile at its start."""
@@ -35,7 +35,7 @@ def variants(pile: Pile) -> tuple[Contacts, ...]:
 
 
 class PileInMuJoCo:
-    """A pile: spheres on three slide joints each, other bodies free.
+    """A pile: without friction spheres on three slide joints each, other bodies free.
 
     Parameters
     ----------
@@ -50,6 +50,7 @@ class PileInMuJoCo:
     def __init__(self, pile: Pile, h: float, time_constant: float | None = None) -> None:
         spec = mujoco.MjSpec()
         spec.option.timestep, spec.option.solver = h, mujoco.mjtSolver.mjSOL_CG
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.memory = _MEMORY
         for normal, offset in pile.planes:
             turn = np.zeros(4)
@@ -57,9 +58,9 @@ class PileInMuJoCo:
             kind = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=kind, pos=offset * normal, size=[0, 0, 1], quat=turn)
         for shape, centre, turn in zip(pile.shapes, pile.centres, pile.turns, strict=True):
-            _add(spec, shape, centre, turn)
+            _add(spec, shape, centre, turn, bool(pile.mu))
         for geom in spec.geoms:
-            geom.condim = 1
+            geom.condim, geom.friction[0] = 3 if pile.mu else 1, pile.mu
             if time_constant is not None:
                 geom.solref = [time_constant, 1.0]
         self._model = spec.compile()
@@ -79,9 +80,9 @@ class PileInMuJoCo:
         return np.concatenate([poses[:, :3], self._start + moved]), np.concatenate([turns, self._still])
 
 
-def _add(spec: mujoco.MjSpec, shape: Box | Capsule | Sphere, centre: Array, turn: Array) -> None:
+def _add(spec: mujoco.MjSpec, shape: Box | Capsule | Sphere, centre: Array, turn: Array, rough: bool) -> None:
     kinds = mujoco.mjtGeom
-    if isinstance(shape, Sphere):
+    if isinstance(shape, Sphere) and not rough:
         # without rotation, which would turn the axes of its joints
         body = spec.worldbody.add_body(pos=centre)
         for axis in np.eye(3):
@@ -90,7 +91,9 @@ def _add(spec: mujoco.MjSpec, shape: Box | Capsule | Sphere, centre: Array, turn
         return
     body = spec.worldbody.add_body(pos=centre, quat=turn[[3, 0, 1, 2]])
     body.add_freejoint()
-    if isinstance(shape, Box):
+    if isinstance(shape, Sphere):
+        body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], mass=1.0)
+    elif isinstance(shape, Box):
         body.add_geom(type=kinds.mjGEOM_BOX, size=0.5 * np.array(shape.size), mass=1.0)
     else:
         body.add_geom(type=kinds.mjGEOM_CAPSULE, size=[shape.radius, 0.5 * shape.length, 0], mass=1.0)

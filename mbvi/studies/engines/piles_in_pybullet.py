@@ -1,4 +1,4 @@
-"""Piles in PyBullet: sequential impulses with its options as delivered, but for friction and damping."""
+"""Piles in PyBullet: sequential impulses with its options as delivered, but for damping."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Iterations:
 
     line: str
     count: int
-    setting: str = "sequential impulses, wide boxes for planes, friction and damping 0"
+    setting: str = "sequential impulses, wide boxes for planes, damping 0"
 
     def make(self, pile: Pile, h: float) -> PileInPyBullet:
         """Return the adapter with a pile at its start."""
@@ -60,14 +60,15 @@ class PileInPyBullet:
         for normal, offset in pile.planes:
             turn = Rotation.align_vectors(normal[None], up)[0].as_quat()
             place = (offset - 0.5 * _WIDE) * normal
-            _slippery(p.createMultiBody(0, solid, basePosition=place.tolist(), baseOrientation=turn.tolist()))
+            plane = p.createMultiBody(0, solid, basePosition=place.tolist(), baseOrientation=turn.tolist())
+            _set(plane, pile.mu)
         shapes = {shape: _shape(shape) for shape in dict.fromkeys(pile.shapes)}
         self._bodies = [
             p.createMultiBody(1.0, shapes[shape], basePosition=centre, baseOrientation=turn)
             for shape, centre, turn in zip(pile.shapes, pile.centres.tolist(), pile.turns.tolist(), strict=True)
         ]
         for body in self._bodies:
-            _slippery(body)
+            _set(body, pile.mu)
 
     def advance(self) -> None:
         """Advance by one step."""
@@ -80,9 +81,10 @@ class PileInPyBullet:
         return centres, turns
 
 
-def _slippery(body: int) -> None:
+def _set(body: int, mu: float) -> None:
+    # the coefficients of both bodies are multiplied
     p.changeDynamics(
-        body, -1, lateralFriction=0.0, spinningFriction=0.0, rollingFriction=0.0, restitution=0.0,
+        body, -1, lateralFriction=float(np.sqrt(mu)), spinningFriction=0.0, rollingFriction=0.0, restitution=0.0,
         linearDamping=0.0, angularDamping=0.0,
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 import mbvi
-from mbvi.results.columns import DENSE, RECORDED, TABLES, Sums, as_kept
+from mbvi.results.columns import DENSE, FRICTION, RECORDED, TABLES, Sums, as_kept
 from mbvi.results.metadata import read_metadata
 from mbvi.results.pages import PAGE, find_record, pack, sums_of
 
@@ -41,8 +41,11 @@ def contents(run: mbvi.Trajectory) -> tuple[Any, ...]:
     problem = run.problem
     kept = () if problem is None else (problem.report(), problem.q0.tobytes(), problem.v0.tobytes(), problem.t0)
     rows = ("percussion", "before", "after", "point", "normal")
+    if run.impacts and run.impacts[0].regime is not None:
+        rows += ("tangential", "slip_before", "slip_after", "e_used")
     impacts = [
-        (i.time, i.constraints, i.energy_change, *(getattr(i, name).tobytes() for name in rows)) for i in run.impacts
+        (i.time, i.constraints, i.energy_change, i.regime, *(getattr(i, name).tobytes() for name in rows))
+        for i in run.impacts
     ]
     arrays_kept = [(a.shape, a.tobytes()) for a in arrays]
     return (arrays_kept, impacts, run.scheme, run.step, run.record.timing.jump, run.notes, run.complete, kept)
@@ -90,6 +93,8 @@ def seal(path: Path) -> None:
         try:
             metadata, sums = read_metadata(file), Sums()
             tables = TABLES | {name: columns for name, columns in RECORDED.items() if name in file}
+            for name in FRICTION.keys() & tables.keys():
+                tables[name] = tables[name] | (FRICTION[name] if "regime" in file[name] else {})
             places = {f"{t}/{n}".strip("/"): c for t, columns in tables.items() for n, c in columns.items()}
             places |= {"dense": DENSE} if "dense" in file else {}
             for place, column in places.items():

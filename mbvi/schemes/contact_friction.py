@@ -1,0 +1,66 @@
+"""Friction of the rows of a step as impacts and contacts give it: world vectors, and which rows stick."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .step import Step
+
+Array = np.ndarray
+
+# slip that counts as none, relative to the largest speed of the row
+_STILL = 1e-9
+
+
+class ContactFriction(NamedTuple):
+    """Friction of rows.
+
+    Attributes
+    ----------
+    tangential : ndarray, shape (k, 3)
+        Tangential percussions on the body that the normal points to, in the world [N s].
+    before, after : ndarray, shape (k, 3)
+        Tangential velocities of that body relative to the other, in the world [m/s]; zero where mu = 0.
+    sticks : ndarray of bool, shape (k,)
+        Which rows stick; False where mu = 0 and where there is no percussion.
+    """
+
+    tangential: Array
+    before: Array
+    after: Array
+    sticks: Array
+
+    def take(self, index: Array) -> ContactFriction:
+        """Return those of some rows."""
+        return ContactFriction(*(values[index] for values in self))
+
+
+def friction_of(step: Step) -> ContactFriction | None:
+    """Return the friction of a step's rows; None if its problem has none.
+
+    A row sticks if its velocity is nearer to zero than its percussion is to the edge of the cone, relative to the
+    largest speed of the row and to mu p: in exact numbers one of the two is zero.
+    """
+    tangents = step.active.tangents
+    if tangents is None:
+        return None
+    if step.slip is None:
+        # a scheme without friction
+        nothing = np.zeros((len(step.rates[0]), 3))
+        return ContactFriction(nothing, nothing, nothing, np.zeros(len(nothing), bool))
+    percussion, free, _, before = np.abs(step.rates)
+    across, free_slip, after_slip, before_slip = np.hypot(step.slip[:, :, 0], step.slip[:, :, 1])
+    edge = tangents.friction * percussion
+    speed = np.maximum(np.maximum(free, before), np.maximum(free_slip, before_slip))
+    # multiplied out, because both may be divisions by zero; of dependent contacts some stick at the edge of their cones
+    sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, _STILL * edge) * speed)
+    tangential, _, after, before = (step.slip[..., None] * tangents.axes).sum(axis=2)
+    return ContactFriction(tangential, before, after, sticks)
+
+
+def regime(sticks: bool, percussion: float) -> str:
+    """Return "stick", "slip" or, without a percussion, "open"."""
+    return "open" if percussion == 0.0 else "stick" if sticks else "slip"

@@ -1,0 +1,65 @@
+"""Scenes with friction that are hard: many bodies whose rows are dense, a groove in which held contacts oppose."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+import mbvi
+from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
+
+G = 9.81
+
+
+def test_rows_without_the_zeros_of_their_bodies_are_whitened_too(rng):
+    """Rows that were dense keep no zeros, as in a stack of boxes whose faces are parallel to the axes."""
+    A = rng.normal(size=(4, 6, 6))
+    metric = BodiesMetric(A @ A.transpose(0, 2, 1) + np.eye(6))
+    J = rng.normal(size=(9, 24)) * (rng.random((9, 24)) < 0.3)
+    J[2] = 0.0
+    for M, rows in ((metric, J), (BlockMetric([DenseMetric(np.eye(3)), metric], [slice(0, 3), slice(3, 27)]),
+                                  np.hstack([J[:, :3], J]))):  # fmt: skip
+        U = M.whiten_rows(csr_array(rows)).toarray()
+        np.testing.assert_allclose(U @ U.T, rows @ M.solve_rows(rows).T, atol=1e-12)
+        z = rng.normal(size=rows.shape[1])
+        np.testing.assert_allclose(U @ z, rows @ M.unwhiten(z), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [8, 9, 12, 20])
+def test_a_stack_of_boxes_on_a_slope_stands(count):
+    """At more than 32 contacts and at most 100 columns its rows are dense, and the solver is the sparse one."""
+    scene = mbvi.Scene(gravity=(0.05 * G, 0.0, -G), friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    for k in range(count):
+        scene.add_box((0.2, 0.2, 0.1), 1.0, position=(0, 0, 0.05 + 0.1 * k))
+    problem = scene.build()
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.05)
+    # more than 32 contacts are solved to a residual of 1e-3
+    assert np.abs(run.q - problem.q0).max() <= (1e-12 if count == 8 else 1e-3)
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Centered(project_positions=True), mbvi.Paoli(project_positions=True)])
+def test_a_ball_that_rolls_along_a_groove_is_lifted_by_no_more_than_it_sank(scheme):
+    """Both contacts stick, and with their tangents held their normals oppose each other."""
+    scene = mbvi.Scene(friction=1.0)
+    side = np.sin(0.04), np.cos(0.04)
+    scene.add_halfspace((0, side[0], side[1]), 0.0)
+    scene.add_halfspace((0, -side[0], side[1]), 0.0)
+    scene.add_sphere(0.04, 0.5, (0, 0, 0.2), (0.3, 0, 0))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.5)
+    assert run.penetration().max() <= 1e-5
+    np.testing.assert_allclose(run.q[-1, 1:3], [0.0, 0.04 / side[1]], atol=1e-5)
+    assert run.q[-1, 0] == pytest.approx(0.3 * (0.2 + 5 / 7 * 0.3), abs=0.02)
+
+
+def test_balls_that_roll_on_a_mesh_stay_on_it():
+    """A ball that rolls from triangle to triangle touches two at once, and sinks into the next by a step."""
+    grid = np.linspace(-0.5, 0.5, 11)
+    x, y = np.meshgrid(grid, grid)
+    vertices, faces = mbvi.surfaces.terrain(grid, grid, 0.4 * (x**2 + y**2))
+    scene = mbvi.Scene(friction=0.3)
+    scene.add_surface(vertices, faces)
+    scene.add_spheres([[0.3, 0, 0.2], [-0.2, 0.1, 0.2]], 0.04, 0.5)
+    run = mbvi.simulate(scene.build(), mbvi.Centered(project_positions=True), step=1e-3, duration=0.4)
+    assert np.abs(run.q[:, [0, 1, 2, 7, 8, 9]]).max() <= 0.5
+    # less than a ball sinks where nothing lifts it
+    assert run.penetration().max() <= 1e-3

@@ -1,0 +1,84 @@
+"""Coulomb's law of one mechanism in one kernel gives what the same law gives in numpy, and no search is left out."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi import motion
+from mbvi.constraints.rows import take
+from mbvi.projection import FreeMotion, Projector
+from mbvi.schemes.nearby_rows import NearbyRows
+from mbvi.schemes.step import closing_speeds, law
+
+QUADRUPED = "robots/quadruped/quadruped.urdf"
+STEP, SCHEME = 1e-3, mbvi.Centered(project_positions=True)
+BELT = motion.Translation((0.3, 0.0, 0.1))
+
+
+STANCE = {
+    f"{leg}_{joint}_joint": x for leg in ("FL", "FR", "RL", "RR") for joint, x in (("thigh", 0.6), ("calf", -1.2))
+}
+
+
+def landing(e=0.0, wall=None):
+    """A quadruped with springs in its joints that lands on a slope while it moves forwards."""
+
+    def control(t, q, v):
+        return np.concatenate([np.zeros(6), 80.0 * (np.tile([0.0, 0.6, -1.2], 4) - q[7:]) - v[6:]])
+
+    scene = mbvi.Scene(friction=0.7, restitution=e, gravity=(2.0, 0.0, -9.6))
+    scene.add_halfspace((0, 0, 1), 0.0, name="floor", motion=wall)
+    pose = {"position": (0, 0, 0.36), "base_velocity": (0.4, 0.1, -0.5, 0.0, 0.0, 0.0)}
+    scene.add_urdf(QUADRUPED, control=control, joints=STANCE, **pose)
+    return scene.build()
+
+
+@pytest.mark.parametrize(("e", "wall"), [(0.0, None), (0.5, None), (0.3, BELT)], ids=["lands", "bounces", "on a belt"])
+def test_the_kernel_gives_the_law_in_numpy(e, wall):
+    problem = landing(e, wall)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=0.3, progress=False)
+    compared = 0
+    for t, q, v in list(zip(run.t, run.q, run.v, strict=True))[::2]:
+        rows = problem.constraints.active(t, q, 1e-3)
+        if not rows.tangents.friction.any():
+            continue
+        opened = closing_speeds(problem, rows, STEP)
+        tree = problem.system.free_motion(t, q, v, STEP)
+        found = law(Projector(), v, tree, rows, opened)
+        assert Projector().frictional_law(tree, rows, opened) is not None
+        plain = law(Projector(), v, FreeMotion(tree.free, tree.metric), rows, opened)
+        for a, b in zip(found[:-1], plain[:-1], strict=True):
+            np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * max(1.0, np.abs(b).max()))
+        compared += 1
+    assert compared >= 50
+
+
+def test_rows_of_joint_limits_alone_have_no_law_of_friction():
+    problem = landing()
+    rows = problem.constraints.active(0.0, problem.q0, 0.5)
+    rows = take(rows, np.flatnonzero(rows.constraint < 40)[:30])
+    without = take(rows, rows.tangents.friction == 0.0)
+    assert 0 < len(without.gap) < len(rows.gap) <= 32
+    tree = problem.system.free_motion(0.0, problem.q0, problem.v0, STEP)
+    assert Projector().frictional_law(tree, without, None) is None
+    assert Projector().frictional_law(tree, rows, None) is not None
+
+
+def test_no_projection_is_left_out_by_linear_gaps(monkeypatch):
+    """Where linear gaps say that nothing has sunk, the searches find the same."""
+    problem = landing()
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    left_out, sinks = 0, NearbyRows.sinks
+    for state in list(zip(run.t[:-1], run.q[:-1], run.v[:-1], strict=True))[::2]:
+        answers = []
+        with monkeypatch.context() as patched:
+            patched.setattr(NearbyRows, "sinks", lambda self, q, kept=answers: kept.append(sinks(self, q)) or kept[-1])
+            found = SCHEME.step(problem, *state, STEP, Projector())
+            patched.setattr(NearbyRows, "sinks", lambda self, q: True)
+            searched = SCHEME.step(problem, *state, STEP, Projector())
+        left_out += answers == [False]
+        np.testing.assert_array_equal(found.q, searched.q)
+        np.testing.assert_array_equal(found.v, searched.v)
+        np.testing.assert_array_equal(found.rates, searched.rates)
+        np.testing.assert_array_equal(found.active.gap, searched.active.gap)
+    assert left_out >= 10
