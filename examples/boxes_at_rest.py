@@ -1,6 +1,6 @@
-"""Boxes are poured into a container and come to rest.
+"""Boxes with friction are poured into a container and come to rest; smooth boxes would slide on for ever.
 
-`python examples/boxes_at_rest.py rest.html 1000 4` pours 1000 boxes for 4 s and writes the replay too.
+`python examples/boxes_at_rest.py rest.html 1000 3` pours 1000 boxes for 3 s and writes the replay too.
 """
 
 import sys
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 
-EDGE, G = 0.04, 9.81
+EDGE, G, MU = 0.04, 9.81, 0.5
 
 
 def poured(count: int) -> mbvi.Problem:
@@ -20,7 +20,7 @@ def poured(count: int) -> mbvi.Problem:
     half = 0.5 * pitch * along
     layer, row, column = np.unravel_index(np.arange(count), (-(-count // along**2), along, along))
     places = pitch * np.stack([row - 0.5 * (along - 1), column - 0.5 * (along - 1), layer + 0.6], axis=1)
-    scene = mbvi.Scene()
+    scene = mbvi.Scene(friction=MU)
     scene.add_container((-half, -half, 0.0), (half, half))
     turns = Rotation.random(count, random_state=0).as_matrix()
     scene.add_boxes(places, (EDGE, EDGE, EDGE), 1.0, rotations=turns)
@@ -29,7 +29,7 @@ def poured(count: int) -> mbvi.Problem:
 
 def main(page: str | None = None, count: int = 40, duration: float = 1.5) -> float:
     """Return the kinetic energy of a box at the end over m g times its edge, the mean of all boxes."""
-    run = mbvi.simulate(poured(count), step=2e-3, duration=duration, every=10)
+    run = mbvi.simulate(poured(count), mbvi.StewartTrinkle(), step=2e-3, duration=duration, every=10)
     kinetic = run.energies()[0] / (count * G * EDGE)
     for k in np.linspace(0, len(run.t) - 1, 5)[1:].astype(int):
         print(f"after {run.t[k]:.2f} s the kinetic energy of a box is {kinetic[k]:.1e} m g d")

@@ -35,6 +35,8 @@ _TEST_PERIOD = 8
 _REST = 1e-10
 # tests after which mean speeds are compared with what the residual leaves, and how much faster a body may be in between
 _TESTS, _NOISE = 8, 10.0
+# how much faster contacts that stick creep by the residual than others
+_CREEP = 10.0
 
 
 class _Island(NamedTuple):
@@ -84,7 +86,10 @@ class Sleepers:
         fall = h * self._system.pull * self._units
         self._still = _REST * fall
         # few bodies are solved to rounding
-        self._slow = max(_REST, projector.residual_at_rest if problem.system.sparse else 0.0) * fall
+        left = projector.residual_at_rest if problem.system.sparse else 0.0
+        if problem.constraints.frictional:
+            left *= _CREEP
+        self._slow = max(_REST, left) * fall
         self._phase, self._quiet = 0, np.zeros(self._count, bool)
         # where and when mean speeds are counted from, and bodies that were fast since then
         self._start: Step | None = None
