@@ -5,7 +5,10 @@ import pytest
 from scipy.sparse import csr_array
 
 import mbvi
+from mbvi.constraints.rows import take
+from mbvi.projection import Projector
 from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
+from mbvi.schemes.position_projection import Applied, _held, _sticking
 
 G = 9.81
 
@@ -89,3 +92,36 @@ def test_a_ball_on_a_turntable_circles_at_two_sevenths_of_its_rate():
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ first[:2]
     assert np.linalg.norm(turned) > 0.05
     np.testing.assert_allclose(run.v[-1, :2], turned, atol=rate * h * np.linalg.norm(turned))
+
+
+def test_held_rows_move_no_sticking_contact_along_its_tangents(rng):
+    scene = mbvi.Scene(friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    scene.add_urdf("robots/quadruped/quadruped.urdf", position=(0, 0, 1.0))
+    problem = scene.build()
+    rows = problem.constraints.active(0.0, problem.q0, 2.0)
+    metric = problem.system.metric(problem.q0)
+    some = rng.permutation(len(rows.gap))[:4]
+    rows = take(rows, some)
+    sticking = np.array([True, False, True, False])
+    held = _held(metric, rows, sticking, np.arange(4))
+    tangents = rows.tangents.take(np.flatnonzero(sticking)).jacobian
+    assert np.abs(held @ metric.solve_rows(tangents).T).max() <= 1e-6 * np.abs(rows.jacobian).max()
+    # rows along such displacements are what they were
+    free = rng.normal(size=problem.system.nv)
+    solved = metric.solve_rows(tangents)
+    free -= np.linalg.lstsq(tangents @ solved.T, tangents @ free, rcond=None)[0] @ solved
+    np.testing.assert_allclose(held @ free, rows.jacobian @ free, atol=1e-9 * np.abs(free).max())
+    np.testing.assert_array_equal(_held(metric, rows, sticking, np.full(4, -1)), rows.jacobian)
+
+
+@pytest.mark.parametrize(("speed", "sticks"), [(0.0, True), (0.5, False)])
+def test_only_contacts_that_stick_are_held(speed, sticks):
+    scene = mbvi.Scene(gravity=(1.0, 0.0, -G), friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    scene.add_box((0.2, 0.2, 0.1), 1.0, position=(0, 0, 0.05), velocity=(speed, 0, 0))
+    problem, h = scene.build(), 1e-3
+    step = mbvi.Paoli().step(problem, 0.0, problem.q0, problem.v0, h, Projector())
+    motion = problem.system.free_motion(0.0, problem.q0, problem.v0, h)
+    found = _sticking(problem, Applied(h, step.q, problem.v0, h, motion), step)
+    assert (found is not None and found.any()) == sticks
