@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi import motion
-from mbvi.constraints.tangents import axes_of
+from mbvi.constraints.tangents import axes_of, concatenate, none_of
 
 
 @given(st.integers(0, 10_000))
@@ -66,3 +66,31 @@ def test_a_wall_that_moves_along_itself_has_tangential_rates_only():
     np.testing.assert_allclose(slip[on_floor], np.tile([-0.3, 0.2], (on_floor.sum(), 1)), atol=1e-15)
     assert not slip[~on_floor].any()
     assert not rows.speeds(np.zeros(problem.system.nv)).any()
+
+
+def test_rates_belong_to_their_rows_after_rows_are_put_together_and_taken():
+    """Only some families have walls that move; those of the others are at rest."""
+    still = none_of(2, 4, False)
+    belt = still._replace(rate=np.array([1.0, 2.0, 3.0, 4.0]), friction=np.array([0.1, 0.2]))
+    both, rest = concatenate([still, belt]), np.zeros(4)
+    np.testing.assert_array_equal(both.slip(rest), [[0, 0], [0, 0], [1, 2], [3, 4]])
+    for index in (np.array([3, 0]), np.array([True, False, False, True])):
+        taken = both.take(index)
+        order = np.flatnonzero(index) if index.dtype == bool else index
+        np.testing.assert_array_equal(taken.slip(rest), both.slip(rest)[order])
+        np.testing.assert_array_equal(taken.friction, both.friction[order])
+    assert concatenate([still, still]).rate is None and still.take(np.array([1])).rate is None
+
+
+def test_pairs_of_moving_walls_have_their_own_friction():
+    scene = mbvi.Scene(friction=0.4)
+    scene.add_halfspace((0, 0, 1), 0.0, name="belt", motion=motion.Translation((0.3, 0.0, 0.0)))
+    for k, name in enumerate("abc"):
+        scene.add_box((0.2, 0.2, 0.1), 1.0, position=(k, 0, 0.05), name=name)
+    scene.set_friction("belt", "b", 0.0)
+    scene.set_friction("belt", "c", 1.5)
+    problem = scene.build()
+    rows = problem.constraints.active(0.0, problem.q0, 1e-6)
+    names = [problem.constraints.name(int(k)) for k in rows.constraint]
+    found = {name[0]: mu for name, mu in zip(names, rows.tangents.friction.tolist(), strict=True)}
+    assert found == {"a": 0.4, "b": 0.0, "c": 1.5}

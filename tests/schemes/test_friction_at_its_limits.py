@@ -5,7 +5,10 @@ import pytest
 from scipy.sparse import csr_array
 
 import mbvi
+from mbvi.constraints.rows import take
+from mbvi.projection import Projector
 from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
+from mbvi.schemes.position_projection import Applied, _held, _sticking
 
 G = 9.81
 
@@ -63,3 +66,62 @@ def test_balls_that_roll_on_a_mesh_stay_on_it():
     assert np.abs(run.q[:, [0, 1, 2, 7, 8, 9]]).max() <= 0.5
     # less than a ball sinks where nothing lifts it
     assert run.penetration().max() <= 1e-3
+
+
+def test_a_run_with_many_contacts_is_diagnosed_as_exactly_as_it_was_solved():
+    scene = mbvi.Scene(friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    for k in range(9):
+        scene.add_box((0.2, 0.2, 0.1), 1.0, position=(0, 0, 0.05 + 0.1 * k))
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(project_positions=True), step=1e-3, duration=0.02)
+    assert 1e-6 < run.residual.max() <= 1e-3
+    # it solves the law again, because positions are projected
+    assert str(run.diagnosis())
+
+
+def test_a_ball_on_a_turntable_circles_at_two_sevenths_of_its_rate():
+    """A rolling ball of uniform density: dv/dt = 2/7 spin x v, wherever it is."""
+    rate, h = 2.0, 1e-3
+    scene = mbvi.Scene(friction=1.0)
+    scene.add_halfspace((0, 0, 1), 0.0, motion=mbvi.motion.Rotation((0, 0, 1), rate, (0.3, 0.1, 0.0)))
+    scene.add_sphere(0.1, 1.0, (0.5, 0.0, 0.1), name="ball")
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=h, duration=0.5)
+    # it slips to begin with; from there on it rolls
+    first, rolls = run.v[100], 2.0 / 7.0 * rate
+    angle = rolls * (run.t[-1] - run.t[100])
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ first[:2]
+    assert np.linalg.norm(turned) > 0.05
+    np.testing.assert_allclose(run.v[-1, :2], turned, atol=rate * h * np.linalg.norm(turned))
+
+
+def test_held_rows_move_no_sticking_contact_along_its_tangents(rng):
+    scene = mbvi.Scene(friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    scene.add_urdf("robots/quadruped/quadruped.urdf", position=(0, 0, 1.0))
+    problem = scene.build()
+    rows = problem.constraints.active(0.0, problem.q0, 2.0)
+    metric = problem.system.metric(problem.q0)
+    some = rng.permutation(len(rows.gap))[:4]
+    rows = take(rows, some)
+    sticking = np.array([True, False, True, False])
+    held = _held(metric, rows, sticking, np.arange(4))
+    tangents = rows.tangents.take(np.flatnonzero(sticking)).jacobian
+    assert np.abs(held @ metric.solve_rows(tangents).T).max() <= 1e-6 * np.abs(rows.jacobian).max()
+    # rows along such displacements are what they were
+    free = rng.normal(size=problem.system.nv)
+    solved = metric.solve_rows(tangents)
+    free -= np.linalg.lstsq(tangents @ solved.T, tangents @ free, rcond=None)[0] @ solved
+    np.testing.assert_allclose(held @ free, rows.jacobian @ free, atol=1e-9 * np.abs(free).max())
+    np.testing.assert_array_equal(_held(metric, rows, sticking, np.full(4, -1)), rows.jacobian)
+
+
+@pytest.mark.parametrize(("speed", "sticks"), [(0.0, True), (0.5, False)])
+def test_only_contacts_that_stick_are_held(speed, sticks):
+    scene = mbvi.Scene(gravity=(1.0, 0.0, -G), friction=0.5)
+    scene.add_halfspace((0, 0, 1), 0.0)
+    scene.add_box((0.2, 0.2, 0.1), 1.0, position=(0, 0, 0.05), velocity=(speed, 0, 0))
+    problem, h = scene.build(), 1e-3
+    step = mbvi.Paoli().step(problem, 0.0, problem.q0, problem.v0, h, Projector())
+    motion = problem.system.free_motion(0.0, problem.q0, problem.v0, h)
+    found = _sticking(problem, Applied(h, step.q, problem.v0, h, motion), step)
+    assert (found is not None and found.any()) == sticks

@@ -125,12 +125,14 @@ def of_scene(problem: Problem, duration: float) -> Bodies:
     ------
     NoModelError
         If the scene has anything but spheres, boxes, half-spaces and fixed boxes with one restitution, or walls that
-        move.
+        move, or friction.
     """
     scene = problem.scene
     if scene is None:
         raise NoModelError("the problem is given by functions, which have no bodies in other engines")
     items = scene.items
+    if items.frictional:
+        raise NoModelError("friction was not written for other engines")
     free, fixed = [b for b in items.bodies if not b.fixed], [b for b in items.bodies if b.fixed]
     if items.robots or items.surfaces or items.pair_restitution or scene.motions:
         raise NoModelError("robots, meshes, moving walls and restitution of pairs have no model in other engines")
