@@ -21,6 +21,7 @@ from .friction import (
     NO_START,
     FrictionalProjection,
     FrictionalStart,
+    bearing_contacts,
     law_of_contacts,
     project_frictional,
 )
@@ -279,6 +280,10 @@ class Projector:
             found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
             self._frictional_start = FrictionalStart(found.start, found.unique)
             return found
+        if isinstance(rows.jacobian, np.ndarray):
+            few = bearing_contacts(x, metric, _wide(rows.jacobian, tangents), bounds, tangents.friction, self.residual)
+            if few is not None:
+                return few
         return self._many_frictional(x, metric, rows, bounds.ravel(), h)
 
     def frictional_law(
