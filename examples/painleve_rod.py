@@ -22,13 +22,21 @@ def tangents(q):
     return np.array([[1.0, 0.0, HALF * np.sin(q[2])]])
 
 
+def mass(q):
+    """Return the mass matrix of a rod of 1 kg and 1 m."""
+    return np.diag([1.0, 1.0, HALF**2 / 3])
+
+
+def weight(t, q, v):
+    """Return its weight."""
+    return np.array([0.0, -9.81, 0.0])
+
+
 def main() -> float:
     """Return the rate at which the rod turns when its lower end has jammed [rad/s]."""
     needed = (1 + 3 * np.cos(ANGLE) ** 2) / (3 * np.sin(ANGLE) * np.cos(ANGLE))
     print(f"a rod at {np.degrees(ANGLE):.0f} degrees jams where mu is above {needed:.2f}; here mu = {FRICTION}")
-    system = mbvi.LagrangianSystem(
-        lambda q: np.diag([1.0, 1.0, HALF**2 / 3]), lambda t, q, v: np.array([0.0, -9.81, 0.0]), 3
-    )
+    system = mbvi.LagrangianSystem(mass, weight, 3)
     floor = mbvi.GapFunction(gap, gradient, name="end | floor", tangents=tangents)
     start = [0.0, HALF * np.sin(ANGLE), ANGLE]
     problem = mbvi.Problem(system, [floor], start, [-SPEED, 0.0, 0.0], friction=FRICTION)

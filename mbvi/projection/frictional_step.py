@@ -98,7 +98,8 @@ def frictional_tree_law(
         if i % 3 == 0:
             a = i // 3
             lower[i] = -e[a] * before[i]
-            if len(opened) and opened[a] > 0.0:
+            # what closes within the step by its own speed has its impact now
+            if len(opened) and opened[a] > 0.0 and before[i] > -opened[a]:
                 lower[i] = min(lower[i], -opened[a])
         else:
             lower[i] = 0.0

@@ -56,7 +56,8 @@ def stretches(speed: float, load: float, grip: float) -> list[Stretch]:
     if speed != 0.0:
         rate = load - np.copysign(grip, speed)
         found.append(Stretch(0.0, 0.0, speed, rate))
-        if rate * speed >= 0.0:
+        # it does not stop, or after a time that no number holds
+        if rate * speed >= 0.0 or abs(rate) <= 1e-150 * abs(speed):
             return found
         start = -speed / rate
         place = 0.5 * speed * start

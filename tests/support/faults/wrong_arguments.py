@@ -541,6 +541,36 @@ CALLS: dict[str, Call] = {
     "reference.rod": Call(mbvi.reference.rod, lambda: dict(_REFERENCE), _solved),
     "reference.rocking_block": Call(mbvi.reference.rocking_block, lambda: dict(_REFERENCE), _solved),
     "reference.tumbling_body": Call(mbvi.reference.tumbling_body, lambda: {"e": 0.5, "duration": 0.3}, _solved),
+    "reference.block_on_incline": Call(
+        mbvi.reference.block_on_incline, lambda: {"mu": 0.5, "slope": 0.45, "speed": 0.0, "duration": 0.3}, _solved
+    ),
+    "reference.block_on_belt": Call(
+        mbvi.reference.block_on_belt, lambda: {"mu": 0.3, "belt": 1.5, "speed": -0.5, "duration": 0.3}, _solved
+    ),
+    "reference.tipping_box": Call(
+        mbvi.reference.tipping_box, lambda: {"mu": 0.9, "slope": 0.6, "duration": 0.3}, _solved
+    ),
+    "reference.rolling_ball": Call(
+        mbvi.reference.rolling_ball,
+        lambda: {"mu": 0.2, "slope": 0.0, "speed": 2.0, "spin": 0.0, "duration": 0.3}, _solved,
+    ),
+    "reference.ball_with_spin": Call(
+        mbvi.reference.ball_with_spin,
+        lambda: {
+            "e": 0.7, "mu": 0.12, "velocity": (1.0, 0.5), "spin": (5.0, -20.0, 12.0), "height": 0.5, "bounces": 2
+        },
+        _solved,
+    ),
+    "reference.spinning_tripod": Call(
+        mbvi.reference.spinning_tripod, lambda: {"mu": 0.4, "speed": 0.0, "spin": 10.0, "duration": 0.3}, _solved
+    ),
+    "reference.painleve_rod": Call(
+        mbvi.reference.painleve_rod,
+        lambda: {"mu": 1.6, "angle": 1.0, "speed": 1.0, "drop": 0.02, "tip": 0.0, "duration": 0.3}, _solved,
+    ),
+    "reference.wall_pendulum": Call(
+        mbvi.reference.wall_pendulum, lambda: {"mu": 0.4, "angle": 1.2, "rate": 0.0, "duration": 0.3}, _solved
+    ),
     "reference.references": Call(mbvi.reference.references, lambda: {"e": 0.5}),
     "reference.Reference.started": Call(
         lambda **given: mbvi.reference.bouncing_ball(0.5).started(**given), lambda: {"t": 0.1}, _moves
