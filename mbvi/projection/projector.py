@@ -182,6 +182,10 @@ class Projector:
         fall = np.abs(free - v).max(initial=0.0)
         self._speed = float(np.abs(v).max(initial=0.0) / fall) if fall > 0.0 else np.inf
 
+    def _at_speed(self, residual: float) -> float:
+        """Return the residual that bodies of the present speed take, where those that fall take the given one."""
+        return residual * min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
+
     @property
     def residual_at_rest(self) -> float:
         """The relative residual of projections of sparse rows of bodies at rest."""
@@ -352,7 +356,7 @@ class Projector:
         residual, rate = self.friction_residual, np.inf
         if self.accepted is not None and h is not None:
             residual, rate = self.accepted.largest_residual, _SHARE * self.accepted.depth / h
-            residual *= min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
+            residual = self._at_speed(residual)
         start = self._last_frictional.of_rows(keys)
         found = project_frictional_sparse(x, metric, J, bounds, tangents.friction, residual, start, rate)
         self._last_frictional.keep(found.percussion.reshape(-1, 3), keys)
@@ -389,7 +393,7 @@ class Projector:
             return self._without_zero_rows(qp, contacts, h)
         if self.accepted is not None and h is not None:
             residual = self.accepted.residual(qp, contacts, h)
-            residual *= min(1.0, max(_OF_SPEED * self._speed / residual, _LEAST))
+            residual = self._at_speed(residual)
             qp.relative_tolerance = self._accepted_residual(residual, qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)

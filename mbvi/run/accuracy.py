@@ -32,11 +32,14 @@ def projector_of(
     InputError
         If both are given, or one is not positive and finite.
     UnsuitableError
-        If a depth is given and the scheme penetrates by more than its residual.
+        If a depth is given and the scheme penetrates by more than its residual, or if a solver is given and the problem
+        has friction.
     """
     residual, depth = optional(positive, residual, "residual"), optional(positive, depth, "depth")
     if residual is not None and depth is not None:
         raise InputError("give depth or residual, not both: each determines the other")
+    if solver is not None and problem.constraints.frictional:
+        raise UnsuitableError(f"{solver!r} does not solve Coulomb's law: leave out solver where there is friction")
     if depth is not None and not scheme.accepts_depth:
         raise UnsuitableError(
             f"{scheme!r} does not take a depth, because it penetrates however small the residual is: "
@@ -50,7 +53,7 @@ def projector_of(
     size = smallest_size(problem)
     accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
     note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"
-    return Projector(DEFAULT_RESIDUAL, solver, accepted), [note]
+    return Projector(DEFAULT_RESIDUAL, solver, accepted, FRICTION_RESIDUAL), [note]
 
 
 def residual_note(projector: Projector) -> list[str]:

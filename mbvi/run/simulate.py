@@ -58,7 +58,7 @@ def steps(
         within it, which is the radius of a sphere and half of the smallest edge of a box. The residual of each
         projection follows from it. For `StewartTrinkle`, with 1e-3 as default where rows are sparse (many bodies).
     solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
-        Solves every projection; by default several are tried in order.
+        Solves every projection; by default several are tried in order. Not with friction, whose law has its own.
 
     Returns
     -------
