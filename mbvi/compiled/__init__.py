@@ -1,5 +1,6 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
+from .addresses import call_address
 from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
 
-__all__ = ["KERNELS", "Kernel", "compile_all", "kernel", "plain_array", "record", "seconds_compiling"]
+__all__ = ["KERNELS", "Kernel", "call_address", "compile_all", "kernel", "plain_array", "record", "seconds_compiling"]

@@ -7,13 +7,15 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from types import CodeType, FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
+
+from .addresses import AddressCall
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record", bound=type)
@@ -81,9 +83,7 @@ class Kernel:
 
     def _records(self) -> dict[str, Any]:
         """Return the records that the kernel or its signature names."""
-        namespace = self.loops.__globals__
-        names = _names(self.loops.__code__).union(re.findall(r"[A-Za-z_]\w*", self.signature))
-        return {name: namespace[name] for name in names if hasattr(namespace.get(name), "kernel_types")}
+        return _records_of(_names(self.loops.__code__).union(_WORD.findall(self.signature)), self.loops.__globals__)
 
     def _allocates(self) -> bool:
         """Return whether the kernel makes arrays, or calls a kernel that returns some."""
@@ -101,9 +101,11 @@ class Kernel:
         loops = FunctionType(self.loops.__code__, namespace, self.__name__)
         loops.__module__, loops.__doc__ = self.__module__, self.__doc__
 
+        calls = {name: namespace[name] for name in _names(loops.__code__) if _is_address_call(namespace.get(name))}
+
         def before_compiling() -> None:
             _announce()
-            namespace.update({name: other.compiled() for name, other in others.items()})
+            namespace.update({name: other.compiled() for name, other in {**others, **calls}.items()})
 
         signature = signature_of(self.signature, self._records())
         return compiled(loops, signature, self.stamp().hex(), before_compiling, self._allocates())
@@ -128,7 +130,7 @@ def kernel(signature: str) -> Callable[[Function], Function]:
 
 
 def record(kernel_types: str) -> Callable[[Record], Record]:
-    """Let kernels take a NamedTuple, given numba's types of its fields."""
+    """Let kernels take a NamedTuple, given numba's types of its fields; they may be records of the same module."""
 
     def mark(kind: Record) -> Record:
         setattr(kind, "kernel_types", kernel_types)  # noqa: B010
@@ -153,6 +155,7 @@ def seconds_compiling() -> float:
     return _seconds
 
 
+_WORD = re.compile(r"[A-Za-z_]\w*")
 # names of numpy that make arrays in kernels; with others compiling fails. Results of kernels that are no arrays
 _ALLOCATING = frozenset({"arange", "copy", "empty", "full", "zeros"})
 _RETURNS_NUMBERS = re.compile(r"(void|[a-z]\d|Tuple\(\([a-z\d, ]*\)\))\(")
@@ -187,6 +190,21 @@ def _announce() -> None:
     if not _announced:
         _announced = True
         print("mbvi: compiling kernels, once on this machine ...", file=sys.stderr, flush=True)
+
+
+def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, Any]:
+    """Return the records of a module that bear some names, each after the records in its own fields."""
+    found: dict[str, Any] = {}
+    for name in names:
+        each: Any = namespace.get(name)
+        if hasattr(each, "kernel_types"):
+            found |= _records_of(_WORD.findall(each.kernel_types), vars(sys.modules[each.__module__]))
+            found[name] = each
+    return found
+
+
+def _is_address_call(value: Any) -> bool:
+    return isinstance(value, AddressCall)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
 from .given import not_finite
+from .mechanism import Mechanism, mechanism
 from .memory import Memory
 from .system import Array, Kinematics, System
 
@@ -153,6 +154,13 @@ class ArticulatedSystem(System):
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
         return type(self), (self.model, self.name, self.control)
+
+    def mechanism(self) -> Mechanism | None:
+        """Return a record with a `pin.Data` of its own, or None if Pinocchio cannot be called by address here."""
+        try:
+            return mechanism(self.model, self.model.createData(), self._support, self._parent)
+        except OSError:
+            return None
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)

@@ -7,6 +7,7 @@ shape.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,18 +15,18 @@ import pinocchio as pin
 
 Array = np.ndarray
 
-# numbers of one pose: 9 of the rotation by columns, then 3 of the translation
-_POSE = 12
+# numbers of one pose: 9 of the rotation by columns, then 3 of the translation; of a spatial velocity
+_POSE, _MOTION = 12, 6
 _DOUBLE = 8
 
 
-class _Window:
-    """Memory of a Data with a shape; an array made from it keeps the Data alive."""
+class Window:
+    """Memory with a shape; an array made from it keeps alive the owner, in whose memory it lies."""
 
-    def __init__(self, data: pin.Data, address: int, shape: tuple[int, ...]) -> None:
-        self._data = data
+    def __init__(self, owner: object, address: int, shape: tuple[int, ...], kind: str = "<f8") -> None:
+        self._owner = owner
         self.__array_interface__: dict[str, Any] = {
-            "data": (address, False), "shape": shape, "typestr": "<f8", "version": 3,
+            "data": (address, False), "shape": shape, "typestr": kind, "version": 3,
         }  # fmt: skip
 
 
@@ -61,7 +62,7 @@ class Memory:
         addresses = self._addresses()
         self.in_place = addresses is not None
         if addresses is not None:
-            windows = (_Window(self._data, *both) for both in zip(addresses, self._shapes, strict=True))
+            windows = (Window(self._data, *both) for both in zip(addresses, self._shapes, strict=True))
             self.poses, self.columns, self.mass = map(np.asarray, windows)
             self.in_place = self._agrees()
         if not self.in_place:
@@ -91,7 +92,7 @@ class Memory:
 
     def _addresses(self) -> tuple[int, int, int] | None:
         """Return the addresses of poses, columns and mass matrix, or None if the layout is not the expected one."""
-        first = _address(self._data.oMi[0].rotation)
+        first = address(self._data.oMi[0].rotation)
         for k, pose in enumerate(self._data.oMi):
             here = first + k * _POSE * _DOUBLE
             if _layout(pose.rotation) != (here, (_DOUBLE, 3 * _DOUBLE)):
@@ -103,17 +104,36 @@ class Memory:
             return None
         if J.size != 6 * nv or M.size != nv * nv or not (_is_view(J, self._data.J) and _is_view(M, self._data.M)):
             return None
-        return first, _address(J), _address(M)
+        return first, address(J), address(M)
 
 
-def _address(array: Array) -> int:
+def vector_view(data: pin.Data, read: Callable[[], Array]) -> Array | None:
+    """Return the vector of a getter in its own memory, or None if the getter returns copies."""
+    array = read()
+    if not _is_view(array, read()) or array.strides != (_DOUBLE,):
+        return None
+    return np.asarray(Window(data, address(array), array.shape))
+
+
+def motions_view(data: pin.Data, motions: Any) -> Array | None:
+    """Return spatial velocities in their own memory, shape (njoints, 6), or None if they lie otherwise."""
+    first = address(motions[0].linear)
+    for k, motion in enumerate(motions):
+        here = first + k * _MOTION * _DOUBLE
+        if _layout(motion.linear) != (here, (_DOUBLE,)) or _layout(motion.angular) != (here + 3 * _DOUBLE, (_DOUBLE,)):
+            return None
+    return np.asarray(Window(data, first, (len(motions), _MOTION)))
+
+
+def address(array: Array) -> int:
+    """Return the address of an array's first number."""
     return int(array.__array_interface__["data"][0])
 
 
 def _layout(array: Array) -> tuple[int, tuple[int, ...]]:
-    return _address(array), array.strides
+    return address(array), array.strides
 
 
 def _is_view(array: Array, again: Array) -> bool:
     """Return whether a getter returns a view: two calls then return the same address."""
-    return _address(array) == _address(again)
+    return address(array) == address(again)

@@ -1,0 +1,42 @@
+"""Calls of C functions by their addresses, from kernels and from Python."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+
+class AddressCall:
+    """Calls the C function at an address with integer arguments; its result is ignored.
+
+    In kernels it compiles to a plain call. The address is an argument at run time, so that kernels that call it can be
+    kept on disk.
+    """
+
+    def __call__(self, function: int, *arguments: int | np.int32) -> None:
+        """Call the function; an argument of type int32 is a C int, others are 64-bit integers or pointers."""
+        kinds = [ctypes.c_int if isinstance(a, np.int32) else ctypes.c_int64 for a in arguments]
+        ctypes.CFUNCTYPE(None, *kinds)(int(function))(*(int(a) for a in arguments))
+
+    def compiled(self) -> Any:
+        """Return numba's form of it."""
+        from llvmlite import ir
+        from numba.core import cgutils, types
+        from numba.extending import intrinsic
+
+        def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+            arguments = cgutils.unpack_tuple(builder, values[1])
+            kind = ir.FunctionType(ir.VoidType(), [each.type for each in arguments])
+            builder.call(builder.inttoptr(values[0], kind.as_pointer()), arguments)
+            return context.get_dummy_value()
+
+        @intrinsic
+        def call_address(typing: Any, function: Any, *arguments: Any) -> Any:
+            return types.void(types.int64, types.StarArgTuple.from_types(arguments)), generate
+
+        return call_address
+
+
+call_address = AddressCall()
