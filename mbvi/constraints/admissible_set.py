@@ -203,14 +203,18 @@ class AdmissibleSet(Rebuilt):
         """Return the tangents of rows that are all of family number f."""
         family = self.families[f]
         own = rows.constraint - self._starts[f]
-        mu = family.friction_of(own)
-        if np.isnan(family.friction).any():
-            mu = np.where(np.isnan(mu), self._mu[f], mu)
+        mu = self.friction_of(f, own)
         if mu.any():
             plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
             self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         return none_of(len(mu), self.system.nv, not isinstance(rows.jacobian, np.ndarray))
+
+    def friction_of(self, f: int, own: Array) -> Array:
+        """Return the coefficients of friction of some constraints of family number f, shape (k,)."""
+        family = self.families[f]
+        mu = family.friction_of(own)
+        return np.where(np.isnan(mu), self._mu[f], mu) if np.isnan(family.friction).any() else mu
 
     @staticmethod
     def _refuse(name: str, mu: float) -> None:

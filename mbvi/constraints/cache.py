@@ -17,7 +17,7 @@ from .rows import Array, Rows
 _MOST_CACHED = 60
 # queries in a row in which some candidate had no row, after which candidates are listed again: to list them costs more
 # than to measure a few that have no row
-_IDLE = 8
+IDLE = 8
 
 
 @kernel("i8(f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8)")
@@ -146,6 +146,47 @@ class ClearanceCache:
             if entry.candidates is not None:
                 entry.candidates.forget()
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array] | None:
+        """Envelopes, travels and clearances, which the compiled loop shares; None if a family is always queried."""
+        return (self._envelope, self._travel, self._clearance) if self.knows_travel else None
+
+    def candidates(self, slot: int) -> PairCandidates | None:
+        """Return the candidates of one family, if it is one of pairs."""
+        return self._entries[slot].candidates
+
+    def lend(self, q: Array, always: Array, listed: Sequence[Array | None]) -> bool:
+        """Write the rest of the state for the compiled loop; return False if there was no query yet.
+
+        Parameters
+        ----------
+        q : ndarray, shape (nq,)
+            Receives the configuration of the last query.
+        always : ndarray of bool, shape (n,)
+            Receives the families of which some candidates are measured at every step.
+        listed : sequence of ndarray
+            Of each family of pairs receive how many candidates there are, and for how many queries one had no row.
+        """
+        if self._last is None:
+            return False
+        q[:] = self._last
+        for k, entry in enumerate(self._entries):
+            always[k] = self._always_query >> k & 1
+            one = listed[k]
+            if entry.candidates is not None and one is not None:
+                one[:] = len(entry.candidates.index), entry.idle
+        return True
+
+    def take_back(self, q: Array, always: Array, listed: Sequence[Array | None], candidates: Sequence[Array]) -> None:
+        """Read the state that the compiled loop left; the arguments as of `lend`, and the candidates of each family."""
+        self._last, self._always_query = q.copy(), 0
+        for k, entry in enumerate(self._entries):
+            self._always_query |= int(always[k]) << k
+            one = listed[k]
+            if entry.candidates is not None and one is not None:
+                count, entry.idle = one.tolist()
+                entry.candidates.index = candidates[k][:count].copy()
+
     def contacts(
         self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
     ) -> list[Rows]:
@@ -168,7 +209,7 @@ class ClearanceCache:
                     self._always_query = self._always_query & ~(1 << slot) | (candidates.index.size > 0) << slot
                 rows = entry.query(q, tolerance, candidates)
                 entry.idle = entry.idle + 1 if candidates.any_empty else 0
-                if entry.idle == _IDLE:
+                if entry.idle == IDLE:
                     # a candidate without a row may be skipped: list the candidates again at the next query
                     self._clearance[slot], entry.idle = -np.inf, 0
             if rows is not None:

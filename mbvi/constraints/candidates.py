@@ -67,6 +67,8 @@ class PairCandidates:
 
     Attributes
     ----------
+    reach : ndarray or csr_array, shape (nv, count), or None
+        As given.
     index : ndarray of int, shape (k,)
         The candidates, ascending; the same array until it changes.
     clearance : ndarray, shape (count,)
@@ -76,7 +78,7 @@ class PairCandidates:
     """
 
     def __init__(self, count: int, reach: Array | Any = None) -> None:
-        self._reach, self.clearance = reach, np.empty(count)
+        self.reach, self.clearance = reach, np.empty(count)
         self.forget()
 
     def forget(self) -> None:
@@ -99,12 +101,12 @@ class PairCandidates:
         clearance : float
             The least clearance of the other pairs, less the tolerance.
         """
-        if isinstance(self._reach, np.ndarray):
+        if isinstance(self.reach, np.ndarray):
             index = np.empty(len(self.clearance), np.int64)
-            count, least = list_candidates(self.clearance, self._reach, travel, tolerance, index)
+            count, least = list_candidates(self.clearance, self.reach, travel, tolerance, index)
             self.index = index[:count]
             return least
-        self.clearance -= travel @ self._reach
+        self.clearance -= travel @ self.reach
         travel[:] = 0.0
         spent = self.clearance <= tolerance
         self.index = spent.nonzero()[0]

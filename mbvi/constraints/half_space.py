@@ -212,6 +212,11 @@ class HalfSpaceContacts(Pairs):
         # the points of the last rows
         self._last = self._select(np.zeros(0, np.int64))
 
+    @property
+    def points(self) -> Points:
+        """The support points, as kernels take them."""
+        return self._table
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pairs of a shape and a half-space"

@@ -106,6 +106,11 @@ class JointLimits(Rebuilt, ConstraintFamily):
             f"{joints[j]} {'lower' if s > 0 else 'upper'} limit" for j, s in zip(joint, self._sign, strict=True)
         )
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Of each limit sign and offset of its gap, lever, and places in q and v, each of shape (m,)."""
+        return self._sign, self._offset, self.lever, self._position, self._velocity
+
     def gap(self, t: float, q: Array) -> Array:
         """Return the distances to the limits, shape (m,) [rad or m]."""
         gap = q.take(self._position)

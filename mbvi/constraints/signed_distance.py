@@ -84,6 +84,11 @@ class SignedDistances(Pairs):
         """The name of each pair."""
         return tuple(self._shapes.name(a, b) for a, b in self._sides.tolist())
 
+    @property
+    def axes(self) -> SeparatingAxes:
+        """The separating axes of the pairs."""
+        return self._axes
+
     def keep_axes_of(self, other: SignedDistances) -> None:
         """Take over what another list of pairs of the same shapes knows of those that are in both."""
         before, axes = other._axes, self._axes

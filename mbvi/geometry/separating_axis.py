@@ -114,7 +114,7 @@ def axis_in_world(places: Array, body: int, axis: Array, pair: int, n: Array) ->
 
 
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8, f8[::1], i8[::1])")
-def _clear(
+def separated(
     places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float, bound: Array,
     unresolved: Array,
 ) -> int:  # fmt: skip
@@ -166,7 +166,7 @@ def _clear(
 
 @kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
 def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
-    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `_clear`."""
+    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `separated`."""
     for i in range(len(pairs)):
         body = frame[sides[pairs[i], 0]]
         for c in range(3):
@@ -232,7 +232,7 @@ class SeparatingAxes:
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """
         unresolved = np.empty(len(candidates), np.int64)
-        count = _clear(places, self.tables, self.axis, candidates, tolerance, bound, unresolved)
+        count = separated(places, self.tables, self.axis, candidates, tolerance, bound, unresolved)
         return unresolved[:count]
 
     def keep(self, places: Array, pairs: Array, normals: Array) -> None:

@@ -17,7 +17,7 @@ from .scaled_qp import ROUNDING, Projection
 from .tree import TreeFreeMotion, TreeMetric, solve
 
 # the residual that is aimed at
-_AIM = 1e-12
+AIM = 1e-12
 # rounds in which contacts join those that bear load
 _MOST_ROUNDS = 10
 
@@ -104,7 +104,7 @@ def law_of_contacts(
     matches = len(last.start) == 3 * m
     known, start = (last.known, last.start.copy()) if matches else (NOTHING, np.zeros(3 * m))
     found, unique = frictional_tree_law(
-        *motion.kernel_arguments, J, T, e, drift, opened, friction, known, _AIM, start, w, rates, slip
+        *motion.kernel_arguments, J, T, e, drift, opened, friction, known, AIM, start, w, rates, slip
     )
     # written so that a NaN is refused too
     if not 0.0 <= found <= residual:
@@ -155,7 +155,7 @@ def project_frictional(
     known, first = NOTHING, np.zeros(n)
     if start is not None and len(start.start) == n:
         known, first = UNIQUE if start.unique else COMPLIANT, start.start.copy()
-    limit = _AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
+    limit = AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
     A, bound, mu = _solved(metric, J), np.zeros(n), plain_array(friction)
     if len(lower) == n:
         bound[:] = lower

@@ -24,13 +24,13 @@ _SAME_POINT = 0.1
 _NO_LAST_ROWS = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((4, 0))
 # steps whose percussions are compared with that of a possible impact; several, because in piles many resting contacts
 # have a percussion every few steps only
-_RECENT = 16
+RECENT = 16
 # most notes that are kept, because a note may repeat at every step
 _MOST_NOTES = 20
 
 
 @kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])")
-def _record_depth(
+def record_depth(
     k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
     penetration: Array, residuals: Array,
 ) -> bool:  # fmt: skip
@@ -85,7 +85,7 @@ def _choose_rows(
     far : float
         Distance above which two contact points of one constraint count as different [m].
     lever, still
-        As of `_record_depth`.
+        As of `record_depth`.
     chosen : ndarray of int8, shape (k,)
         Receives 2 for rows that close, 1 for those that may take part, 0 for others.
 
@@ -151,6 +151,10 @@ class Recorder:
     ----------
     contacts : ContactLog or None
         None: this class records no contacts.
+    last : Step or None
+        The last step.
+    recent : RecentPercussions
+        The percussions of the last steps.
     """
 
     def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
@@ -169,8 +173,8 @@ class Recorder:
         self._warned = False
         self.count = 0
         self._parts = independent_parts(problem.system)
-        self._recent = RecentPercussions(_RECENT)
-        self._last: Step | None = None
+        self.recent = RecentPercussions(RECENT)
+        self.last: Step | None = None
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
@@ -178,7 +182,7 @@ class Recorder:
         k, gap = self.count, active.gap
         if not gap.size:
             self.penetration[k] = 0.0
-        elif _record_depth(
+        elif record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
         ):
             self._impact(step)
@@ -187,8 +191,8 @@ class Recorder:
             self.q[k] = q
             self.v[k] = v
             self.count = k + 1
-        self._last = step
-        self._recent.add(active.constraint, rates)
+        self.last = step
+        self.recent.add(active.constraint, rates)
 
     def trajectory(self, scheme: Scheme, h: float, *, complete: bool = True) -> Trajectory:
         """Return the run recorded so far."""
@@ -214,7 +218,7 @@ class Recorder:
 
     def _impact(self, step: Step) -> None:
         """Record an impact: the rows that closed, and the rows linked to them."""
-        active, rates, last = step.active, step.rates, self._last
+        active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
         last_number, last_point, last_rates = (
@@ -255,7 +259,7 @@ class Recorder:
         closing, others = candidates == 2, np.flatnonzero(candidates == 1)
         if not others.size:
             return closing
-        exceeds = self._recent.exceeded(step.active.constraint[others], step.percussion[others])
+        exceeds = self.recent.exceeded(step.active.constraint[others], step.percussion[others])
         chosen = closing.copy()
         chosen[others] = exceeds
         # all rows of a single mechanism are linked

@@ -19,6 +19,7 @@ from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import end_at, law
 from .accuracy import projector_of, residual_note
+from .compiled_loop import compiled_loop
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -201,7 +202,16 @@ def simulate(
         Sleepers(problem, h, projector) as sleepers,
     ):
         observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
-        for i in range(1, total + 1):
+        loop = compiled_loop(problem, scheme, projector, recorder, guard.limit, h, every, total)
+        done = 0
+        while done < total:
+            if loop is not None and done < whole and not fast:
+                state, done, complete = loop.run(state, done, whole)
+                if perf_counter() >= next_poll:
+                    next_poll = min(writer.poll(), bar.poll(done))
+                if complete:
+                    continue
+            i = done = done + 1
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
             if sleepers.any:
                 *parts, new = sleepers.stepped(

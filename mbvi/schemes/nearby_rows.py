@@ -12,7 +12,7 @@ from ..problem import Problem
 from ..system.system import Array
 
 # second-order part of a gap that is left out, in lengths of the scene
-_SECOND_ORDER = 1e-6
+SECOND_ORDER = 1e-6
 
 
 class KnownRows(NamedTuple):
@@ -57,7 +57,7 @@ class NearbyRows:
     def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
         self._problem, self._t = problem, t
         self._reach = (
-            (2.0 * _SECOND_ORDER) ** 0.5 * problem.length if linear and problem.constraints.knows_travel else 0.0
+            (2.0 * SECOND_ORDER) ** 0.5 * problem.length if linear and problem.constraints.knows_travel else 0.0
         )
         # the last search: the rows, where, and their largest gap less the tolerance
         self._rows: Rows | None = None

@@ -132,7 +132,7 @@ def law(
 
 # rows with friction join the law from so many activation tolerances on, where positions are projected: without
 # penetration a contact would be active in every other step only, and would slide in the others
-_NEAR = 100.0
+NEAR = 100.0
 
 
 def near_margin(problem: Problem, project_positions: bool, displacement: Array) -> float:
@@ -143,7 +143,7 @@ def near_margin(problem: Problem, project_positions: bool, displacement: Array) 
     if not (project_positions and problem.constraints.frictional):
         return 0.0
     bent = problem.constraints.travel(displacement) ** 2 / problem.length
-    return max((_NEAR - 1.0) * problem.tolerance, bent)
+    return max((NEAR - 1.0) * problem.tolerance, bent)
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")

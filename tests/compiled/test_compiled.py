@@ -68,7 +68,7 @@ def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
 
 def test_references_are_counted_where_arrays_are_made_or_returned():
     counted = {item.__name__: item._allocates() for item in KERNELS}
-    assert counted["separation_of"] and counted["_points_about"] and counted["refine_pair"] and counted["_clear"]
+    assert counted["separation_of"] and counted["_points_about"] and counted["refine_pair"] and counted["separated"]
     assert not (counted["reach"] or counted["pair_separation"] or counted["outermost"] or counted["dot"])
 
 

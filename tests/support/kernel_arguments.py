@@ -959,7 +959,7 @@ ARGUMENTS = {
     "points_within": points_within_,
     "_limits_within": reached,
     "reach": reach,
-    "_clear": clear,
+    "separated": clear,
     "_keep": keep,
     "place_side": placing_side,
     "core_reach": core_reach,
@@ -969,7 +969,7 @@ ARGUMENTS = {
     "write_blocks": write_blocks,
     "sparse_separation_rows": sparse_separation_rows,
     "_write_row": write_row,
-    "_record_depth": note,
+    "record_depth": note,
 }
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {
@@ -1043,9 +1043,9 @@ def specified(name, result, arguments):
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
     if name == "first_of_lines":
         return [result, arguments[-1][:result]]
-    if name in ("list_candidates", "filter_active", "_clear", "near_boxes"):
+    if name in ("list_candidates", "filter_active", "separated", "near_boxes"):
         # in its first places only
-        count = result if name in ("_clear", "near_boxes") else result[0]
+        count = result if name in ("separated", "near_boxes") else result[0]
         arguments[-1] = arguments[-1][:count]
     return [*(result if isinstance(result, tuple) else [result]), *arguments]
 

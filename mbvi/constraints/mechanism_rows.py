@@ -1,0 +1,361 @@
+"""The active rows of one mechanism in one kernel: joint limits, half-spaces and pairs that their axes separate.
+
+The kernel does what `AdmissibleSet.active` does, on the same arrays: clearances and candidates of `ClearanceCache`, the
+support points of `HalfSpaceContacts`, the axes of `SignedDistances`. The compiled loop calls it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled import kernel, record
+from ..geometry.separating_axis import separated
+from ..geometry.shape_table import Shapes
+from ..geometry.support_points import Points, lowest, points_below, spread_below
+from ..system.articulated import row
+from ..system.mechanism import Mechanism
+from ..system.pinocchio_address import crba, tangent
+from .cache import IDLE, consume_clearance
+from .candidates import list_candidates
+from .rows import Array
+from .tangents import write_axes
+
+# most rows that the kernel finds; more are left to Python
+MOST_ROWS = 32
+# what a family is
+LIMITS, HALF_SPACES, PAIRS = range(3)
+# what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
+FOUND, TOO_MANY, UNRESOLVED = range(3)
+
+
+@record("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1]")
+class RowBuffer(NamedTuple):
+    """Room for rows.
+
+    Attributes
+    ----------
+    count : ndarray of int, shape (1,)
+        How many there are.
+    number, gap, e, lever, mu : ndarray, shape (MOST_ROWS,)
+        Constraint, gap [m or rad], restitution, the factor that makes a length of the gap, coefficient of friction.
+    point, normal : ndarray, shape (MOST_ROWS, 3)
+        Contact points [m] and normals.
+    J, T : ndarray, shapes (MOST_ROWS, nv), (2 MOST_ROWS, nv)
+        Gradients, and those along two tangents; the latter have no rows in problems without friction.
+    """
+
+    count: Array
+    number: Array
+    gap: Array
+    e: Array
+    lever: Array
+    mu: Array
+    point: Array
+    normal: Array
+    J: Array
+    T: Array
+
+
+@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1]")
+class Clearances(NamedTuple):
+    """The state of a `ClearanceCache`.
+
+    Attributes
+    ----------
+    kind : ndarray of int, shape (n,)
+        `LIMITS`, `HALF_SPACES` or `PAIRS` for each family.
+    envelope, travel, clearance
+        As of `consume_clearance`.
+    q : ndarray, shape (nq,)
+        The configuration of the last query.
+    always : ndarray of bool, shape (n,)
+        The families of which some candidates must be measured at every step.
+    """
+
+    kind: Array
+    envelope: Array
+    travel: Array
+    clearance: Array
+    q: Array
+    always: Array
+
+
+@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1]")
+class Limits(NamedTuple):
+    """Joint limits: fields of `JointLimits`, and the numbers of the constraints."""
+
+    sign: Array
+    offset: Array
+    lever: Array
+    position: Array
+    velocity: Array
+    e: Array
+    number: Array
+
+
+@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")
+class PairFamily(NamedTuple):
+    """Pairs of shapes.
+
+    Attributes
+    ----------
+    reach, clearance, candidates
+        As of `list_candidates`, shapes (nv, n), (n,) and (n,).
+    listed : ndarray of int, shape (2,)
+        How many candidates there are, and at how many queries in a row one of them had no row.
+    number : ndarray of int, shape (n,)
+        The constraints.
+    bodies : ndarray of int, shape (2, n)
+        The first and the second body of each pair.
+    e, mu : ndarray, shape (n,)
+        Restitution and friction.
+    """
+
+    reach: Array
+    clearance: Array
+    candidates: Array
+    listed: Array
+    number: Array
+    bodies: Array
+    e: Array
+    mu: Array
+
+
+@record("i8[::1], f8[:,:,::1], i8[::1], i8[::1], f8[:,::1]")
+class PairAxes(NamedTuple):
+    """Separating axes of pairs: what `separated` needs beside the shapes.
+
+    Attributes
+    ----------
+    bodies : ndarray of int, shape (b,)
+        The bodies whose placements the shapes need.
+    places : ndarray, shape (b, 4, 3)
+        Room for these.
+    near, unresolved : ndarray of int, shape (n,)
+        Room for pairs.
+    axis : ndarray, shape (n, 3)
+        As of `SeparatingAxes`.
+    """
+
+    bodies: Array
+    places: Array
+    near: Array
+    unresolved: Array
+    axis: Array
+
+
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairAxes, PairFamily")
+class MechanismConstraints(NamedTuple):
+    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes."""
+
+    cache: Clearances
+    limits: Limits
+    points: Points
+    walls: PairFamily
+    shapes: tuple[Array, ...]
+    axes: PairAxes
+    pairs: PairFamily
+
+
+@kernel("Tuple((i8, f8))(Limits, f8[::1], f8, RowBuffer)")
+def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
+    """Append the limits within a tolerance [m]; return a code, and how far any gap may fall before the next query [m]."""
+    nearest, nv = np.inf, rows.J.shape[1]
+    for a in range(len(limits.sign)):
+        gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]
+        nearest = min(nearest, limits.lever[a] * gap)
+        if limits.lever[a] * gap <= tolerance:
+            m = rows.count[0]
+            if m == MOST_ROWS:
+                return TOO_MANY, -np.inf
+            rows.number[m], rows.gap[m], rows.e[m] = limits.number[a], gap, limits.e[a]
+            rows.lever[m], rows.mu[m] = limits.lever[a], 0.0
+            for c in range(3):
+                rows.point[m, c] = rows.normal[m, c] = np.nan
+            for k in range(nv):
+                rows.J[m, k] = 0.0
+            rows.J[m, limits.velocity[a]] = limits.sign[a]
+            rows.count[0] = m + 1
+    # a row must be found at every step, so that no step can be skipped while there is one
+    return FOUND, -np.inf if nearest <= tolerance else nearest - tolerance
+
+
+@kernel("Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Points, PairFamily, f8, RowBuffer)")
+def half_space_contacts(
+    poses: Array, columns: Array, support: Array, points: Points, family: PairFamily, tolerance: float,
+    rows: RowBuffer,
+) -> tuple[int, bool]:  # fmt: skip
+    """Append the contacts of the candidates with half-spaces; return a code, and whether a candidate has none.
+
+    Parameters
+    ----------
+    poses, columns, support
+        As of `Kinematics`.
+    points : Points
+        The support points of the shapes.
+    family : PairFamily
+        The pairs.
+    tolerance : float
+        Gap at and below which a point is a contact [m].
+    rows : RowBuffer
+        The rows.
+    """
+    any_empty, out = False, points.out
+    for i in range(family.listed[0]):
+        pair = family.candidates[i]
+        count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
+        any_empty = any_empty or count == 0
+        count = spread_below(poses, points, pair, 0, count)
+        if rows.count[0] + count > MOST_ROWS:
+            return TOO_MANY, True
+        for j in range(count):
+            m, k = rows.count[0], points.found[j]
+            lowest(poses, points.body[pair], points.numbers, k, out)
+            for c in range(3):
+                rows.point[m, c], rows.normal[m, c] = out[c], points.numbers[k, 12 + c]
+            row(columns, support[0], support[points.body[pair]], out, points.numbers[k, 12:15], rows.J[m])
+            rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], out[3], family.e[pair]
+            rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
+            rows.count[0] = m + 1
+    return FOUND, any_empty
+
+
+@kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Shapes), PairAxes, PairFamily, f8)")
+def all_separated(
+    poses: Array, shapes: tuple[Array, ...], axes: PairAxes, family: PairFamily, tolerance: float
+) -> tuple[int, bool]:
+    """Return a code, and whether there are candidates: `UNRESOLVED` unless all are separated by their axes.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Poses of the bodies.
+    shapes : tuple
+        The fields of `Shapes`.
+    axes, family : PairAxes and PairFamily
+        The pairs.
+    tolerance : float
+        Gap at and below which a pair is in contact [m].
+    """
+    count = family.listed[0]
+    if count == 0:
+        return FOUND, False
+    for b in range(len(axes.bodies)):
+        for r in range(4):
+            for c in range(3):
+                axes.places[b, r, c] = poses[axes.bodies[b], r, c]
+    near = family.candidates[:count]
+    left = separated(axes.places, shapes, axes.axis, near, tolerance, family.clearance, axes.unresolved)
+    return UNRESOLVED if left > 0 else FOUND, True
+
+
+@kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer)")
+def append_tangents(columns: Array, support: Array, family: PairFamily, begin: int, rows: RowBuffer) -> None:
+    """Write the gradients along the tangents of the rows of one family, from row `begin` on; none where mu is 0."""
+    end, nv, rough = rows.count[0], rows.J.shape[1], False
+    for a in range(begin, end):
+        rough = rough or rows.mu[a] > 0.0
+    axes = np.empty((max(end - begin, 0), 2, 3))
+    if rough:
+        write_axes(rows.normal[begin:end], axes)
+    for a in range(begin, end):
+        for c in range(2):
+            if rough:
+                pair = rows.number[a] - family.number[0]
+                first, second = support[family.bodies[0, pair]], support[family.bodies[1, pair]]
+                row(columns, first, second, rows.point[a], axes[a - begin, c], rows.T[2 * a + c])
+            else:
+                for k in range(nv):
+                    rows.T[2 * a + c, k] = 0.0
+
+
+@kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")
+def active_rows(
+    mechanism: Mechanism, constraints: MechanismConstraints, origin: Array, displacement: Array, q: Array,
+    tolerance: float, rows: RowBuffer,
+) -> int:  # fmt: skip
+    """Find the rows within a tolerance, family by family; return a code.
+
+    Where the code is not `FOUND`, the caches are such that `AdmissibleSet.active` finds the rows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism; it is placed at q if there are rows.
+    constraints : MechanismConstraints
+        The constraints.
+    origin, displacement, q, tolerance
+        As of `AdmissibleSet.active`, where these are origin, moved, q and tolerance.
+    rows : RowBuffer
+        Receives the rows.
+    """
+    cache, walls = constraints.cache, constraints.walls
+    same, code = len(origin) == len(q), FOUND
+    for i in range(len(origin)):
+        same = same and origin[i] == cache.q[i]
+    moved = displacement
+    if not same:
+        moved = np.empty(len(displacement))
+        tangent(mechanism.calls, cache.q, q, moved)
+    for i in range(len(q)):
+        cache.q[i] = q[i]
+    exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
+    rows.count[0], placed, frictional = 0, False, len(rows.T) > 0
+    for k in range(len(cache.kind)):
+        spent, kind, begin, any_empty = exhausted >> k & 1 > 0, cache.kind[k], rows.count[0], False
+        if not (spent or cache.always[k]):
+            continue
+        if code != FOUND:
+            # the query of this family is left to Python
+            cache.clearance[k] = -np.inf
+            continue
+        if kind == LIMITS:
+            code, clearance = limit_rows(constraints.limits, q, tolerance, rows)
+            cache.clearance[k] = clearance + tolerance
+            if frictional and code == FOUND:
+                append_tangents(mechanism.columns, mechanism.support, walls, begin, rows)
+            continue
+        if not placed:
+            crba(mechanism.calls, q)
+            placed = True
+        family = walls if kind == HALF_SPACES else constraints.pairs
+        if spent:
+            count, least = list_candidates(family.clearance, family.reach, cache.travel[k], tolerance, family.candidates)
+            family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
+        if kind == HALF_SPACES:
+            code, any_empty = half_space_contacts(
+                mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
+            )
+        else:
+            code, any_empty = all_separated(mechanism.poses, constraints.shapes, constraints.axes, family, tolerance)
+        if code != FOUND:
+            cache.clearance[k] = -np.inf
+            continue
+        if frictional:
+            append_tangents(mechanism.columns, mechanism.support, family, begin, rows)
+        family.listed[1] = family.listed[1] + 1 if any_empty else 0
+        if family.listed[1] == IDLE:
+            # a candidate without a row may be skipped: list the candidates again at the next query
+            cache.clearance[k], family.listed[1] = -np.inf, 0
+    if rows.count[0] > 0 and not placed:
+        crba(mechanism.calls, q)
+    return code
+
+
+@kernel("void(RowBuffer, i8, RowBuffer)")
+def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
+    """Append row a of some rows to others."""
+    m, nv = others.count[0], rows.J.shape[1]
+    others.number[m], others.gap[m], others.e[m] = rows.number[a], rows.gap[a], rows.e[a]
+    others.lever[m], others.mu[m] = rows.lever[a], rows.mu[a]
+    for c in range(3):
+        others.point[m, c], others.normal[m, c] = rows.point[a, c], rows.normal[a, c]
+    for k in range(nv):
+        others.J[m, k] = rows.J[a, k]
+    if len(rows.T) > 0:
+        for c in range(2):
+            for k in range(nv):
+                others.T[2 * m + c, k] = rows.T[2 * a + c, k]
+    others.count[0] = m + 1

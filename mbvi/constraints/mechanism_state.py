@@ -1,0 +1,143 @@
+"""The constraints of one mechanism as the compiled loop takes them; it shares the arrays of their caches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..geometry.shape_table import ShapeTable
+from .admissible_set import AdmissibleSet
+from .half_space import HalfSpaceContacts
+from .joint_limit import JointLimits
+from .mechanism_rows import (
+    HALF_SPACES,
+    LIMITS,
+    MOST_ROWS,
+    PAIRS,
+    Clearances,
+    Limits,
+    MechanismConstraints,
+    PairAxes,
+    PairFamily,
+    RowBuffer,
+)
+from .pairs import Pairs
+from .rows import Array
+from .signed_distance import SignedDistances
+
+_KINDS: dict[type, int] = {JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS}
+
+
+def row_buffer(nv: int, frictional: bool) -> RowBuffer:
+    """Return room for rows of a mechanism with nv velocities."""
+    gap, e, lever, mu = np.zeros((4, MOST_ROWS))
+    point, normal = np.zeros((2, MOST_ROWS, 3))
+    J, T = np.zeros((MOST_ROWS, nv)), np.zeros((2 * MOST_ROWS if frictional else 0, nv))
+    return RowBuffer(np.zeros(1, np.int64), np.zeros(MOST_ROWS, np.int64), gap, e, lever, mu, point, normal, J, T)
+
+
+class MechanismState:
+    """The constraints of one mechanism in arrays.
+
+    Parameters
+    ----------
+    constraints : AdmissibleSet
+        Of which `can_be_compiled` is true.
+
+    Attributes
+    ----------
+    arrays : MechanismConstraints
+        As kernels take them.
+    """
+
+    def __init__(self, constraints: AdmissibleSet) -> None:
+        self._set, cache, shared = constraints, constraints.cache, constraints.cache.arrays
+        assert shared is not None
+        nq, nv, families = constraints.system.nq, constraints.system.nv, constraints.families
+        kinds = [_KINDS[type(family)] for family in families]
+        slots = {kind: k for k, kind in enumerate(kinds)}
+        tables: dict[int, Any] = {}
+        self._listed: list[Array | None] = [None] * len(kinds)
+        self._candidates: list[Array] = [np.zeros(0, np.int64)] * len(kinds)
+        for kind in (HALF_SPACES, PAIRS):
+            tables[kind] = _no_pairs(nv)
+            if kind in slots:
+                k = slots[kind]
+                tables[kind] = table = _pair_family(constraints, k, cache.candidates(k))
+                self._listed[k], self._candidates[k] = table.listed, table.candidates
+        walls = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
+        pairs = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
+        limits = _limits(constraints, slots.get(LIMITS))
+        axes, n = pairs.axes, pairs.size
+        self._clearances = Clearances(
+            np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool)
+        )
+        rooms = np.zeros((len(axes.bodies), 4, 3)), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.arrays = MechanismConstraints(
+            self._clearances, limits, walls.points, tables[HALF_SPACES], axes.tables,
+            PairAxes(np.array(axes.bodies, dtype=np.int64), *rooms, axes.axis), tables[PAIRS],
+        )  # fmt: skip
+
+    def enter(self) -> bool:
+        """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""
+        if any(isinstance(family, Pairs) and family.some_rest for family in self._set.families):
+            return False
+        cache, state = self._set.cache, self._clearances
+        if not cache.lend(state.q, state.always, self._listed):
+            return False
+        for k, room in enumerate(self._candidates):
+            candidates = cache.candidates(k)
+            if candidates is not None:
+                room[: len(candidates.index)] = candidates.index
+        return True
+
+    def leave(self) -> None:
+        """Copy the state back to the caches."""
+        self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
+
+
+def can_be_compiled(constraints: AdmissibleSet) -> bool:
+    """Return whether the loop knows every family: at most one of joint limits, of half-spaces and of pairs of shapes."""
+    kinds = [type(family) for family in constraints.families]
+    if not all(kind in _KINDS for kind in kinds) or len(set(kinds)) < len(kinds) or constraints.cache.arrays is None:
+        return False
+    found = (constraints.cache.candidates(k) for k in range(len(kinds)))
+    return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
+
+
+def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:
+    family, start, e = constraints.numbered()[k]
+    n = family.size
+    numbers = np.arange(n)
+    own = np.broadcast_to(np.asarray(family.restitution, dtype=float), (n,))
+    return PairFamily(
+        candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
+        np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
+        constraints.friction_of(k, numbers),
+    )  # fmt: skip
+
+
+def _no_pairs(nv: int) -> PairFamily:
+    no, none = np.zeros(0, np.int64), np.zeros(0)
+    return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, np.zeros((2, 0), np.int64), none, none)
+
+
+def _no_walls(constraints: AdmissibleSet) -> Any:
+    return HalfSpaceContacts(constraints.system, [], [], [], np.zeros(0))
+
+
+def _no_shapes(constraints: AdmissibleSet) -> Any:
+    return SignedDistances(constraints.system, ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0))
+
+
+def _limits(constraints: AdmissibleSet, k: int | None) -> Limits:
+    if k is None:
+        nothing, none = np.zeros(0), np.zeros(0, np.int64)
+        return Limits(nothing, nothing, nothing, none, none, nothing, none)
+    family, start, e = constraints.numbered()[k]
+    assert isinstance(family, JointLimits)
+    own = np.broadcast_to(family.restitution, (family.size,))
+    return Limits(*family.arrays, np.where(np.isnan(own), e, own), start + np.arange(family.size))
+
+

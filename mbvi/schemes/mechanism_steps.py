@@ -1,0 +1,220 @@
+"""One step of a mechanism in one kernel: what `Paoli.step`, `Centered.step` and `MoreauJean.step` do, with few rows.
+
+A kernel returns a code. Where that is not `DONE`, the step is left to the scheme's own method, which starts from the
+same state; the caches of distances and the percussions of the last projection are such that it gives the same.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled import kernel, record
+from ..constraints.mechanism_rows import FOUND, MechanismConstraints, RowBuffer, active_rows
+from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE
+from ..projection.friction import AIM
+from ..projection.frictional_step import frictional_tree_law
+from ..projection.robot_step import tree_law
+from ..projection.tree import advance_by
+from ..system.controls import ControlTable, write_torque
+from ..system.mechanism import Mechanism
+from ..system.pinocchio_address import aba, crba, nonlinear_effects, retract
+from ..system.system import Array
+
+# what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; a contact bounces, or
+# moves too far for one kernel
+DONE, UNSOLVED, BOUNCES = FOUND, 3, 4
+
+
+@record("f8[::1], f8[::1], i8[::1]")
+class LawMemory(NamedTuple):
+    """What the law starts from.
+
+    Attributes
+    ----------
+    percussion : ndarray, shape (MOST_ROWS,)
+        Percussions of the last projection.
+    start : ndarray, shape (3 MOST_ROWS,)
+        The start of Coulomb's law, as of `FrictionalStart`.
+    size : ndarray of int, shape (3,)
+        How many entries both have, and whether the answer at the start was unique.
+    """
+
+    percussion: Array
+    start: Array
+    size: Array
+
+
+@record("f8, f8, f8, f8[:,::1], b1, f8")
+class Scales(NamedTuple):
+    """Numbers of a problem.
+
+    Attributes
+    ----------
+    tolerance, length : float
+        Activation tolerance and length of the scene [m].
+    residual : float
+        Relative residual that Coulomb's law may have.
+    squares : ndarray, shape (families, nv)
+        As of `ClearanceCache`.
+    controlled : bool
+        Whether a control acts.
+    theta : float
+        Of `MoreauJean`.
+    """
+
+    tolerance: float
+    length: float
+    residual: float
+    squares: Array
+    controlled: bool
+    theta: float
+
+
+@record(
+    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, f8[::1], RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1],"
+    " f8[::1], f8[::1]"
+)
+class MechanismStep(NamedTuple):
+    """A mechanism with its constraints, and room for one step.
+
+    Attributes
+    ----------
+    mechanism, constraints, memory, scales, control
+        What steps.
+    torque : ndarray, shape (nv,)
+        Room for the torques of the control [N, N m].
+    rows : RowBuffer
+        Receives the rows of the law; their gaps are those at the end of the step.
+    ahead, middle : RowBuffer
+        Room for the rows elsewhere in the step.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        Receive the state after the step.
+    rates : ndarray, shape (4 MOST_ROWS,)
+        Receives the rates of the rows as of `Step`, one after the other, in its first 4 k places.
+    residual : ndarray, shape (1,)
+        Receives the relative residual of the law.
+    """
+
+    mechanism: Mechanism
+    constraints: MechanismConstraints
+    memory: LawMemory
+    scales: Scales
+    control: ControlTable
+    torque: Array
+    rows: RowBuffer
+    ahead: RowBuffer
+    middle: RowBuffer
+    q: Array
+    v: Array
+    rates: Array
+    residual: Array
+
+
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
+def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
+    """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
+    m, damped, n = s.mechanism, False, len(v)
+    write_torque(s.control, t, q, v, s.torque)
+    for d in m.damping:
+        damped = damped or d != 0.0
+    if damped:
+        crba(m.calls, q)
+        nonlinear_effects(m.calls, q, v)
+        if advance_by(m.mass, m.damping, m.parent, v, h, s.torque, m.effects, np.empty((n, n)), w):
+            w[0] = np.nan
+        return
+    aba(m.calls, q, v, s.torque)
+    for k in range(n):
+        w[k] = v[k] + h * m.acceleration[k]
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8[::1], f8, f8[::1])")
+def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Array, h: float, opened: Array) -> int:
+    """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the rows of the law; the mechanism must be placed.
+    t, q, v : float and ndarray, shapes (nq,) and (nv,)
+        When and where the law acts, and the velocity before.
+    force_velocity : ndarray, shape (nv,)
+        The velocity at which forces are evaluated.
+    h : float
+        Length of the step [s].
+    opened : ndarray, shape (k,) or (0,)
+        As of `closing_speeds`.
+    """
+    m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.count[0]
+    write_torque(s.control, t, q, force_velocity, s.torque)
+    nonlinear_effects(m.calls, q, force_velocity)
+    J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
+    if len(rows.T) == 0:
+        last = memory.percussion[: memory.size[0]]
+        found = tree_law(m.mass, m.damping, m.parent, v, h, s.torque, m.effects, J, e, last, 0.0, s.v, rates)
+        # written so that a NaN is refused too
+        if not 0.0 <= found < np.inf:
+            return UNSOLVED
+        memory.size[0] = k
+        for a in range(k):
+            memory.percussion[a] = rates[0, a]
+        s.residual[0] = found
+        return DONE
+    known, start, slip = NOTHING, memory.start[: 3 * k], np.empty((4, k, 2))
+    if memory.size[1] == 3 * k:
+        known = UNIQUE if memory.size[2] else COMPLIANT
+    else:
+        for i in range(3 * k):
+            start[i] = 0.0
+    found, unique = frictional_tree_law(
+        m.mass, m.damping, m.parent, v, h, s.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened, rows.mu[:k],
+        known, AIM, start, s.v, rates, slip,
+    )  # fmt: skip
+    if not 0.0 <= found <= s.scales.residual:
+        return UNSOLVED
+    memory.size[1], memory.size[2], s.residual[0] = 3 * k, 1 if unique else 0, found
+    return DONE
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write the state after a step of `Paoli` from q, v at t; return a code."""
+    drift = np.empty(len(v))
+    for k in range(len(v)):
+        drift[k] = h * v[k]
+    retract(s.mechanism.calls, q, drift, s.q)
+    code = active_rows(s.mechanism, s.constraints, q, drift, s.q, s.scales.tolerance, s.rows)
+    if code != FOUND:
+        return code
+    if s.rows.count[0] == 0:
+        s.residual[0] = 0.0
+        fly(s, t + h, s.q, v, h, s.v)
+        return DONE
+    return apply_law(s, t + h, s.q, v, v, h, drift[:0])
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write the state after a step of `MoreauJean` from q, v at t; return a code."""
+    theta, before = s.scales.theta, (1.0 - s.scales.theta) * h
+    drift, middle = np.empty(len(v)), np.empty(len(q))
+    for k in range(len(v)):
+        drift[k] = before * v[k]
+    retract(s.mechanism.calls, q, drift, middle)
+    code = active_rows(s.mechanism, s.constraints, q[:0], drift, middle, s.scales.tolerance, s.rows)
+    if code != FOUND:
+        return code
+    count = s.rows.count[0]
+    if count == 0:
+        s.residual[0] = 0.0
+        fly(s, t + before, middle, v, h, s.v)
+    elif apply_law(s, t + before, middle, v, v, h, drift[:0]) != DONE:
+        return UNSOLVED
+    for k in range(len(v)):
+        drift[k] = theta * h * s.v[k]
+    retract(s.mechanism.calls, middle, drift, s.q)
+    for a in range(count):
+        s.rows.gap[a] += theta * h * s.rates[2 * count + a]
+    return DONE
