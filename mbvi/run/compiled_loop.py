@@ -13,7 +13,7 @@ from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
 from ..schemes.mechanism_steps import LawMemory, MechanismStep, Scales
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
-from ..system.controls import no_control
+from ..system.controls import LoopControl, no_control
 from .recorder import RECENT, Recorder
 from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI, LoopRecord, run_steps
 
@@ -47,6 +47,7 @@ class CompiledLoop:
         system = problem.system
         nq, nv, frictional = system.nq, system.nv, problem.constraints.frictional
         mechanism = system.mechanism()
+        control = system.control.table if system.controlled else no_control(nv)
         self._state = MechanismState(problem.constraints)
         self._memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
         theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
@@ -54,7 +55,7 @@ class CompiledLoop:
         scales = Scales(problem.tolerance, problem.length, projector.residual, squares, system.controlled, theta)
         rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
         self._step = MechanismStep(
-            mechanism, self._state.arrays, self._memory, scales, no_control(nq, nv), np.zeros(nv), rows, ahead, middle,
+            mechanism, self._state.arrays, self._memory, scales, control, np.zeros(nv), rows, ahead, middle,
             np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(1),
         )  # fmt: skip
         self._log = LoopRecord(
@@ -131,7 +132,9 @@ def compiled_loop(
     kind, system = kind_of_scheme(scheme), problem.system
     if kind is None or type(system) is not ArticulatedSystem or type(recorder) is not Recorder:
         return None
-    if system.controlled or system.applied.any() or not can_be_compiled(problem.constraints) or projector.solver:
+    if system.controlled and not isinstance(system.control, LoopControl):
+        return None
+    if system.applied.any() or not can_be_compiled(problem.constraints) or projector.solver:
         return None
     if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
         return None

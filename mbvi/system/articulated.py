@@ -13,6 +13,7 @@ from ..arguments import all_finite, returned
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
+from .controls import LoopControl
 from .given import not_finite
 from .mechanism import Mechanism, mechanism
 from .memory import Memory
@@ -120,6 +121,8 @@ class ArticulatedSystem(System):
         self.control = control
         self.controlled = control is not None
         self.name = name
+        if isinstance(control, LoopControl):
+            control.check(list(zip(list(model.nqs)[1:], list(model.nvs)[1:], strict=True)), name)
         self.nq, self.nv = int(model.nq), int(model.nv)
         # a control is called once in each step
         self.velocity_dependent = control is None

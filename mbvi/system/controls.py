@@ -1,44 +1,47 @@
-"""Controls that the compiled loop evaluates itself: torques, proportional-derivative control, compiled functions."""
+"""Controls of one robot that the compiled loop evaluates without Python: torques, PD control, compiled functions."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel, record
+from ..arguments import array, function, shown
+from ..compiled import call_address, kernel, plain_array, record
+from ..errors import InputError
 from .system import Array
 
-# what a control is: none, torques and gains along a trajectory, a function by its address
+# what a control is
 NONE, TRACKING, FUNCTION = range(3)
 
 
-@record("i8, i8, f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
+@record("i8, i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
 class ControlTable(NamedTuple):
-    """A control as kernels take it.
+    """A control as kernels take it; it acts on the last n velocities.
 
     Attributes
     ----------
     kind : int
         `NONE`, `TRACKING` or `FUNCTION`.
-    address : int
+    address : ndarray of int, shape (1,)
         Of the compiled function; 0 for others.
-    times : ndarray, shape (n,)
+    times : ndarray, shape (k,)
         Times of the following [s], ascending.
-    torque, q, v : ndarray, shapes (n, nv), (n, nq) and (n, nv)
-        Torques [N, N m], configurations and velocities of the trajectory; linear between the times.
-    stiffness, rate_gain, limit : ndarray, shape (nv,)
+    torque, q, v : ndarray, shape (k, n)
+        Torques [N, N m], positions and velocities of the trajectory; linear between the times.
+    stiffness, damping, limit : ndarray, shape (n,)
         Gains, and the largest torque.
     """
 
     kind: int
-    address: int
+    address: Array
     times: Array
     torque: Array
     q: Array
     v: Array
     stiffness: Array
-    rate_gain: Array
+    damping: Array
     limit: Array
 
 
@@ -62,33 +65,204 @@ def bracket(times: Array, t: float) -> tuple[int, float]:
 
 @kernel("f8(f8[:,::1], i8, i8, f8)")
 def between(values: Array, row: int, column: int, share: float) -> float:
-    """Return a value between two rows of a table."""
+    """Return a value between two rows of a table, shape (k, n)."""
     if share == 0.0:
         return values[row, column]
-    if share == 1.0:
-        return values[row + 1, column]
     return (1.0 - share) * values[row, column] + share * values[row + 1, column]
 
 
-@kernel("void(ControlTable, f8, f8[::1], f8[::1], f8[::1])")
+@kernel("void(ControlTable, f8, Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[::1])")
 def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Array) -> None:
     """Write the torque of a control at t, q, v, shape (nv,)."""
-    n, shift = len(v), len(q) - len(v)
-    if control.kind == NONE:
-        for k in range(n):
-            torque[k] = 0.0
+    for k in range(len(torque)):
+        torque[k] = 0.0
+    if control.kind == FUNCTION:
+        call_address(control.address[0], t, q.ctypes.data, v.ctypes.data, torque.ctypes.data)
+    if control.kind != TRACKING:
         return
     row, share = bracket(control.times, t)
+    n = control.torque.shape[1]
+    place, rate = len(q) - n, len(v) - n
     for k in range(n):
-        torque[k] = between(control.torque, row, k, share)
+        tau = between(control.torque, row, k, share)
         if control.stiffness[k] != 0.0:
-            torque[k] += control.stiffness[k] * (between(control.q, row, k + shift, share) - q[k + shift])
-        if control.rate_gain[k] != 0.0:
-            torque[k] += control.rate_gain[k] * (between(control.v, row, k, share) - v[k])
-        torque[k] = min(max(torque[k], -control.limit[k]), control.limit[k])
+            tau += control.stiffness[k] * (between(control.q, row, k, share) - q[place + k])
+        if control.damping[k] != 0.0:
+            tau += control.damping[k] * (between(control.v, row, k, share) - v[rate + k])
+        torque[rate + k] = min(max(tau, -control.limit[k]), control.limit[k])
 
 
-def no_control(nq: int, nv: int) -> ControlTable:
+class LoopControl:
+    """A control of one robot that the compiled loop evaluates itself; it can be called as any other control.
+
+    Attributes
+    ----------
+    table : ControlTable
+        As kernels take it.
+    """
+
+    table: ControlTable
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torque at (t, q, v), shape (nv,) [N, N m]."""
+        torque = np.empty(len(v))
+        write_torque(self.table, t, plain_array(q), plain_array(v), torque)
+        return torque
+
+    def check(self, sizes: list[tuple[int, int]], name: str) -> None:
+        """Raise `InputError` if the control does not fit a robot, of whose joints nq and nv are given."""
+        n, nv = self.table.torque.shape[1], sum(size for _, size in sizes)
+        if n > nv:
+            raise InputError(f"the control of {name} acts on {n} velocities; it has {nv}")
+        moved = np.flatnonzero(self.table.stiffness)
+        place = np.repeat([nq == size == 1 for nq, size in sizes], [size for _, size in sizes])[nv - n :]
+        if not place[moved].all():
+            raise InputError(
+                f"the control of {name} has a stiffness on a joint whose position is not one coordinate: "
+                "a free base, or a joint without limits"
+            )
+
+
+class ConstantTorque(LoopControl):
+    """Torques that do not change.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (n,)
+        Torques of the robot's last n velocities [N, N m].
+
+    Raises
+    ------
+    InputError
+        If these are no finite numbers.
+    """
+
+    def __init__(self, torque: Array) -> None:
+        self.table = _tracking(array(torque, "torque", ("n",))[None])
+
+
+class PDControl(LoopControl):
+    """Proportional-derivative control of joints to given positions, or along a trajectory.
+
+    tau_k = torque_k + stiffness_k (q*_k - q_k) + damping_k (v*_k - v_k), between -limit_k and limit_k. Between the times
+    of a trajectory q*, v* and torque are linear in t; before the first and after the last they are constant.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n,) or (k, n)
+        Positions of the robot's last n joints, each with one degree of freedom [rad or m].
+    stiffness, damping : float or ndarray, shape (n,)
+        Gains [N m/rad, N m s/rad].
+    v : ndarray, shape (n,) or (k, n), optional
+        Their velocities; zero by default.
+    torque : ndarray, shape (n,) or (k, n), optional
+        Torques that are added [N m]; zero by default.
+    times : ndarray, shape (k,), optional
+        Times of the trajectory, ascending [s].
+    limit : float or ndarray, shape (n,), optional
+        Largest torques [N m]; none by default.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, numbers are not finite, times do not ascend, or a gain or limit is negative.
+    """
+
+    def __init__(
+        self,
+        q: Array,
+        stiffness: float | Array,
+        damping: float | Array,
+        *,
+        v: Array | None = None,
+        torque: Array | None = None,
+        times: Array | None = None,
+        limit: float | Array | None = None,
+    ) -> None:
+        k = 1 if times is None else len(array(times, "times", ("k",)))
+        place = array(q, "q", ("n",) if times is None else (k, "n")).reshape(k, -1)
+        n = place.shape[1]
+        rows = [
+            np.zeros((k, n)) if each is None else _rows(each, name, k, n) for each, name in ((torque, "torque"), (v, "v"))
+        ]
+        gains = [_not_negative(each, name, n) for each, name in ((stiffness, "stiffness"), (damping, "damping"))]
+        most = np.full(n, np.inf) if limit is None else _not_negative(limit, "limit", n)
+        when = np.zeros(1) if times is None else array(times, "times", ("k",))
+        if (np.diff(when) <= 0.0).any():
+            raise InputError("times must ascend")
+        self.table = _tracking(rows[0], when)._replace(q=place, v=rows[1], stiffness=gains[0], damping=gains[1], limit=most)
+
+
+class CompiledControl(LoopControl):
+    """A control whose function numba compiles.
+
+    Parameters
+    ----------
+    control : function
+        control(t, q, v, tau): writes the torques to tau, shape (nv,), which is zero before; it may use what numba
+        compiles, and constants, but no other state.
+    nq, nv : int
+        Sizes of the robot's q and v.
+
+    Raises
+    ------
+    InputError
+        If it is no function, or numba cannot compile it.
+    """
+
+    def __init__(self, control: Callable[[float, Array, Array, Array], None], nq: int, nv: int) -> None:
+        function(control, "control", "control(t, q, v, tau)")
+        self._control, self._sizes = control, (nq, nv)
+        self._compiled: Any = _compile(control, nq, nv)
+        address = np.array([self._compiled.address], dtype=np.int64)
+        self.table = _tracking(np.zeros((1, nv)))._replace(kind=FUNCTION, address=address)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        # the address is good in this process only
+        return type(self), (self._control, *self._sizes)
+
+
+def no_control(nv: int) -> ControlTable:
     """Return the table of a mechanism without a control."""
-    zeros, none = np.zeros((1, nv)), np.zeros(nv)
-    return ControlTable(NONE, 0, np.zeros(1), zeros, np.zeros((1, nq)), zeros, none, none, none)
+    return _tracking(np.zeros((1, nv)))._replace(kind=NONE)
+
+
+def _tracking(torque: Array, times: Array | None = None) -> ControlTable:
+    """Return the table of torques without gains."""
+    k, n = torque.shape
+    still, none = np.zeros((k, n)), np.zeros(n)
+    when = np.zeros(1) if times is None else times
+    return ControlTable(TRACKING, np.zeros(1, np.int64), when, torque, still, still, none, none, np.full(n, np.inf))
+
+
+def _rows(value: Array, name: str, k: int, n: int) -> Array:
+    given = array(value, name)
+    if given.shape not in ((n,), (k, n)):
+        raise InputError(f"{name} has shape {given.shape}; it must have ({n},) or ({k}, {n})")
+    return np.broadcast_to(given, (k, n)).copy()
+
+
+def _not_negative(value: float | Array, name: str, n: int) -> Array:
+    given = array(value, name)
+    if given.shape not in ((), (n,)):
+        raise InputError(f"{name} has shape {given.shape}; it must be one number or {n} of them")
+    if (given < 0.0).any():
+        raise InputError(f"{name} must be at least 0; got {shown(value)}")
+    return np.broadcast_to(given, (n,)).copy()
+
+
+def _compile(control: Callable[..., None], nq: int, nv: int) -> Any:
+    """Return numba's C function control(t, q, v, tau) on addresses."""
+    from numba import carray, cfunc, njit, types
+    from numba.core.errors import NumbaError
+
+    compiled = njit(control)
+    pointer = types.CPointer(types.float64)
+
+    def on_addresses(t: float, q: Any, v: Any, tau: Any) -> None:
+        compiled(t, carray(q, (nq,)), carray(v, (nv,)), carray(tau, (nv,)))
+
+    try:
+        return cfunc(types.void(types.float64, pointer, pointer, pointer))(on_addresses)
+    except NumbaError as error:
+        raise InputError(f"control cannot be compiled by numba: {error}") from error
