@@ -30,7 +30,9 @@ LIMITS, HALF_SPACES, PAIRS = range(3)
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
 
-@record("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1]")
+@record(
+    "i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]"
+)
 class RowBuffer(NamedTuple):
     """Room for rows.
 
@@ -44,6 +46,8 @@ class RowBuffer(NamedTuple):
         Contact points [m] and normals.
     J, T : ndarray, shapes (MOST_ROWS, nv), (2 MOST_ROWS, nv)
         Gradients, and those along two tangents; the latter have no rows in problems without friction.
+    axes : ndarray, shape (MOST_ROWS, 2, 3)
+        Room for the tangents.
     """
 
     count: Array
@@ -56,9 +60,10 @@ class RowBuffer(NamedTuple):
     normal: Array
     J: Array
     T: Array
+    axes: Array
 
 
-@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1]")
+@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
 class Clearances(NamedTuple):
     """The state of a `ClearanceCache`.
 
@@ -72,6 +77,8 @@ class Clearances(NamedTuple):
         The configuration of the last query.
     always : ndarray of bool, shape (n,)
         The families of which some candidates must be measured at every step.
+    moved : ndarray, shape (nv,)
+        Room for the displacement since then.
     """
 
     kind: Array
@@ -80,6 +87,7 @@ class Clearances(NamedTuple):
     clearance: Array
     q: Array
     always: Array
+    moved: Array
 
 
 @record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1]")
@@ -257,15 +265,14 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
     end, nv, rough = rows.count[0], rows.J.shape[1], False
     for a in range(begin, end):
         rough = rough or rows.mu[a] > 0.0
-    axes = np.empty((max(end - begin, 0), 2, 3))
     if rough:
-        write_axes(rows.normal[begin:end], axes)
+        write_axes(rows.normal[begin:end], rows.axes[begin:end])
     for a in range(begin, end):
         for c in range(2):
             if rough:
                 pair = rows.number[a] - family.number[0]
                 first, second = support[family.bodies[0, pair]], support[family.bodies[1, pair]]
-                row(columns, first, second, rows.point[a], axes[a - begin, c], rows.T[2 * a + c])
+                row(columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
             else:
                 for k in range(nv):
                     rows.T[2 * a + c, k] = 0.0
@@ -295,9 +302,11 @@ def active_rows(
     same, code = len(origin) == len(q), FOUND
     for i in range(len(origin)):
         same = same and origin[i] == cache.q[i]
-    moved = displacement
-    if not same:
-        moved = np.empty(len(displacement))
+    moved = cache.moved
+    if same:
+        for i in range(len(moved)):
+            moved[i] = displacement[i]
+    else:
         tangent(mechanism.calls, cache.q, q, moved)
     for i in range(len(q)):
         cache.q[i] = q[i]

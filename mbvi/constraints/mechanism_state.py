@@ -34,7 +34,8 @@ def row_buffer(nv: int, frictional: bool) -> RowBuffer:
     gap, e, lever, mu = np.zeros((4, MOST_ROWS))
     point, normal = np.zeros((2, MOST_ROWS, 3))
     J, T = np.zeros((MOST_ROWS, nv)), np.zeros((2 * MOST_ROWS if frictional else 0, nv))
-    return RowBuffer(np.zeros(1, np.int64), np.zeros(MOST_ROWS, np.int64), gap, e, lever, mu, point, normal, J, T)
+    count, number, axes = np.zeros(1, np.int64), np.zeros(MOST_ROWS, np.int64), np.zeros((MOST_ROWS, 2, 3))
+    return RowBuffer(count, number, gap, e, lever, mu, point, normal, J, T, axes)
 
 
 class MechanismState:
@@ -71,7 +72,7 @@ class MechanismState:
         limits = _limits(constraints, slots.get(LIMITS))
         axes, n = pairs.axes, pairs.size
         self._clearances = Clearances(
-            np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool)
+            np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
         )
         rooms = np.zeros((len(axes.bodies), 4, 3)), np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.arrays = MechanismConstraints(

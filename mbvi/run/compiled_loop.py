@@ -10,7 +10,7 @@ from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_b
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
-from ..schemes.mechanism_steps import LawMemory, MechanismStep, Scales
+from ..schemes.mechanism_steps import LawMemory, MechanismStep, Scales, room
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
@@ -55,7 +55,7 @@ class CompiledLoop:
         scales = Scales(problem.tolerance, problem.length, projector.residual, squares, system.controlled, theta)
         rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
         self._step = MechanismStep(
-            mechanism, self._state.arrays, self._memory, scales, control, np.zeros(nv), rows, ahead, middle,
+            mechanism, self._state.arrays, self._memory, scales, control, room(nq, nv), rows, ahead, middle,
             np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(1),
         )  # fmt: skip
         self._log = LoopRecord(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..compiled import kernel
 from ..constraints.mechanism_rows import FOUND, MOST_ROWS, RowBuffer, active_rows, append_row
 from ..constraints.rows import mutual_nearest
@@ -18,13 +16,14 @@ from .nearby_rows import SECOND_ORDER
 from .step import NEAR, write_closing_speeds
 
 
-@kernel("void(f8[:,::1], f8[::1], i8, f8[::1])")
-def row_speeds(J: Array, v: Array, count: int, speeds: Array) -> None:
-    """Write J v of the first rows."""
-    for a in range(count):
-        speeds[a] = 0.0
+@kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
+def row_speeds(J: Array, v: Array, time: float, change: Array) -> None:
+    """Write by how much the gaps of the first rows change within a time, shape (k,)."""
+    for a in range(len(change)):
+        speed = 0.0
         for k in range(len(v)):
-            speeds[a] += J[a, k] * v[k]
+            speed += J[a, k] * v[k]
+        change[a] = time * speed
 
 
 @kernel("i8(RowBuffer, f8, RowBuffer, b1[::1])")
@@ -49,10 +48,10 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
         most = max(most, abs(ahead.gap[a]) + abs(change[a]))
     # twice the linear estimate, because the gradients change within the step
     reach = s.scales.tolerance + 2.0 * most
-    code = active_rows(s.mechanism, s.constraints, middle[:0], s.torque, middle, reach, here)
+    code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
     if code != FOUND:
         return code
-    n, owner, order = here.count[0], np.empty(m, np.int64), np.empty(here.count[0], np.int64)
+    n, owner, order = here.count[0], s.room.owner[:m], s.room.order[: here.count[0]]
     for b in range(n):
         # rows are found in the order of their numbers
         order[b] = b
@@ -102,23 +101,22 @@ def settle(
     margin : float
         How far beyond the tolerance the rows are known [m].
     """
-    known, scales, n, half = s.ahead, s.scales, len(v), 0.5 * h
-    m, k, reach = known.count[0], s.rows.count[0], (2.0 * SECOND_ORDER) ** 0.5 * scales.length
-    displacement, drift = np.empty(n), np.empty(n)
-    tangent(s.mechanism.calls, place_ahead, s.q, displacement)
+    known, scales, room, mech, n, half = s.ahead, s.scales, s.room, s.mechanism, len(v), 0.5 * h
+    m, k, reach, displacement = known.count[0], s.rows.count[0], largest_reach(scales.length), room.displacement
+    tangent(mech.calls, place_ahead, s.q, displacement)
     if largest_travel(scales.squares, displacement) > reach:
         return BOUNCES
-    rates, law, i = np.zeros((4, m)), near.copy(), 0
+    rates, law, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], 0
     for a in range(m):
-        if near[a]:
-            for r in range(4):
-                rates[r, a] = s.rates[r * k + i]
-            i += 1
+        law[a] = near[a]
+        for r in range(4):
+            rates[r, a] = s.rates[r * k + i] if near[a] else 0.0
+        i += near[a]
     number, point, J, lever = known.number[:m], known.point[:m], known.J[:m], known.lever[:m]
-    gap, e, end, settled = known.gap[:m], known.e[:m].copy(), np.empty(m), np.empty(m, np.bool_)
+    gap, e, end, settled = known.gap[:m], known.e[:m], room.gap[:m], room.settled[:m]
     depth = find_sunk(
-        number, point, J, gap, lever, e, displacement, law, rates, h, half, scales.tolerance, np.empty(m, np.bool_), end,
-        np.empty(m), settled,
+        number, point, J, gap, lever, e, displacement, law, rates, h, half, scales.tolerance, room.closed[:m], end,
+        room.bound[:m], settled,
     )  # fmt: skip
     if depth < 0.0:
         return BOUNCES
@@ -129,22 +127,21 @@ def settle(
                 s.rows.gap[i] = end[a]
                 i += 1
         return DONE
-    mech = s.mechanism
-    L, W, A = np.empty((n, n)), np.empty((m, n)), np.empty((m, n))
-    w, moved, sliding, still = s.v.copy(), np.empty(n), np.empty(n), np.zeros(n)
-    if factor(mech.mass, 0.0, still, mech.parent, L):
+    w, W, A = room.drift, room.W[:m], room.A[:m]
+    for j in range(n):
+        w[j], room.moved[j] = s.v[j], 0.0
+    if factor(mech.mass, 0.0, room.moved, mech.parent, room.L):
         return UNSOLVED
-    solve(L, mech.parent, J, W, A)
+    solve(room.L, mech.parent, J, W, A)
     code, residual = settle_positions(
-        number, point, J, A, W, gap, lever, e, scales.squares, free, v, w, displacement, law, settled, rates, moved,
-        sliding, h, half, scales.tolerance, reach, margin, 0.0,
+        number, point, J, A, W, gap, lever, e, scales.squares, free, v, w, displacement, law, settled, rates,
+        room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0,
     )  # fmt: skip
     if code == UNDECIDED:
         return BOUNCES
     same, s.rows.count[0] = True, 0
     for a in range(m):
         same = same and law[a] == near[a]
-        known.e[a] = e[a]
         if law[a]:
             append_row(known, a, s.rows)
     k, i = s.rows.count[0], 0
@@ -154,22 +151,27 @@ def settle(
                 s.rates[r * k + i] = rates[r, a]
             i += 1
     if residual >= 0.0:
-        s.memory.size[0] = k
+        s.memory.size[0], s.residual[0] = k, residual
         for a in range(k):
             s.memory.percussion[a] = s.rates[a]
-        s.residual[0] = residual
-    if not same:
-        for j in range(n):
-            drift[j] = half * w[j]
-        retract(mech.calls, middle, drift, s.q)
     for j in range(n):
         s.v[j] = w[j]
+        w[j] *= half
+    if not same:
+        retract(mech.calls, middle, w, s.q)
     if code == PROJECTED:
         for j in range(n):
-            s.v[j] = sliding[j]
-        middle_q = s.q.copy()
-        retract(mech.calls, middle_q, moved, s.q)
+            s.v[j] = room.tangent[j]
+        for j in range(len(s.q)):
+            room.end[j] = s.q[j]
+        retract(mech.calls, room.end, room.moved, s.q)
     return DONE
+
+
+@kernel("f8(f8)")
+def largest_reach(length: float) -> float:
+    """Return the travel up to which gaps count as linear; see `NearbyRows`."""
+    return (2.0 * SECOND_ORDER) ** 0.5 * length
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8, b1)")
@@ -178,27 +180,25 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
 
     `projects` is its `project_positions`.
     """
-    scales, half, n, nq = s.scales, 0.5 * h, len(v), len(q)
-    drift, end, middle, force_velocity = np.empty(n), np.empty(nq), np.empty(nq), np.empty(n)
+    scales, room, half, n = s.scales, s.room, 0.5 * h, len(v)
+    drift, end, middle, force_velocity = room.drift, room.end, room.middle, room.force_velocity
     for k in range(n):
         drift[k] = h * v[k]
     retract(s.mechanism.calls, q, drift, end)
-    frictional, margin, reach = len(s.rows.T) > 0, 0.0, 0.0
+    frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
-        reach = (2.0 * SECOND_ORDER) ** 0.5 * scales.length
         if frictional:
             travel = largest_travel(scales.squares, drift)
-            margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
-    code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + (margin + 2.0 * reach), s.ahead)
+            near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
+        margin = near_margin + 2.0 * largest_reach(scales.length)
+    code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code
-    m, near = s.ahead.count[0], np.empty(MOST_ROWS, np.bool_)
-    count = take_near(s.ahead, scales.tolerance + margin, s.rows, near)
+    near = room.near[: s.ahead.count[0]]
+    count = take_near(s.ahead, scales.tolerance + near_margin, s.rows, near)
     for k in range(n):
-        drift[k] = half * v[k]
+        drift[k], force_velocity[k] = half * v[k], v[k]
     retract(s.mechanism.calls, q, drift, middle)
-    for k in range(n):
-        force_velocity[k] = v[k]
     if not scales.controlled:
         fly(s, t + half, middle, v, h, force_velocity)
         for k in range(n):
@@ -212,41 +212,38 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
             drift[k] = half * s.v[k]
         retract(s.mechanism.calls, middle, drift, s.q)
         return DONE
-    change = np.empty(count)
-    row_speeds(s.rows.J, v, count, change)
-    for a in range(count):
-        change[a] *= half
-    if projects:
-        if may_bounce(s.rows, change, scales.tolerance):
-            return BOUNCES
-        for a in range(count):
-            s.rows.gap[a] -= change[a]
-    else:
+    change, opened = room.change[:count], room.opened[:0]
+    row_speeds(s.rows.J, v, half, change)
+    if not projects:
         code = rows_in_the_middle(s, middle, change)
         if code != FOUND:
             return code
         count = s.rows.count[0]
-    opened = np.empty(count if frictional and projects else 0)
-    if len(opened) and not write_closing_speeds(
-        s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, opened
-    ):
-        opened = opened[:0]
+    elif may_bounce(s.rows, change, scales.tolerance):
+        return BOUNCES
+    else:
+        for a in range(count):
+            s.rows.gap[a] -= change[a]
+        if frictional and write_closing_speeds(
+            s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
+        ):
+            opened = room.opened[:count]
     crba(s.mechanism.calls, middle)
     if apply_law(s, t + half, middle, v, force_velocity, h, opened) != DONE:
         return UNSOLVED
     for k in range(n):
         drift[k] = half * s.v[k]
     retract(s.mechanism.calls, middle, drift, s.q)
-    if not projects or frictional:
-        if projects and sinks(s, end, margin + 2.0 * reach):
-            return BOUNCES
-        for a in range(count):
-            s.rows.gap[a] += half * s.rates[2 * count + a]
-        return DONE
-    free, mech = np.empty(n), s.mechanism
-    if advance_by(mech.mass, mech.damping, mech.parent, v, h, s.torque, mech.effects, np.empty((n, n)), free):
-        return UNSOLVED
-    return settle(s, end, middle, v, h, near[:m], free, margin + 2.0 * reach)
+    if projects and not frictional:
+        m = s.mechanism
+        if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
+            return UNSOLVED
+        return settle(s, end, middle, v, h, near, room.free, margin)
+    if projects and sinks(s, end, margin):
+        return BOUNCES
+    for a in range(count):
+        s.rows.gap[a] += half * s.rates[2 * count + a]
+    return DONE
 
 
 @kernel("b1(MechanismStep, f8[::1], f8)")
@@ -255,15 +252,14 @@ def sinks(s: MechanismStep, place_ahead: Array, margin: float) -> bool:
 
     `place_ahead`, shape (nq,), is where the rows are known, up to a gap of `margin` beyond the tolerance [m].
     """
-    known, n = s.ahead, len(s.v)
-    displacement = np.empty(n)
+    known, displacement = s.ahead, s.room.displacement
     tangent(s.mechanism.calls, place_ahead, s.q, displacement)
     travel = largest_travel(s.scales.squares, displacement)
-    if travel > (2.0 * SECOND_ORDER) ** 0.5 * s.scales.length or travel > margin:
+    if travel > largest_reach(s.scales.length) or travel > margin:
         return True
     for a in range(known.count[0]):
         gap = known.gap[a]
-        for k in range(n):
+        for k in range(len(displacement)):
             gap += known.J[a, k] * displacement[k]
         if known.lever[a] * gap < -s.scales.tolerance:
             return True

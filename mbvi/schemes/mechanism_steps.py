@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..constraints.mechanism_rows import FOUND, MechanismConstraints, RowBuffer, active_rows
+from ..constraints.mechanism_rows import FOUND, MOST_ROWS, MechanismConstraints, RowBuffer, active_rows
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE
 from ..projection.friction import AIM
 from ..projection.frictional_step import frictional_tree_law
@@ -73,7 +73,66 @@ class Scales(NamedTuple):
 
 
 @record(
-    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, f8[::1], RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1],"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1],"
+    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+)
+class Room(NamedTuple):
+    """Room within a step: kernels that make no arrays are faster.
+
+    Attributes
+    ----------
+    torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
+        Tangent vectors.
+    end, middle : ndarray, shape (nq,)
+        Configurations.
+    L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
+        Factor of the mass matrix, and rows solved with it.
+    change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
+        Of rows.
+    table : ndarray, shape (8 MOST_ROWS,)
+        Several numbers of each row.
+    owner, order : ndarray of int, shape (MOST_ROWS,)
+        Rows.
+    near, law, closed, settled : ndarray of bool, shape (MOST_ROWS,)
+        Masks of rows.
+    """
+
+    torque: Array
+    drift: Array
+    force_velocity: Array
+    free: Array
+    displacement: Array
+    moved: Array
+    tangent: Array
+    end: Array
+    middle: Array
+    L: Array
+    A: Array
+    W: Array
+    change: Array
+    opened: Array
+    gap: Array
+    bound: Array
+    table: Array
+    owner: Array
+    order: Array
+    near: Array
+    law: Array
+    closed: Array
+    settled: Array
+
+
+def room(nq: int, nv: int) -> Room:
+    """Return room for a mechanism."""
+    tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
+    matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
+    floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
+    numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
+    return Room(*tangents, *places, *matrices, *floats, table, *numbers, *masks)
+
+
+@record(
+    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, Room, RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1],"
     " f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
@@ -83,8 +142,8 @@ class MechanismStep(NamedTuple):
     ----------
     mechanism, constraints, memory, scales, control
         What steps.
-    torque : ndarray, shape (nv,)
-        Room for the torques of the control [N, N m].
+    room : Room
+        Room within the step.
     rows : RowBuffer
         Receives the rows of the law; their gaps are those at the end of the step.
     ahead, middle : RowBuffer
@@ -102,7 +161,7 @@ class MechanismStep(NamedTuple):
     memory: LawMemory
     scales: Scales
     control: ControlTable
-    torque: Array
+    room: Room
     rows: RowBuffer
     ahead: RowBuffer
     middle: RowBuffer
@@ -116,16 +175,16 @@ class MechanismStep(NamedTuple):
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
     m, damped, n = s.mechanism, False, len(v)
-    write_torque(s.control, t, q, v, s.torque)
+    write_torque(s.control, t, q, v, s.room.torque)
     for d in m.damping:
         damped = damped or d != 0.0
     if damped:
         crba(m.calls, q)
         nonlinear_effects(m.calls, q, v)
-        if advance_by(m.mass, m.damping, m.parent, v, h, s.torque, m.effects, np.empty((n, n)), w):
+        if advance_by(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, s.room.L, w):
             w[0] = np.nan
         return
-    aba(m.calls, q, v, s.torque)
+    aba(m.calls, q, v, s.room.torque)
     for k in range(n):
         w[k] = v[k] + h * m.acceleration[k]
 
@@ -148,12 +207,12 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
         As of `closing_speeds`.
     """
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.count[0]
-    write_torque(s.control, t, q, force_velocity, s.torque)
+    write_torque(s.control, t, q, force_velocity, s.room.torque)
     nonlinear_effects(m.calls, q, force_velocity)
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.torque, m.effects, J, e, last, 0.0, s.v, rates)
+        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, 0.0, s.v, rates)
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED
@@ -162,14 +221,14 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
             memory.percussion[a] = rates[0, a]
         s.residual[0] = found
         return DONE
-    known, start, slip = NOTHING, memory.start[: 3 * k], np.empty((4, k, 2))
+    known, start, slip = NOTHING, memory.start[: 3 * k], s.room.table[: 8 * k].reshape((4, k, 2))
     if memory.size[1] == 3 * k:
         known = UNIQUE if memory.size[2] else COMPLIANT
     else:
         for i in range(3 * k):
             start[i] = 0.0
     found, unique = frictional_tree_law(
-        m.mass, m.damping, m.parent, v, h, s.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened, rows.mu[:k],
+        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened, rows.mu[:k],
         known, AIM, start, s.v, rates, slip,
     )  # fmt: skip
     if not 0.0 <= found <= s.scales.residual:
@@ -181,7 +240,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
 def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     """Write the state after a step of `Paoli` from q, v at t; return a code."""
-    drift = np.empty(len(v))
+    drift = s.room.drift
     for k in range(len(v)):
         drift[k] = h * v[k]
     retract(s.mechanism.calls, q, drift, s.q)
@@ -199,7 +258,7 @@ def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
 def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     """Write the state after a step of `MoreauJean` from q, v at t; return a code."""
     theta, before = s.scales.theta, (1.0 - s.scales.theta) * h
-    drift, middle = np.empty(len(v)), np.empty(len(q))
+    drift, middle = s.room.drift, s.room.middle
     for k in range(len(v)):
         drift[k] = before * v[k]
     retract(s.mechanism.calls, q, drift, middle)
