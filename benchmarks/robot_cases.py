@@ -148,9 +148,10 @@ def _floor() -> mbvi.Scene:
 
 def _robot(scene: mbvi.Scene, file: Path, nv: int, held: bool = False, **options: Any) -> tuple[mbvi.Problem, Array]:
     """Return a robot and its torques, which are zero until a case sets them."""
-    torque = np.zeros(nv)
-    scene.add_urdf(file, control=(lambda t, q, v: torque) if held else None, **options)
-    return scene.build(reduce=()), torque
+    control = mbvi.ConstantTorque(np.zeros(nv))
+    scene.add_urdf(file, control=control if held else None, **options)
+    # the control's own array, which the cases write to
+    return scene.build(reduce=()), control.table.torque[0]
 
 
 def _quadruped(

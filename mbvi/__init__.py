@@ -25,6 +25,7 @@ from .run.simulate import simulate, steps
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from .system import LagrangianSystem
+from .system.controls import CompiledControl, ConstantTorque, PDControl
 
 # both are public modules: `import mbvi.motion` works as well
 sys.modules[f"{__name__}.motion"] = motion
@@ -36,6 +37,8 @@ __all__ = [
     "REDUCTIONS",
     "ActiveSet",
     "Centered",
+    "CompiledControl",
+    "ConstantTorque",
     "Diagnosis",
     "DivergedError",
     "DualActiveSet",
@@ -50,6 +53,7 @@ __all__ = [
     "MbviError",
     "MbviWarning",
     "MoreauJean",
+    "PDControl",
     "Paoli",
     "Problem",
     "Projection",
