@@ -15,8 +15,8 @@ from ..geometry.separating_axis import separated
 from ..geometry.shape_table import Shapes
 from ..geometry.support_points import Points, lowest, points_below, spread_below
 from ..system.articulated import row
-from ..system.mechanism import Mechanism
-from ..system.pinocchio_address import crba, tangent
+from ..system.mechanism import Mechanism, place
+from ..system.pinocchio_address import tangent
 from .cache import IDLE, consume_clearance
 from .candidates import list_candidates
 from .rows import Array
@@ -290,7 +290,7 @@ def active_rows(
     Parameters
     ----------
     mechanism : Mechanism
-        The mechanism; it is placed at q if there are rows.
+        The mechanism.
     constraints : MechanismConstraints
         The constraints.
     origin, displacement, q, tolerance
@@ -311,7 +311,7 @@ def active_rows(
     for i in range(len(q)):
         cache.q[i] = q[i]
     exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
-    rows.count[0], placed, frictional = 0, False, len(rows.T) > 0
+    rows.count[0], frictional = 0, len(rows.T) > 0
     for k in range(len(cache.kind)):
         spent, kind, begin, any_empty = exhausted >> k & 1 > 0, cache.kind[k], rows.count[0], False
         if not (spent or cache.always[k]):
@@ -326,9 +326,7 @@ def active_rows(
             if frictional and code == FOUND:
                 append_tangents(mechanism.columns, mechanism.support, walls, begin, rows)
             continue
-        if not placed:
-            crba(mechanism.calls, q)
-            placed = True
+        place(mechanism, q)
         family = walls if kind == HALF_SPACES else constraints.pairs
         if spent:
             count, least = list_candidates(family.clearance, family.reach, cache.travel[k], tolerance, family.candidates)
@@ -348,8 +346,6 @@ def active_rows(
         if family.listed[1] == IDLE:
             # a candidate without a row may be skipped: list the candidates again at the next query
             cache.clearance[k], family.listed[1] = -np.inf, 0
-    if rows.count[0] > 0 and not placed:
-        crba(mechanism.calls, q)
     return code
 
 

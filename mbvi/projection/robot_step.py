@@ -164,14 +164,18 @@ def solve_active_set(
         w[k] = x[k]
     if not violated:
         return 0.0
-    lengths, d, u, slack = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    # one array instead of ten: each costs as much as the projection of a row
+    most = min(m, n) + 1
+    room, k = np.empty(4 * m + most * (2 + most + n) + n), 4 * m
+    lengths, d, u, slack = room[:m], room[m : 2 * m], room[2 * m : 3 * m], room[3 * m : k]
+    part, correction, z = room[k : k + most], room[k + most : k + 2 * most], room[k + 2 * most : k + 2 * most + n]
+    k += 2 * most + n
+    L, Q = room[k : k + most * most].reshape((most, most)), room[k + most * most :].reshape((most, n))
     largest, most_terms = scale_rows(J, W, x, lower, table, lengths, d)
     if largest < 0.0:
         return np.inf
     enough = max(ROUNDING, LAST_DIGITS * most_terms / largest)
-    most = min(m, n) + 1
-    S, part, z = np.empty(most, np.int64), np.empty(most), np.empty(n)
-    L, Q, correction = np.empty((most, most)), np.empty((most, n)), np.empty(most)
+    S = np.empty(most, np.int64)
     size = first_set(W, d, last, S, L, Q, part, z)
     tight = _MARGIN * enough * largest
     size, contradiction = goldfarb_idnani(W, d, tight, size, S, L, Q, part, z, slack)
@@ -238,7 +242,11 @@ def tree_law(
     The first arguments are those of `advance_by`, `e` and `rates` those of `newton_law`, and the others, as the result,
     those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
-    L, x, lower, A, W = np.empty(mass.shape), np.empty(len(v)), np.empty(len(J)), np.empty(J.shape), np.empty(J.shape)
+    m, n = J.shape
+    room, k = np.empty(n * n + n + m + 2 * m * n), n * n
+    L, x, lower = room[:k].reshape((n, n)), room[k : k + n], room[k + n : k + n + m]
+    k += n + m
+    A, W = room[k : k + m * n].reshape((m, n)), room[k + m * n :].reshape((m, n))
     if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
         return np.inf
     damped = False

@@ -16,11 +16,13 @@ from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
 from .recorder import RECENT, Recorder
 from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI, LoopRecord, run_steps
+from .tunnelling import TunnellingGuard
 
 Array = np.ndarray
 
 # steps in one call of the kernel, so that bars and files go on
 _CHUNK = 2000
+_NOTHING = np.zeros(0)
 
 
 class CompiledLoop:
@@ -30,8 +32,8 @@ class CompiledLoop:
     ----------
     problem, scheme, projector, recorder
         Those of a run of which `kind_of_scheme` and `can_be_compiled` are true.
-    limit : float
-        v . v below which no body passes through another.
+    guard : TunnellingGuard
+        Of the run.
     h : float
         Length of a step [s].
     every, total : int
@@ -39,11 +41,11 @@ class CompiledLoop:
     """
 
     def __init__(
-        self, problem: Problem, kind: int, scheme: Scheme, projector: Projector, recorder: Recorder, limit: float,
+        self, problem: Problem, kind: int, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard,
         h: float, every: int, total: int,
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
-        self._kind, self._limit, self._h, self._every, self._total = kind, limit, h, every, total
+        self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
         nq, nv, frictional = system.nq, system.nv, problem.constraints.frictional
         mechanism = system.mechanism()
@@ -61,7 +63,7 @@ class CompiledLoop:
         self._log = LoopRecord(
             recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual, np.full(RECENT, -1),
             np.zeros((RECENT, MOST_ROWS), np.int64), np.zeros((RECENT, MOST_ROWS)), np.zeros((MOST_ROWS, 3)),
-            np.zeros(4 * MOST_ROWS), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
+            np.zeros(4 * MOST_ROWS), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
         )  # fmt: skip
         self.codes = np.zeros(8, np.int64)
 
@@ -106,8 +108,7 @@ class CompiledLoop:
         """Return the last step, number i, with what the recorder needs of its rows."""
         log, (number, _) = self._log, self._rows_of(i)
         m = len(number)
-        nothing = np.zeros((m, self._problem.system.nv)), np.zeros(m), log.point[:m].copy(), np.zeros((m, 3))
-        rows = Rows(number, np.zeros(m), *nothing)
+        rows = Rows(number, _NOTHING, self._problem.constraints.empty.jacobian, _NOTHING, log.point[:m].copy(), _NOTHING)
         t = self._problem.t0 + (i - 1) * self._h + self._h
         return Step(t, q, v, rows, log.rates[: 4 * m].reshape(4, m).copy(), 0.0)
 
@@ -125,7 +126,7 @@ def kind_of_scheme(scheme: Scheme) -> int | None:
 
 
 def compiled_loop(
-    problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, limit: float, h: float, every: int,
+    problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float, every: int,
     total: int,
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/architecture.md."""
@@ -138,4 +139,4 @@ def compiled_loop(
         return None
     if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
         return None
-    return CompiledLoop(problem, kind, scheme, projector, recorder, limit, h, every, total)
+    return CompiledLoop(problem, kind, scheme, projector, recorder, guard, h, every, total)

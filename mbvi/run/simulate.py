@@ -202,11 +202,12 @@ def simulate(
         Sleepers(problem, h, projector) as sleepers,
     ):
         observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
-        loop = compiled_loop(problem, scheme, projector, recorder, guard.limit, h, every, total)
+        loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
         done = 0
         while done < total:
-            if loop is not None and done < whole and not fast:
+            if loop is not None and 0 < done < whole:
                 state, done, complete = loop.run(state, done, whole)
+                fast = not state.v.dot(state.v) < guard.limit
                 if perf_counter() >= next_poll:
                     next_poll = min(writer.poll(), bar.poll(done))
                 if complete:

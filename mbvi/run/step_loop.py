@@ -11,6 +11,7 @@ from ..constraints.mechanism_rows import MOST_ROWS
 from ..schemes.centered_kernel import centered_step
 from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
 from .recorder import RECENT, record_depth
+from .tunnelling import RUNAWAY
 
 Array = np.ndarray
 
@@ -22,7 +23,7 @@ SWIFT, IMPACT = 5, 6
 
 @record(
     "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1]"
+    " f8[::1], f8[::1], f8[:,::1]"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of its last steps.
@@ -41,6 +42,8 @@ class LoopRecord(NamedTuple):
         As of `record_depth`.
     before : ndarray, shape (4 MOST_ROWS,)
         Room for the percussions at the beginning of a step.
+    share, shares : ndarray, shapes (nv,) and (nv, n)
+        As of `TunnellingGuard.shares`.
     """
 
     t: Array
@@ -55,16 +58,39 @@ class LoopRecord(NamedTuple):
     rates: Array
     lever: Array
     before: Array
+    share: Array
+    shares: Array
 
 
-@kernel("i8(MechanismStep, i8, f8, f8[::1], f8[::1], f8)")
-def scheme_step(s: MechanismStep, scheme: int, t: float, q: Array, v: Array, h: float) -> int:
-    """Write the state after a step of a scheme; return its code."""
-    if scheme == PAOLI:
-        return paoli_step(s, t, q, v, h)
-    if scheme == MOREAU_JEAN:
-        return moreau_jean_step(s, t, q, v, h)
-    return centered_step(s, t, q, v, h, scheme == CENTERED_PROJECTED)
+@kernel("b1(f8[::1], f8[::1], f8[::1], f8[:,::1], f8)")
+def may_pass(v: Array, w: Array, share: Array, shares: Array, limit: float) -> bool:
+    """Return whether a body may pass through another in a step, or a velocity runs away; see `TunnellingGuard`.
+
+    Parameters
+    ----------
+    v, w : ndarray, shape (nv,)
+        Velocities before and after the step.
+    share, shares, limit
+        As of `TunnellingGuard`, where these are both of `shares`, and `limit`.
+    """
+    n, pairs = shares.shape
+    before = after = travel = 0.0
+    for k in range(n):
+        before += v[k] * v[k]
+        after += w[k] * w[k]
+        travel += share[k] * max(abs(v[k]), abs(w[k]))
+    # written so that a NaN counts as swift
+    if not after < RUNAWAY:
+        return True
+    if (before < limit and after < limit) or (travel < 1.0 and pairs > 0):
+        return False
+    for i in range(pairs):
+        travel = 0.0
+        for k in range(n):
+            travel += shares[k, i] * max(abs(v[k]), abs(w[k]))
+        if not travel < 1.0:
+            return True
+    return pairs == 0
 
 
 @kernel("Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)")
@@ -90,7 +116,7 @@ def run_steps(
         Numbers of the first step, of that after the last, of the run's last step; one state in `every` is recorded, and
         the last one; number of states recorded before.
     limit : float
-        v . v below which no body passes through another.
+        As of `may_pass`.
     still : float
         As of `record_depth`.
 
@@ -110,14 +136,16 @@ def run_steps(
             log.before[a] = memory.percussion[a]
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
-        code, t = scheme_step(s, scheme, t0 + (i - 1) * h, q, v, h), t0 + (i - 1) * h + h
-        m, speed = rows.count[0], 0.0
-        if code == DONE:
-            for k in range(len(v)):
-                speed += s.v[k] * s.v[k]
-            # written so that a NaN counts as swift
-            if not speed < limit:
-                code = SWIFT
+        t = t0 + (i - 1) * h
+        if scheme == PAOLI:
+            code = paoli_step(s, t, q, v, h)
+        elif scheme == MOREAU_JEAN:
+            code = moreau_jean_step(s, t, q, v, h)
+        else:
+            code = centered_step(s, t, q, v, h, scheme == CENTERED_PROJECTED)
+        m = rows.count[0]
+        if code == DONE and may_pass(v, s.v, log.share, log.shares, limit):
+            code = SWIFT
         if code == DONE and m == 0:
             log.penetration[count] = 0.0
         elif code == DONE:
@@ -139,7 +167,7 @@ def run_steps(
         for k in range(len(v)):
             v[k] = s.v[k]
         if i % every == 0 or i == total:
-            log.t[count] = t
+            log.t[count] = t + h
             for k in range(len(q)):
                 log.q[count, k] = q[k]
             for k in range(len(v)):

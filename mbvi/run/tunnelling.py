@@ -16,7 +16,7 @@ from ..schemes.observer import observer
 from ..system.system import Array
 
 # v . v at and above which a run has diverged
-_RUNAWAY = 1e16
+RUNAWAY = 1e16
 # penetration at the end of a shortened step, relative to the thickness that would be passed through
 _DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
@@ -50,7 +50,7 @@ class TunnellingGuard:
         # the families whose bodies can pass through each other
         least = {family: family.least_displacement() for family in problem.constraints.families}
         self._watched = [family for family in problem.constraints.families if np.isfinite(least[family])]
-        self.limit = _RUNAWAY
+        self.limit = RUNAWAY
         # for each velocity, the largest displacement of any pair in a step relative to its thickness
         self._per_velocity = np.zeros(problem.system.nv)
         # the same for each pair, one array a family
@@ -68,6 +68,15 @@ class TunnellingGuard:
         reach = float(self._per_velocity.dot(self._per_velocity))
         if reach > 0.0:
             self.limit = min(self.limit, 1.0 / reach)
+
+    @property
+    def shares(self) -> tuple[Array, Array]:
+        """For each velocity the largest travel of a pair in a step, relative to its thickness; and that of each pair.
+
+        Shapes (nv,) and (nv, n). Where pairs are too many to be listed, the second has no columns.
+        """
+        none = np.zeros((len(self._per_velocity), 0))
+        return self._per_velocity, np.ascontiguousarray(np.concatenate([none, *self._displacements], axis=1))
 
     def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps from a state at t to t + h, more than one where a body would pass through another."""
@@ -110,7 +119,7 @@ class TunnellingGuard:
     def _check(self, state: Step, h: float) -> None:
         """Raise `DivergedError` if velocities are too large or not finite."""
         # written so that a NaN raises too
-        if not state.v.dot(state.v) < _RUNAWAY:
+        if not state.v.dot(state.v) < RUNAWAY:
             raise DivergedError(
                 f"the velocity runs away at t = {state.t:.6g} s, to {np.abs(state.v).max():.3g}: the forces change too "
                 f"fast for h = {h:g} s; take a smaller step, or give light links damping or more inertia"

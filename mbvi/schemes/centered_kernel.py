@@ -9,7 +9,7 @@ from ..projection.closed_contacts import find_sunk
 from ..projection.raise_gaps import largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
-from ..system.pinocchio_address import crba, retract, tangent
+from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
 from .nearby_rows import SECOND_ORDER
@@ -214,13 +214,17 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         return DONE
     change, opened = room.change[:count], room.opened[:0]
     row_speeds(s.rows.J, v, half, change)
-    if not projects:
+    bounces = projects and may_bounce(s.rows, change, scales.tolerance)
+    if bounces or not projects:
+        if frictional and bounces:
+            return BOUNCES
+        s.ahead.count[0] = 0
+        for a in range(count):
+            append_row(s.rows, a, s.ahead)
         code = rows_in_the_middle(s, middle, change)
         if code != FOUND:
             return code
         count = s.rows.count[0]
-    elif may_bounce(s.rows, change, scales.tolerance):
-        return BOUNCES
     else:
         for a in range(count):
             s.rows.gap[a] -= change[a]
@@ -228,22 +232,57 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
-    crba(s.mechanism.calls, middle)
     if apply_law(s, t + half, middle, v, force_velocity, h, opened) != DONE:
         return UNSOLVED
     for k in range(n):
         drift[k] = half * s.v[k]
     retract(s.mechanism.calls, middle, drift, s.q)
-    if projects and not frictional:
+    if bounces and some_closed(s, middle, h):
+        return BOUNCES
+    if projects and not frictional and not bounces:
         m = s.mechanism
         if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
             return UNSOLVED
         return settle(s, end, middle, v, h, near, room.free, margin)
-    if projects and sinks(s, end, margin):
+    if projects and frictional and sinks(s, end, margin):
         return BOUNCES
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]
     return DONE
+
+
+@kernel("b1(MechanismStep, f8[::1], f8)")
+def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
+    """Return whether a contact may be closed after a law with contacts that bounce; see `project_positions`.
+
+    `middle`, shape (nq,), is where the law was applied.
+    """
+    rows, k, scales, rises = s.rows, s.rows.count[0], s.scales, False
+    for a in range(k):
+        rise = h * rows.lever[a] * s.rates[2 * k + a]
+        if abs(rise) <= scales.tolerance or (a > 0 and rows.number[a] < rows.number[a - 1]):
+            return True
+        rises = rises or (rise > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0)
+    if not rises:
+        return False
+    # the lowest gap of each contact after a whole step at the velocity after the law
+    ahead, drift, owner, order = s.ahead, s.room.drift, s.room.owner, s.room.order[:k]
+    for j in range(len(drift)):
+        drift[j] = h * s.v[j]
+    retract(s.mechanism.calls, middle, drift, s.room.end)
+    if active_rows(s.mechanism, s.constraints, middle[:0], drift, s.room.end, scales.tolerance, ahead) != FOUND:
+        return True
+    m = ahead.count[0]
+    for a in range(k):
+        order[a] = a
+    mutual_nearest(ahead.number[:m], ahead.point[:m], rows.number[:k], rows.point[:k], order, owner[:m])
+    for i in range(m):
+        a = owner[i]
+        if a >= 0 and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0:
+            # where the law was applied its gap was
+            if rows.lever[a] * ahead.gap[i] <= rows.lever[a] * rows.gap[a] + scales.tolerance:
+                return True
+    return False
 
 
 @kernel("b1(MechanismStep, f8[::1], f8)")

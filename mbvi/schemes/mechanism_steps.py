@@ -18,8 +18,8 @@ from ..projection.frictional_step import frictional_tree_law
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.controls import ControlTable, write_torque
-from ..system.mechanism import Mechanism
-from ..system.pinocchio_address import aba, crba, nonlinear_effects, retract
+from ..system.mechanism import Mechanism, place
+from ..system.pinocchio_address import nonlinear_effects, retract
 from ..system.system import Array
 
 # what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; a contact bounces, or
@@ -174,19 +174,12 @@ class MechanismStep(NamedTuple):
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
-    m, damped, n = s.mechanism, False, len(v)
+    m = s.mechanism
     write_torque(s.control, t, q, v, s.room.torque)
-    for d in m.damping:
-        damped = damped or d != 0.0
-    if damped:
-        crba(m.calls, q)
-        nonlinear_effects(m.calls, q, v)
-        if advance_by(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, s.room.L, w):
-            w[0] = np.nan
-        return
-    aba(m.calls, q, v, s.room.torque)
-    for k in range(n):
-        w[k] = v[k] + h * m.acceleration[k]
+    place(m, q)
+    nonlinear_effects(m.calls, q, v)
+    if advance_by(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, s.room.L, w):
+        w[0] = np.nan
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8[::1], f8, f8[::1])")
@@ -196,7 +189,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     Parameters
     ----------
     s : MechanismStep
-        With the rows of the law; the mechanism must be placed.
+        With the rows of the law.
     t, q, v : float and ndarray, shapes (nq,) and (nv,)
         When and where the law acts, and the velocity before.
     force_velocity : ndarray, shape (nv,)
@@ -208,6 +201,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     """
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.count[0]
     write_torque(s.control, t, q, force_velocity, s.room.torque)
+    place(m, q)
     nonlinear_effects(m.calls, q, force_velocity)
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:

@@ -61,13 +61,6 @@ def separation(
         row(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
-@kernel("void(f8[::1], f8, f8[::1])")
-def _add_scaled(v: Array, h: float, a: Array) -> None:
-    """Overwrite a by v + h a, both of shape (nv,)."""
-    for k in range(len(a)):
-        a[k] = v[k] + h * a[k]
-
-
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
 def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     """Write the accelerations of points of moving bodies, shape (k, 3), in the world.
@@ -218,15 +211,7 @@ class ArticulatedSystem(System):
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        if self._damped:
-            return self.free_motion(t, q, v, h).free
-        torque = self.applied if self.control is None else self._torque(t, q, v)
-        # also where M is known: the last digits must not depend on which pairs were evaluated
-        free = pin.aba(self.model, self._data, q, v, torque)
-        # aba overwrites the data that `_refresh` computed
-        self._key = self._current = None
-        _add_scaled(v if v.flags.carray else plain_array(v), h, free)
-        return free
+        return self.free_motion(t, q, v, h).free
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
         if q is not self._current:

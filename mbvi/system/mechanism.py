@@ -7,15 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ..compiled import record
+from ..compiled import kernel, record
 from .memory import Memory, motions_view, vector_view
-from .pinocchio_address import array_of_calls
+from .pinocchio_address import array_of_calls, crba
 
 Array = np.ndarray
 
 
 @record(
-    "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1]"
+    "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1],"
+    " f8[::1]"
 )
 class Mechanism(NamedTuple):
     """One model with one `pin.Data`; kept by its arrays, and for one thread at a time.
@@ -39,6 +40,8 @@ class Mechanism(NamedTuple):
         Diagonal of D.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
+    placed : ndarray, shape (nq,)
+        Where `place` has placed the mechanism; NaN at first.
     """
 
     calls: Array
@@ -52,6 +55,19 @@ class Mechanism(NamedTuple):
     rates: Array
     damping: Array
     parent: Array
+    placed: Array
+
+
+@kernel("void(Mechanism, f8[::1])")
+def place(mechanism: Mechanism, q: Array) -> None:
+    """Compute poses, Jacobian columns and mass matrix at q, shape (nq,), unless they are those at q."""
+    same = True
+    for k in range(len(q)):
+        same = same and mechanism.placed[k] == q[k]
+    if not same:
+        crba(mechanism.calls, q)
+        for k in range(len(q)):
+            mechanism.placed[k] = q[k]
 
 
 def mechanism(model: pin.Model, data: pin.Data, support: Array, parent: Array) -> Mechanism | None:
@@ -76,5 +92,5 @@ def mechanism(model: pin.Model, data: pin.Data, support: Array, parent: Array) -
         return None
     return Mechanism(
         array_of_calls(model, data), memory.poses, memory.columns, support, memory.mass, effects, acceleration, twists,
-        rates, np.array(model.damping, dtype=float), parent,
+        rates, np.array(model.damping, dtype=float), parent, np.full(model.nq, np.nan),
     )  # fmt: skip
