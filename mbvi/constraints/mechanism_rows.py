@@ -1,4 +1,4 @@
-"""The active rows of one mechanism in one kernel: joint limits, half-spaces and pairs that their axes separate.
+"""The active rows of one mechanism in one kernel.
 
 The kernel does what `AdmissibleSet.active` does, on the same arrays: clearances and candidates of `ClearanceCache`, the
 support points of `HalfSpaceContacts`, the axes of `SignedDistances`. The compiled loop calls it.
@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..geometry.separating_axis import separated
 from ..geometry.shape_table import Shapes
 from ..geometry.support_points import Points, lowest, points_below, spread_below
 from ..system.articulated import row
@@ -19,142 +18,23 @@ from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import tangent
 from .cache import IDLE, consume_clearance
 from .candidates import list_candidates
+from .mechanism_pairs import PairShapes, pair_contacts
+from .mechanism_tables import (
+    FOUND,
+    HALF_SPACES,
+    LIMITS,
+    MOST_ROWS,
+    TOO_MANY,
+    Clearances,
+    Limits,
+    PairFamily,
+    RowBuffer,
+)
 from .rows import Array
 from .tangents import write_axes
 
-# most rows that the kernel finds; more are left to Python
-MOST_ROWS = 32
-# what a family is
-LIMITS, HALF_SPACES, PAIRS = range(3)
-# what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
-FOUND, TOO_MANY, UNRESOLVED = range(3)
 
-
-@record(
-    "i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]"
-)
-class RowBuffer(NamedTuple):
-    """Room for rows.
-
-    Attributes
-    ----------
-    count : ndarray of int, shape (1,)
-        How many there are.
-    number, gap, e, lever, mu : ndarray, shape (MOST_ROWS,)
-        Constraint, gap [m or rad], restitution, the factor that makes a length of the gap, coefficient of friction.
-    point, normal : ndarray, shape (MOST_ROWS, 3)
-        Contact points [m] and normals.
-    J, T : ndarray, shapes (MOST_ROWS, nv), (2 MOST_ROWS, nv)
-        Gradients, and those along two tangents; the latter have no rows in problems without friction.
-    axes : ndarray, shape (MOST_ROWS, 2, 3)
-        Room for the tangents.
-    """
-
-    count: Array
-    number: Array
-    gap: Array
-    e: Array
-    lever: Array
-    mu: Array
-    point: Array
-    normal: Array
-    J: Array
-    T: Array
-    axes: Array
-
-
-@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
-class Clearances(NamedTuple):
-    """The state of a `ClearanceCache`.
-
-    Attributes
-    ----------
-    kind : ndarray of int, shape (n,)
-        `LIMITS`, `HALF_SPACES` or `PAIRS` for each family.
-    envelope, travel, clearance
-        As of `consume_clearance`.
-    q : ndarray, shape (nq,)
-        The configuration of the last query.
-    always : ndarray of bool, shape (n,)
-        The families of which some candidates must be measured at every step.
-    moved : ndarray, shape (nv,)
-        Room for the displacement since then.
-    """
-
-    kind: Array
-    envelope: Array
-    travel: Array
-    clearance: Array
-    q: Array
-    always: Array
-    moved: Array
-
-
-@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1]")
-class Limits(NamedTuple):
-    """Joint limits: fields of `JointLimits`, and the numbers of the constraints."""
-
-    sign: Array
-    offset: Array
-    lever: Array
-    position: Array
-    velocity: Array
-    e: Array
-    number: Array
-
-
-@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")
-class PairFamily(NamedTuple):
-    """Pairs of shapes.
-
-    Attributes
-    ----------
-    reach, clearance, candidates
-        As of `list_candidates`, shapes (nv, n), (n,) and (n,).
-    listed : ndarray of int, shape (2,)
-        How many candidates there are, and at how many queries in a row one of them had no row.
-    number : ndarray of int, shape (n,)
-        The constraints.
-    bodies : ndarray of int, shape (2, n)
-        The first and the second body of each pair.
-    e, mu : ndarray, shape (n,)
-        Restitution and friction.
-    """
-
-    reach: Array
-    clearance: Array
-    candidates: Array
-    listed: Array
-    number: Array
-    bodies: Array
-    e: Array
-    mu: Array
-
-
-@record("i8[::1], f8[:,:,::1], i8[::1], i8[::1], f8[:,::1]")
-class PairAxes(NamedTuple):
-    """Separating axes of pairs: what `separated` needs beside the shapes.
-
-    Attributes
-    ----------
-    bodies : ndarray of int, shape (b,)
-        The bodies whose placements the shapes need.
-    places : ndarray, shape (b, 4, 3)
-        Room for these.
-    near, unresolved : ndarray of int, shape (n,)
-        Room for pairs.
-    axis : ndarray, shape (n, 3)
-        As of `SeparatingAxes`.
-    """
-
-    bodies: Array
-    places: Array
-    near: Array
-    unresolved: Array
-    axis: Array
-
-
-@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairAxes, PairFamily")
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes")
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes."""
 
@@ -163,8 +43,8 @@ class MechanismConstraints(NamedTuple):
     points: Points
     walls: PairFamily
     shapes: tuple[Array, ...]
-    axes: PairAxes
     pairs: PairFamily
+    near: PairShapes
 
 
 @kernel("Tuple((i8, f8))(Limits, f8[::1], f8, RowBuffer)")
@@ -228,35 +108,6 @@ def half_space_contacts(
             rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
             rows.count[0] = m + 1
     return FOUND, any_empty
-
-
-@kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Shapes), PairAxes, PairFamily, f8)")
-def all_separated(
-    poses: Array, shapes: tuple[Array, ...], axes: PairAxes, family: PairFamily, tolerance: float
-) -> tuple[int, bool]:
-    """Return a code, and whether there are candidates: `UNRESOLVED` unless all are separated by their axes.
-
-    Parameters
-    ----------
-    poses : ndarray, shape (njoints, 4, 3)
-        Poses of the bodies.
-    shapes : tuple
-        The fields of `Shapes`.
-    axes, family : PairAxes and PairFamily
-        The pairs.
-    tolerance : float
-        Gap at and below which a pair is in contact [m].
-    """
-    count = family.listed[0]
-    if count == 0:
-        return FOUND, False
-    for b in range(len(axes.bodies)):
-        for r in range(4):
-            for c in range(3):
-                axes.places[b, r, c] = poses[axes.bodies[b], r, c]
-    near = family.candidates[:count]
-    left = separated(axes.places, shapes, axes.axis, near, tolerance, family.clearance, axes.unresolved)
-    return UNRESOLVED if left > 0 else FOUND, True
 
 
 @kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer)")
@@ -336,7 +187,7 @@ def active_rows(
                 mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
             )
         else:
-            code, any_empty = all_separated(mechanism.poses, constraints.shapes, constraints.axes, family, tolerance)
+            code, any_empty = pair_contacts(mechanism, constraints.shapes, constraints.near, family, tolerance, rows)
         if code != FOUND:
             cache.clearance[k] = -np.inf
             continue
@@ -347,20 +198,3 @@ def active_rows(
             # a candidate without a row may be skipped: list the candidates again at the next query
             cache.clearance[k], family.listed[1] = -np.inf, 0
     return code
-
-
-@kernel("void(RowBuffer, i8, RowBuffer)")
-def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
-    """Append row a of some rows to others."""
-    m, nv = others.count[0], rows.J.shape[1]
-    others.number[m], others.gap[m], others.e[m] = rows.number[a], rows.gap[a], rows.e[a]
-    others.lever[m], others.mu[m] = rows.lever[a], rows.mu[a]
-    for c in range(3):
-        others.point[m, c], others.normal[m, c] = rows.point[a, c], rows.normal[a, c]
-    for k in range(nv):
-        others.J[m, k] = rows.J[a, k]
-    if len(rows.T) > 0:
-        for c in range(2):
-            for k in range(nv):
-                others.T[2 * m + c, k] = rows.T[2 * a + c, k]
-    others.count[0] = m + 1

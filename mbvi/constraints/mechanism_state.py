@@ -10,15 +10,14 @@ from ..geometry.shape_table import ShapeTable
 from .admissible_set import AdmissibleSet
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
-from .mechanism_rows import (
+from .mechanism_rows import MechanismConstraints
+from .mechanism_tables import (
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
     PAIRS,
     Clearances,
     Limits,
-    MechanismConstraints,
-    PairAxes,
     PairFamily,
     RowBuffer,
 )
@@ -70,15 +69,13 @@ class MechanismState:
         walls = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
         pairs = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
         limits = _limits(constraints, slots.get(LIMITS))
-        axes, n = pairs.axes, pairs.size
+        shapes, near = pairs.loop_tables()
         self._clearances = Clearances(
             np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
         )
-        rooms = np.zeros((len(axes.bodies), 4, 3)), np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.arrays = MechanismConstraints(
-            self._clearances, limits, walls.points, tables[HALF_SPACES], axes.tables,
-            PairAxes(np.array(axes.bodies, dtype=np.int64), *rooms, axes.axis), tables[PAIRS],
-        )  # fmt: skip
+            self._clearances, limits, walls.points, tables[HALF_SPACES], shapes, tables[PAIRS], near
+        )
 
     def enter(self) -> bool:
         """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""

@@ -16,6 +16,7 @@ from ..geometry.separating_axis import SeparatingAxes, carry_axes
 from ..geometry.shape_table import ShapeTable
 from ..system import System
 from .family import RowTable
+from .mechanism_pairs import AS_THEY_ARE, LEFT_TO_PYTHON, MOST_CONTACTS, ROUNDED, PairShapes
 from .pairs import Array, Contacts, Pairs
 from .rows import Rows
 
@@ -84,10 +85,19 @@ class SignedDistances(Pairs):
         """The name of each pair."""
         return tuple(self._shapes.name(a, b) for a, b in self._sides.tolist())
 
-    @property
-    def axes(self) -> SeparatingAxes:
-        """The separating axes of the pairs."""
-        return self._axes
+    def loop_tables(self) -> tuple[tuple[Array, ...], PairShapes]:
+        """Return the shapes, and what else the compiled loop needs of the pairs; both share the axes."""
+        n, axes, sizes = self.size, self._axes, self._coal
+        places, lists = np.zeros((2, len(axes.bodies), 4, 3)), np.zeros((5, n), np.int64)
+        unresolved, closed, others, unknown, state = lists
+        mode = LEFT_TO_PYTHON if self._planar else ROUNDED if self._at_rest else AS_THEY_ARE
+        found = np.zeros(n), *np.zeros((2, n, 3)), state
+        contacts = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
+        return axes.tables, PairShapes(
+            np.array(axes.bodies, dtype=np.int64), *places, unresolved, closed, others, unknown, axes.axis,
+            self._closed.form, self.smooth, self._flat, sizes.bound, sizes.unit, self._grid.ravel(), mode, *found,
+            *contacts,
+        )  # fmt: skip
 
     def keep_axes_of(self, other: SignedDistances) -> None:
         """Take over what another list of pairs of the same shapes knows of those that are in both."""

@@ -165,7 +165,7 @@ def separated(
 
 
 @kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
-def _keep(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
+def keep_normals(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
     """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `separated`."""
     for i in range(len(pairs)):
         body = frame[sides[pairs[i], 0]]
@@ -237,4 +237,4 @@ class SeparatingAxes:
 
     def keep(self, places: Array, pairs: Array, normals: Array) -> None:
         """Keep measured normals, shape (k, 3), as the axes of some pairs."""
-        _keep(places, self.frame, self.shapes.sides, self.axis, pairs, normals)
+        keep_normals(places, self.frame, self.shapes.sides, self.axis, pairs, normals)

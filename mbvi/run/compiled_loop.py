@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.mechanism_rows import MOST_ROWS
+from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
 from ..problem import Problem
 from ..projection import Projector

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..constraints.mechanism_rows import MOST_ROWS
+from ..constraints.mechanism_tables import MOST_ROWS
 from ..schemes.centered_kernel import centered_step
 from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
 from .recorder import RECENT, record_depth

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from ..compiled import kernel
-from ..constraints.mechanism_rows import FOUND, MOST_ROWS, RowBuffer, active_rows, append_row
+from ..constraints.mechanism_rows import active_rows
+from ..constraints.mechanism_tables import FOUND, RowBuffer, append_row
 from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import find_sunk
+from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
@@ -135,7 +137,7 @@ def settle(
     solve(room.L, mech.parent, J, W, A)
     code, residual = settle_positions(
         number, point, J, A, W, gap, lever, e, scales.squares, free, v, w, displacement, law, settled, rates,
-        room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0,
+        room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
     )  # fmt: skip
     if code == UNDECIDED:
         return BOUNCES

@@ -11,10 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..constraints.mechanism_rows import FOUND, MOST_ROWS, MechanismConstraints, RowBuffer, active_rows
+from ..constraints.mechanism_rows import MechanismConstraints, active_rows
+from ..constraints.mechanism_tables import FOUND, MOST_ROWS, RowBuffer
+from ..projection.coulomb import MOST_CONTACTS
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE
 from ..projection.friction import AIM
 from ..projection.frictional_step import frictional_tree_law
+from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.controls import ControlTable, write_torque
@@ -55,7 +58,7 @@ class Scales(NamedTuple):
     tolerance, length : float
         Activation tolerance and length of the scene [m].
     residual : float
-        Relative residual that Coulomb's law may have.
+        Relative residual that a projection may have.
     squares : ndarray, shape (families, nv)
         As of `ClearanceCache`.
     controlled : bool
@@ -203,10 +206,11 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     write_torque(s.control, t, q, force_velocity, s.room.torque)
     place(m, q)
     nonlinear_effects(m.calls, q, force_velocity)
+    limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, 0.0, s.v, rates)
+        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, limit, s.v, rates)
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED
@@ -215,6 +219,8 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
             memory.percussion[a] = rates[0, a]
         s.residual[0] = found
         return DONE
+    if k > MOST_CONTACTS:
+        return UNSOLVED
     known, start, slip = NOTHING, memory.start[: 3 * k], s.room.table[: 8 * k].reshape((4, k, 2))
     if memory.size[1] == 3 * k:
         known = UNIQUE if memory.size[2] else COMPLIANT

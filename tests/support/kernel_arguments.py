@@ -960,7 +960,7 @@ ARGUMENTS = {
     "_limits_within": reached,
     "reach": reach,
     "separated": clear,
-    "_keep": keep,
+    "keep_normals": keep,
     "place_side": placing_side,
     "core_reach": core_reach,
     "place_shapes": placing_shapes,

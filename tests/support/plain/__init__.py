@@ -43,7 +43,7 @@ PLAIN = {
     "_bias": _bias_plain,
     "separated": _clear_plain,
     "first_of_lines": first_of_lines_plain,
-    "_keep": _keep_plain,
+    "keep_normals": _keep_plain,
     "_near_balls": _near_balls_plain,
     "farthest_moved": farthest_moved_plain,
     "record_depth": _note_plain,
