@@ -125,6 +125,8 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
                 first, second = support[family.bodies[0, pair]], support[family.bodies[1, pair]]
                 row(columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
             else:
+                for k in range(3):
+                    rows.axes[a, c, k] = 1.0 if k == c else 0.0
                 for k in range(nv):
                     rows.T[2 * a + c, k] = 0.0
 
