@@ -12,6 +12,7 @@ from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
@@ -870,6 +871,7 @@ def write_row(rng):
 
 
 ARGUMENTS = {
+    **ADDRESS_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
@@ -987,7 +989,9 @@ IF_ACCEPTED = {
 
 
 def arguments(item, seed):
-    return copy.deepcopy(ARGUMENTS[item.__name__](np.random.default_rng(seed)))
+    made = ARGUMENTS[item.__name__](np.random.default_rng(seed))
+    # a copy of addresses would name the memory of the original
+    return made if item.__name__ in ADDRESS_ARGUMENTS else copy.deepcopy(made)
 
 
 def accepted(name, result):
@@ -1005,6 +1009,8 @@ def accepted(name, result):
 
 def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
+    if name in ADDRESS_ARGUMENTS:
+        return results_by_address(name, arguments)
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None
     arguments = [part for one in arguments for part in (one[:end] if isinstance(one, tuple) else (one,))]
