@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
+from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
-from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
@@ -52,6 +52,7 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
+        assert isinstance(system, ArticulatedSystem)
         nq, nv, frictional = system.nq, system.nv, problem.constraints.frictional
         mechanism = system.mechanism()
         control = system.control.table if system.controlled else no_control(nv)

@@ -183,14 +183,17 @@ class PDControl(LoopControl):
         place = array(q, "q", ("n",) if times is None else (k, "n")).reshape(k, -1)
         n = place.shape[1]
         rows = [
-            np.zeros((k, n)) if each is None else _rows(each, name, k, n) for each, name in ((torque, "torque"), (v, "v"))
+            np.zeros((k, n)) if each is None else _rows(each, name, k, n)
+            for each, name in ((torque, "torque"), (v, "v"))
         ]
         gains = [_not_negative(each, name, n) for each, name in ((stiffness, "stiffness"), (damping, "damping"))]
         most = np.full(n, np.inf) if limit is None else _not_negative(limit, "limit", n)
         when = np.zeros(1) if times is None else array(times, "times", ("k",))
         if (np.diff(when) <= 0.0).any():
             raise InputError("times must ascend")
-        self.table = _tracking(rows[0], when)._replace(q=place, v=rows[1], stiffness=gains[0], damping=gains[1], limit=most)
+        self.table = _tracking(rows[0], when)._replace(
+            q=place, v=rows[1], stiffness=gains[0], damping=gains[1], limit=most
+        )
 
 
 class CompiledControl(LoopControl):
