@@ -1,6 +1,16 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
 from .addresses import call_address
-from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
+from .kernels import KERNELS, Kernel, compile_all, compile_kernel, kernel, plain_array, record, seconds_compiling
 
-__all__ = ["KERNELS", "Kernel", "call_address", "compile_all", "kernel", "plain_array", "record", "seconds_compiling"]
+__all__ = [
+    "KERNELS",
+    "Kernel",
+    "call_address",
+    "compile_all",
+    "compile_kernel",
+    "kernel",
+    "plain_array",
+    "record",
+    "seconds_compiling",
+]

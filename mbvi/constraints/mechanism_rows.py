@@ -180,7 +180,9 @@ def active_rows(
         place(mechanism, q)
         family = walls if kind == HALF_SPACES else constraints.pairs
         if spent:
-            count, least = list_candidates(family.clearance, family.reach, cache.travel[k], tolerance, family.candidates)
+            count, least = list_candidates(
+                family.clearance, family.reach, cache.travel[k], tolerance, family.candidates
+            )
             family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
         if kind == HALF_SPACES:
             code, any_empty = half_space_contacts(
@@ -198,3 +200,32 @@ def active_rows(
             # a candidate without a row may be skipped: list the candidates again at the next query
             cache.clearance[k], family.listed[1] = -np.inf, 0
     return code
+
+
+@kernel("void(PairFamily, PairFamily)")
+def copy_pairs(here: PairFamily, there: PairFamily) -> None:
+    """Copy what queries change in a family of pairs."""
+    for i in range(len(here.clearance)):
+        there.clearance[i], there.candidates[i] = here.clearance[i], here.candidates[i]
+    for i in range(2):
+        there.listed[i] = here.listed[i]
+
+
+@kernel("void(MechanismConstraints, MechanismConstraints)")
+def copy_memory(here: MechanismConstraints, there: MechanismConstraints) -> None:
+    """Copy all that queries of the constraints change, and that later queries depend on."""
+    for k in range(here.cache.travel.shape[0]):
+        there.cache.clearance[k], there.cache.always[k] = here.cache.clearance[k], here.cache.always[k]
+        for i in range(here.cache.travel.shape[1]):
+            there.cache.travel[k, i] = here.cache.travel[k, i]
+    for i in range(len(here.cache.q)):
+        there.cache.q[i] = here.cache.q[i]
+    copy_pairs(here.walls, there.walls)
+    copy_pairs(here.pairs, there.pairs)
+    for i in range(len(here.points.start)):
+        there.points.start[i] = here.points.start[i]
+    one, other = Shapes(*here.shapes).start, Shapes(*there.shapes).start
+    for i in range(len(one)):
+        other[i, 0], other[i, 1] = one[i, 0], one[i, 1]
+        for c in range(3):
+            there.near.axis[i, c] = here.near.axis[i, c]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
+from ..constraints.mechanism_tables import MOST_ROWS
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
@@ -14,6 +14,7 @@ from ..schemes.mechanism_steps import LawMemory, MechanismStep, Scales, room
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
+from ..system.mechanism import Mechanism
 from .recorder import RECENT, Recorder
 from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
@@ -47,24 +48,11 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
-        nq, nv, frictional = system.nq, system.nv, problem.constraints.frictional
-        mechanism = system.mechanism()
-        control = system.control.table if system.controlled else no_control(nv)
         self._state = MechanismState(problem.constraints)
-        self._memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
-        theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
-        squares = problem.constraints.cache.squares
-        scales = Scales(problem.tolerance, problem.length, projector.residual, squares, system.controlled, theta)
-        rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
-        self._step = MechanismStep(
-            mechanism, self._state.arrays, self._memory, scales, control, room(nq, nv), rows, ahead, middle,
-            np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(1),
-        )  # fmt: skip
-        self._log = LoopRecord(
-            recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual, np.full(RECENT, -1),
-            np.zeros((RECENT, MOST_ROWS), np.int64), np.zeros((RECENT, MOST_ROWS)), np.zeros((MOST_ROWS, 3)),
-            np.zeros(4 * MOST_ROWS), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
-        )  # fmt: skip
+        self._step = mechanism_step(problem, scheme, projector.residual, system.mechanism(), self._state)
+        self._memory = self._step.memory
+        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
+        self._log = loop_record(problem, guard, *states)
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
@@ -108,9 +96,50 @@ class CompiledLoop:
         """Return the last step, number i, with what the recorder needs of its rows."""
         log, (number, _) = self._log, self._rows_of(i)
         m = len(number)
-        rows = Rows(number, _NOTHING, self._problem.constraints.empty.jacobian, _NOTHING, log.point[:m].copy(), _NOTHING)
+        rows = Rows(
+            number, _NOTHING, self._problem.constraints.empty.jacobian, _NOTHING, log.point[:m].copy(), _NOTHING
+        )
         t = self._problem.t0 + (i - 1) * self._h + self._h
         return Step(t, q, v, rows, log.rates[: 4 * m].reshape(4, m).copy(), 0.0)
+
+
+def mechanism_step(
+    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState
+) -> MechanismStep:
+    """Return what steps a problem that the loop takes, with room for one step."""
+    system, constraints = problem.system, problem.constraints
+    nq, nv, frictional = system.nq, system.nv, constraints.frictional
+    assert isinstance(system, ArticulatedSystem)
+    control = system.control.table if isinstance(system.control, LoopControl) else no_control(nv)
+    memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
+    theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
+    scales = Scales(problem.tolerance, problem.length, residual, constraints.cache.squares, system.controlled, theta)
+    rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
+    return MechanismStep(
+        mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),
+        np.zeros(4 * MOST_ROWS), np.zeros(1),
+    )  # fmt: skip
+
+
+def loop_record(
+    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
+) -> LoopRecord:
+    """Return the record of a loop that writes states to given arrays."""
+    return LoopRecord(
+        t, q, v, penetration, residual, np.full(RECENT, -1), np.zeros((RECENT, MOST_ROWS), np.int64),
+        np.zeros((RECENT, MOST_ROWS)), np.zeros((MOST_ROWS, 3)), np.zeros(4 * MOST_ROWS), problem.constraints.lever,
+        np.zeros(4 * MOST_ROWS), *guard.shares,
+    )  # fmt: skip
+
+
+def is_compiled(problem: Problem, scheme: Scheme) -> bool:
+    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
+    system = problem.system
+    if kind_of_scheme(scheme) is None or type(system) is not ArticulatedSystem or problem.energy_cap:
+        return False
+    if system.controlled and not isinstance(system.control, LoopControl):
+        return False
+    return not system.applied.any() and can_be_compiled(problem.constraints)
 
 
 def kind_of_scheme(scheme: Scheme) -> int | None:
@@ -131,11 +160,7 @@ def compiled_loop(
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/architecture.md."""
     kind, system = kind_of_scheme(scheme), problem.system
-    if kind is None or type(system) is not ArticulatedSystem or type(recorder) is not Recorder:
-        return None
-    if system.controlled and not isinstance(system.control, LoopControl):
-        return None
-    if system.applied.any() or not can_be_compiled(problem.constraints) or projector.solver:
+    if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
     if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
         return None
