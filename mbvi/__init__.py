@@ -21,6 +21,8 @@ from .impacts import Forks, forks
 from .problem import Problem
 from .projection import ActiveSet, DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
 from .results import Diagnosis, Impact, Trajectory, load
+from .run.rollout import Rollouts, rollout
+from .run.rollout_job import RolloutStatus
 from .run.simulate import simulate, steps
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
@@ -59,6 +61,8 @@ __all__ = [
     "Projection",
     "ProjectionError",
     "ProxQP",
+    "RolloutStatus",
+    "Rollouts",
     "Scene",
     "SchatzmanPaoli",
     "SparsePCG",
@@ -74,6 +78,7 @@ __all__ = [
     "packing",
     "project",
     "reference",
+    "rollout",
     "simulate",
     "steps",
     "surfaces",

@@ -137,6 +137,7 @@ class Problem:
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = _ACTIVATION * self.length
         self._check()
+        self.constraints.renew()
 
     def _check_quaternions(self) -> None:
         off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0

@@ -46,6 +46,17 @@ class _SingleFamily(NamedTuple):
     bodies: tuple[Array, Array] | None
 
 
+class _Memory(NamedTuple):
+    """What caches hold: that of clearances, and of each family copies of `memory`, and `kept`."""
+
+    cache: Any
+    families: list[tuple[list[Array], Any]]
+
+
+def _memory_of(family: ConstraintFamily) -> tuple[list[Array], Any]:
+    return [array.copy() for array in family.memory()], family.kept
+
+
 class AdmissibleSet(Rebuilt):
     """The stack of constraint families.
 
@@ -117,6 +128,38 @@ class AdmissibleSet(Rebuilt):
         # the last rows that were all of one family
         self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
         self.cache = ClearanceCache(system, self.numbered())
+        self._built: _Memory | None = None
+
+    def renew(self) -> None:
+        """Go back to what the caches held at the first call, which `Problem` makes when it is built.
+
+        A run then gives the same bytes whatever ran before. Families that list near pairs keep their lists.
+        """
+        if self._built is None:
+            self._built = _Memory(self.cache.save(), [_memory_of(family) for family in self.families])
+            return
+        self.cache.restore(self._built.cache)
+        for family, (arrays, kept) in zip(self.families, self._built.families, strict=True):
+            for array, saved in zip(family.memory(), arrays, strict=True):
+                array[:] = saved
+            family.kept = kept
+
+    def forget_kept(self) -> None:
+        """Let families forget kept contacts, other than those that they held at the first call of `renew`."""
+        if self._built is not None:
+            for family, (_, kept) in zip(self.families, self._built.families, strict=True):
+                family.kept = kept
+
+    def moved_by(self, system: System) -> AdmissibleSet:
+        """Return the same constraints on a copy of the system, with caches of their own, as `renew` leaves them."""
+        parts = []
+        for one in self.constraints:
+            assert isinstance(one, Rebuilt)
+            parts.append(one.rebuilt_with(self.system, system))
+        new = AdmissibleSet(system, parts, np.array(self._e), np.array(self._mu))
+        new._built = self._built
+        new.renew()
+        return new
 
     def __len__(self) -> int:
         return self._starts[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,6 +86,16 @@ class _Entry:
         return Rows(self._shifted, gap, jacobian, e, point, normal, rate)
 
 
+class _Saved(NamedTuple):
+    """The state of a cache: of each family how often it was idle, and its candidates."""
+
+    last: Array | None
+    always_query: int
+    travel: Array
+    clearance: Array
+    entries: list[tuple[int, tuple[Array, Array, bool] | None]]
+
+
 class ClearanceCache:
     """Skips the families that cannot have a row within the tolerance yet; each `AdmissibleSet` has one of its own.
 
@@ -145,6 +155,24 @@ class ClearanceCache:
         for entry in self._entries:
             if entry.candidates is not None:
                 entry.candidates.forget()
+
+    def save(self) -> _Saved:
+        """Return the state, for `restore`."""
+        entries = [
+            (entry.idle, None if one is None else (one.clearance.copy(), one.index, one.any_empty))
+            for entry in self._entries
+            for one in (entry.candidates,)
+        ]
+        return _Saved(self._last, self._always_query, self._travel.copy(), self._clearance.copy(), entries)
+
+    def restore(self, saved: _Saved) -> None:
+        """Go back to a state that was saved, here or in the cache of a copy of the constraints."""
+        self._last, self._always_query = saved.last, saved.always_query
+        self._travel[:], self._clearance[:] = saved.travel, saved.clearance
+        for entry, (idle, candidates) in zip(self._entries, saved.entries, strict=True):
+            entry.idle = idle
+            if entry.candidates is not None and candidates is not None:
+                entry.candidates.clearance[:], entry.candidates.index, entry.candidates.any_empty = candidates
 
     @property
     def arrays(self) -> tuple[Array, Array, Array] | None:

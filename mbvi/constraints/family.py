@@ -89,6 +89,8 @@ class ConstraintFamily(ABC):
     tracked: bool = True
     skips_resting: bool = False
     functions: tuple[Callable[..., Any], ...] = ()
+    # contacts that are returned again while nothing moves
+    kept: Any = None
     # written by `contacts`, returned by `clearance`
     _clearance: float = -np.inf
 
@@ -279,6 +281,10 @@ class ConstraintFamily(ABC):
         return np.asarray(self.gap(t, q)[pairs])
 
     # for sleeping bodies
+
+    def memory(self) -> tuple[Array, ...]:
+        """Return the arrays by which earlier queries may change the last digits of later ones; as `kept` may."""
+        return ()
 
     def skip_resting(self, resting: Array | None) -> None:  # noqa: B027
         """Leave out pairs whose bodies are both at rest; `resting` has shape (bodies,), None leaves out no pair."""

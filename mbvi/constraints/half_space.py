@@ -217,6 +217,10 @@ class HalfSpaceContacts(Pairs):
         """The support points, as kernels take them."""
         return self._table
 
+    def memory(self) -> tuple[Array, ...]:
+        """Return the points at which climbs over hulls begin."""
+        return (self._table.start,)
+
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} pairs of a shape and a half-space"

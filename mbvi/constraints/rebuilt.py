@@ -22,6 +22,12 @@ class Rebuilt:
         new._arguments = arguments, options
         return new
 
+    def rebuilt_with(self: Kind, old: Any, new: Any) -> Kind:
+        """Return a copy with another object in the place of one argument; it shares all other arguments."""
+        arguments, options = self._arguments
+        replaced = tuple(new if one is old else one for one in arguments)
+        return type(self)(*replaced, **{name: new if one is old else one for name, one in options.items()})
+
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return _build, (type(self), *self._arguments)
 

@@ -64,7 +64,7 @@ class SignedDistances(Pairs):
         self.numbers = self.numbers if numbers is None else numbers
         self._at_rest = at_rest
         # the last pairs, tolerance and placements of their bodies, and the contacts found
-        self._last: tuple[tuple[bytes, float, bool, bytes], Contacts] | None = None
+        self.kept: tuple[tuple[bytes, float, bool, bytes], Contacts] | None = None
         self._grid = np.array([[_GRID]] * 3 + [[_GRID / table.unit]])
         self._cell = 1.0 / self._grid
         self._axes = SeparatingAxes(table, sides)
@@ -85,6 +85,10 @@ class SignedDistances(Pairs):
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
         """The name of each pair."""
         return tuple(self._shapes.name(a, b) for a, b in self._sides.tolist())
+
+    def memory(self) -> tuple[Array, ...]:
+        """Return the axes from which distances are searched, and the points at which climbs over hulls begin."""
+        return self._axes.axis, self._axes.shapes.start
 
     def loop_tables(self) -> tuple[tuple[Array, ...], PairShapes]:
         """Return the shapes, and what else the compiled loop needs of the pairs; both share the axes."""
@@ -167,9 +171,9 @@ class SignedDistances(Pairs):
             return self._measure(places, pairs, tolerance, rough)
         # for the world the last placement is taken, which does no harm
         where = pairs.tobytes(), tolerance, rough, places[self._axes.frame[self._axes.shapes.sides[pairs]]].tobytes()
-        if self._last is None or self._last[0] != where:
-            self._last = where, self._measure(places, pairs, tolerance, rough)
-        return self._last[1]
+        if self.kept is None or self.kept[0] != where:
+            self.kept = where, self._measure(places, pairs, tolerance, rough)
+        return self.kept[1]
 
     def _measure(self, places: Array, pairs: Array, tolerance: float, rough: bool) -> Contacts:
         """Return the contacts of some pairs, in closed form where there is one; see `_measure_all`."""

@@ -159,7 +159,9 @@ class ShapeTable:
 
     def pairs(self, sides: Array) -> Shapes:
         """Return the shapes and some pairs of them, shape (n, 2), as kernels take them."""
-        fields: Any = (*self.arrays, sides, self.arrays[4][sides], *self._others)
+        # what kernels write to is the list's own, so that lists can be used on several threads
+        taken = np.zeros(len(self.arrays[3]), bool)
+        fields: Any = (*self.arrays, sides, self.arrays[4][sides], taken, self._balls)
         return Shapes(*fields)
 
     @cached_property
@@ -168,13 +170,13 @@ class ShapeTable:
         return _arrays(self.placed, self._supports, self.frame)
 
     @cached_property
-    def _others(self) -> tuple[Array, Array]:
-        """The last two fields of `Shapes`."""
+    def _balls(self) -> Array:
+        """The last field of `Shapes`."""
         balls = [
             (*s.shape.vertices.mean(axis=0), s.shape.inner) if isinstance(s.shape, Hull) else (0.0,) * 4
             for s in self.placed
         ]
-        return np.zeros(len(self.arrays[3]), bool), np.array(balls, dtype=float).reshape(-1, 4)
+        return np.array(balls, dtype=float).reshape(-1, 4)
 
     @cached_property
     def boxes(self) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, ro
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
+from ..system.mechanism import Mechanism
 from .recorder import RECENT, Recorder
 from .step_loop import CENTERED, CENTERED_PROJECTED, FULL, MOREAU_JEAN, PAOLI, PLAIN, ROUGH, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
@@ -52,26 +53,11 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
-        assert isinstance(system, ArticulatedSystem)
-        nq, nv, frictional = system.nq, system.nv, problem.constraints.frictional
-        mechanism = system.mechanism()
-        control = system.control.table if system.controlled else no_control(nv)
         self._state = MechanismState(problem.constraints)
-        self._memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
-        theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
-        squares = problem.constraints.cache.squares
-        scales = Scales(problem.tolerance, problem.length, projector.residual, squares, system.controlled, theta)
-        rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
-        self._step = MechanismStep(
-            mechanism, self._state.arrays, self._memory, scales, control, room(nq, nv), rows, ahead, middle,
-            np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
-        )  # fmt: skip
-        width = ROUGH if frictional else PLAIN
-        self._log = LoopRecord(
-            recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual, np.zeros(_CHUNK + 1, np.int64),
-            np.zeros(_CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
-            np.zeros(4 * MOST_ROWS), *guard.shares, guard.thickness,
-        )  # fmt: skip
+        self._step = mechanism_step(problem, scheme, projector.residual, system.mechanism(), self._state)
+        self._memory = self._step.memory
+        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
+        self._log = loop_record(problem, guard, *states)
         # attempts that are left out, after several in which Python took nearly every step
         self._wait = self._waits = 0
         self.codes = np.zeros(8, np.int64)
@@ -144,6 +130,46 @@ class CompiledLoop:
         return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
 
 
+def mechanism_step(
+    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState
+) -> MechanismStep:
+    """Return what steps a problem that the loop takes, with room for one step."""
+    system, constraints = problem.system, problem.constraints
+    nq, nv, frictional = system.nq, system.nv, constraints.frictional
+    assert isinstance(system, ArticulatedSystem)
+    control = system.control.table if isinstance(system.control, LoopControl) else no_control(nv)
+    memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
+    theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
+    scales = Scales(problem.tolerance, problem.length, residual, constraints.cache.squares, system.controlled, theta)
+    rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
+    return MechanismStep(
+        mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),
+        np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+    )  # fmt: skip
+
+
+def loop_record(
+    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
+) -> LoopRecord:
+    """Return the record of a loop that writes states to given arrays."""
+    rows = np.zeros((_ROWS, ROUGH if problem.constraints.frictional else PLAIN))
+    return LoopRecord(
+        t, q, v, penetration, residual, np.zeros(_CHUNK + 1, np.int64), np.zeros(_CHUNK, bool),
+        np.zeros(len(rows), np.int64), rows, problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
+        guard.thickness,
+    )  # fmt: skip
+
+
+def is_compiled(problem: Problem, scheme: Scheme) -> bool:
+    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
+    system = problem.system
+    if kind_of_scheme(scheme) is None or type(system) is not ArticulatedSystem or problem.energy_cap:
+        return False
+    if system.controlled and not isinstance(system.control, LoopControl):
+        return False
+    return not system.applied.any() and can_be_compiled(problem.constraints)
+
+
 def kind_of_scheme(scheme: Scheme) -> int | None:
     """Return which scheme of the loop this is, None if it is none."""
     match scheme:
@@ -162,11 +188,7 @@ def compiled_loop(
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/architecture.md."""
     kind, system = kind_of_scheme(scheme), problem.system
-    if kind is None or type(system) is not ArticulatedSystem or type(recorder) is not Recorder:
-        return None
-    if system.controlled and not isinstance(system.control, LoopControl):
-        return None
-    if system.applied.any() or not can_be_compiled(problem.constraints) or projector.solver:
+    if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
     if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
         return None

@@ -169,6 +169,7 @@ def run_event_driven(
 ) -> Trajectory:
     """Run a problem with `EventDriven`; see `simulate`."""
     # a contact that stays closed is one contact, however far it slides
+    problem.constraints.renew()
     record = _EventRecorder(problem, every, notes, ContactLog(np.inf) if contacts else None)
     with (
         run_so_far(partial(record.trajectory, scheme, complete=False)),

@@ -7,17 +7,15 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from time import perf_counter
 
-import numpy as np
-
 from ..arguments import boolean, choice, file_path, integer, optional, positive, shown
 from ..errors import InputError
 from ..problem import Problem, check_kept
-from ..projection import ChosenSolver, FreeMotion, Projector, checked_solver
+from ..projection import ChosenSolver, Projector, checked_solver
 from ..results.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
-from ..schemes.step import end_at, law
+from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
 from .compiled_loop import compiled_loop
 from .default_scheme import default_scheme, time_stepping
@@ -27,6 +25,7 @@ from .interrupted import run_so_far
 from .progress import Progress
 from .recorder import ContactRecorder, Recorder
 from .sleeping import Sleepers
+from .start import initial_step
 from .tunnelling import TunnellingGuard
 
 _DEFAULT_STEP = 1e-3
@@ -77,10 +76,10 @@ def steps(
     DivergedError
         If a step or a function of the user returns numbers that are not finite.
     """
-    _check_problem(problem)
+    check_problem(problem)
     check_kept(problem)
     h = positive(step, "step")
-    chosen = time_stepping(problem)[0] if scheme is None else _checked_for(problem, scheme)
+    chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
     projector, _ = projector_of(problem, chosen, residual, depth, checked_solver(solver))
@@ -163,7 +162,7 @@ def simulate(
     An error or a KeyboardInterrupt that ends the run has the run so far as its attribute `run`, a `Trajectory` that is
     not `complete`.
     """
-    _check_problem(problem)
+    check_problem(problem)
     check_kept(problem)
     duration, every = positive(duration, "duration"), integer(every, "every", 1)
     h, out, progress = (
@@ -193,7 +192,7 @@ def simulate(
         raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = TunnellingGuard(problem, scheme, h)
     last = h if scheme.timing.whole_steps else rest
-    state = _start(problem, projector)
+    state = initial_step(problem, projector)
     recorder.step(state, True)
     with (
         run_so_far(partial(recorder.trajectory, scheme, h, complete=False)),
@@ -205,7 +204,7 @@ def simulate(
         loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
         done = 0
         while done < total:
-            if loop is not None and 0 < done < whole:
+            if loop is not None and done < whole:
                 state, done, complete = loop.run(state, done, whole)
                 fast = not state.v.dot(state.v) < guard.limit
                 if perf_counter() >= next_poll:
@@ -267,7 +266,7 @@ def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], No
 
 def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
     """Yield the states after steps without end; see `steps`."""
-    state, guard, i = _start(problem, projector), TunnellingGuard(problem, scheme, h), 0
+    state, guard, i = initial_step(problem, projector), TunnellingGuard(problem, scheme, h), 0
     observe = _observed(guard, state)
     if state.percussion.any():
         yield state
@@ -282,22 +281,6 @@ def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> 
         i += 1
 
 
-def _start(problem: Problem, projector: Projector) -> Step:
-    """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
-    problem.system.start()
-    # copies, because the problem's own arrays are read-only
-    t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
-    active = problem.constraints.active(t, q, problem.tolerance)
-    before = active.speeds(v)
-    rounding = 1e-12 * (abs(active.jacobian) @ np.abs(v))
-    if active.rate is not None:
-        rounding += 1e-12 * np.abs(active.rate)
-    if (before >= -rounding).all():
-        return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual, slip, active = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
-    return Step(t, q, v, active, rates, residual, slip)
-
-
 def _scheme_and_step(
     problem: Problem, scheme: Scheme | EventDriven | None, h: float | None, duration: float
 ) -> tuple[Scheme | EventDriven, float | None, list[str]]:
@@ -308,7 +291,7 @@ def _scheme_and_step(
     if scheme is None:
         scheme, words = time_stepping(problem)
         return scheme, h, [f"{words} was chosen: the default at a given step"]
-    scheme = _checked_for(problem, scheme)
+    scheme = checked_for(problem, scheme)
     if not isinstance(scheme, EventDriven):
         return scheme, _DEFAULT_STEP if h is None else h, []
     if h is not None:
@@ -316,14 +299,14 @@ def _scheme_and_step(
     return scheme, None, []
 
 
-def _checked_for(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
+def checked_for(problem: Problem, given: Scheme | EventDriven) -> Scheme | EventDriven:
     """Return the scheme that a user gives if it is one and can run the problem."""
     scheme = checked_scheme(given)
     scheme.check(problem)
     return scheme
 
 
-def _check_problem(problem: Problem) -> None:
+def check_problem(problem: Problem) -> None:
     """Raise `InputError` if a user gives something else than a problem."""
     if isinstance(problem, Problem):
         return

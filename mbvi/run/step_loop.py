@@ -173,6 +173,9 @@ def run_steps(
     """
     rows, memory, place = s.rows, s.memory, 0
     for i in range(first, end):
+        if i - first == len(log.event):
+            log.begin[i - first] = place
+            return i, count, FULL
         size = memory.size[0], memory.size[1], memory.size[2]
         for a in range(size[0]):
             log.before[a] = memory.percussion[a]

@@ -113,14 +113,9 @@ class ArticulatedSystem(System):
 
     def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
         self.model: pin.Model = model
-        self.control = control
-        self.controlled = control is not None
         self.name = name
-        if isinstance(control, LoopControl):
-            control.check(list(zip(list(model.nqs)[1:], list(model.nvs)[1:], strict=True)), name)
         self.nq, self.nv = int(model.nq), int(model.nv)
-        # a control is called once in each step
-        self.velocity_dependent = control is None
+        self.set_control(control)
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
@@ -154,6 +149,14 @@ class ArticulatedSystem(System):
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
         return type(self), (self.model, self.name, self.control)
+
+    def set_control(self, control: Control | None) -> None:
+        """Replace the control."""
+        if isinstance(control, LoopControl):
+            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
+        self.control, self.controlled = control, control is not None
+        # a control is called once in each step
+        self.velocity_dependent = control is None
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)

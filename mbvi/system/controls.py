@@ -13,21 +13,25 @@ from ..errors import InputError
 from .system import Array
 
 # what a control is
-NONE, TRACKING, FUNCTION = range(3)
+NONE, TRACKING, FUNCTION, HELD = range(4)
+# by how much a time may differ from that of a step by rounding [steps]
+_MARGIN = 1e-6
 
 
-@record("i8, i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
+@record("i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
 class ControlTable(NamedTuple):
     """A control as kernels take it; it acts on the last n velocities.
 
     Attributes
     ----------
     kind : int
-        `NONE`, `TRACKING` or `FUNCTION`.
+        `NONE`, `TRACKING`, `FUNCTION` or `HELD`.
     address : ndarray of int, shape (1,)
         Of the compiled function; 0 for others.
+    held : ndarray of int, shape (2,)
+        Of `HELD` the rows of `torque` that act, one after the other: the first, and how many.
     times : ndarray, shape (k,)
-        Times of the following [s], ascending.
+        Times of the following [s], ascending. Of `HELD` when the first row begins to act, and for how long each does.
     torque, q, v : ndarray, shape (k, n)
         Torques [N, N m], positions and velocities of the trajectory; linear between the times.
     stiffness, damping, limit : ndarray, shape (n,)
@@ -36,6 +40,7 @@ class ControlTable(NamedTuple):
 
     kind: int
     address: Array
+    held: Array
     times: Array
     torque: Array
     q: Array
@@ -78,11 +83,16 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
         torque[k] = 0.0
     if control.kind == FUNCTION:
         call_address(control.address[0], t, q.ctypes.data, v.ctypes.data, torque.ctypes.data)
+    n = control.torque.shape[1]
+    place, rate = len(q) - n, len(v) - n
+    if control.kind == HELD:
+        row = np.int64(np.floor((t - control.times[0]) / control.times[1]))
+        row = control.held[0] + min(max(row, 0), control.held[1] - 1)
+        for k in range(n):
+            torque[rate + k] = control.torque[row, k]
     if control.kind != TRACKING:
         return
     row, share = bracket(control.times, t)
-    n = control.torque.shape[1]
-    place, rate = len(q) - n, len(v) - n
     for k in range(n):
         tau = between(control.torque, row, k, share)
         if control.stiffness[k] != 0.0:
@@ -196,6 +206,35 @@ class PDControl(LoopControl):
         )
 
 
+class HeldTorque(LoopControl):
+    """Torques that are constant during each step.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (k, n)
+        Torques of the robot's last n velocities in each step, those of several runs one below the other [N, N m].
+    steps : int
+        Steps of a run.
+    """
+
+    def __init__(self, torque: Array, steps: int) -> None:
+        table = _tracking(np.zeros((1, torque.shape[1])), np.array([0.0, 1.0]))
+        self.table = table._replace(kind=HELD, held=np.array([0, steps]), torque=torque)
+
+    def copy(self) -> HeldTorque:
+        """Return a control for another thread, with the same torques."""
+        return HeldTorque(self.table.torque, self.table.held.item(1))
+
+    def begin(self, run: int, start: float, h: float, at_end: bool) -> None:
+        """Take the rows of a run that starts at a time, with steps of h [s].
+
+        `at_end` is whether the scheme evaluates forces at the end of its steps, which is the end of their rows' time.
+        """
+        table = self.table
+        table.held[0] = run * table.held[1] % len(table.torque)
+        table.times[:] = start + (_MARGIN if at_end else -_MARGIN) * h, h
+
+
 class CompiledControl(LoopControl):
     """A control whose function numba compiles.
 
@@ -235,7 +274,8 @@ def _tracking(torque: Array, times: Array | None = None) -> ControlTable:
     k, n = torque.shape
     still, none = np.zeros((k, n)), np.zeros(n)
     when = np.zeros(1) if times is None else times
-    return ControlTable(TRACKING, np.zeros(1, np.int64), when, torque, still, still, none, none, np.full(n, np.inf))
+    numbers = np.zeros(1, np.int64), np.zeros(2, np.int64)
+    return ControlTable(TRACKING, *numbers, when, torque, still, still, none, none, np.full(n, np.inf))
 
 
 def _rows(value: Array, name: str, k: int, n: int) -> Array:

@@ -1,0 +1,204 @@
+"""`Simulator`: a problem that is stepped from outside, for control loops and reinforcement learning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..arguments import integer, positive
+from ..constraints.contact import Contact
+from ..errors import UnsuitableError
+from ..problem import Problem, check_kept
+from ..schemes import EventDriven, Scheme, Step
+from ..schemes.contact_friction import friction_of
+from ..schemes.observer import contacts_of_rows
+from ..system.system import Array
+from .compiled_loop import is_compiled
+from .default_scheme import time_stepping
+from .mechanism_run import MechanismRun, OwnProblem
+from .simulate import check_problem, checked_for, walk
+from .step_loop import DONE, run_steps
+
+# no state is recorded
+_NEVER = 1 << 62
+
+
+class Simulator:
+    """A problem stepped from outside, with the states that `simulate` gives at the same times.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem; its own controls act.
+    scheme : Scheme, optional
+        By default that of `simulate` at a given step.
+    step : float
+        Time step h [s].
+
+    Attributes
+    ----------
+    q, v : ndarray, shapes (nq,) and (nv,)
+        Present configuration and velocity, read-only; the same arrays are written at every step.
+    t : float
+        Time [s].
+
+    Raises
+    ------
+    InputError
+        If h is not positive and finite.
+    UnsuitableError
+        If the scheme chooses its own steps or cannot run the problem.
+
+    Notes
+    -----
+    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:
+        check_problem(problem)
+        check_kept(problem)
+        chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
+        if isinstance(chosen, EventDriven):
+            raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
+        h = positive(step, "step")
+        self._given, self._stepper = problem, _stepper(problem, chosen, h)
+        self.q, self.v = self._stepper.q.view(), self._stepper.v.view()
+        self.q.flags.writeable = self.v.flags.writeable = False
+        self._h, self._done, self._t0 = h, 0, problem.t0
+        self.reset()
+
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self._t0 + self._done * self._h
+
+    def reset(
+        self, q: Array | Sequence[float] | None = None, v: Array | Sequence[float] | None = None, t: float | None = None
+    ) -> tuple[Array, Array]:
+        """Go to a state, as of `Problem.at`; by default that of the problem.
+
+        If v is not in T_K(q), the law (8) is applied once.
+
+        Parameters
+        ----------
+        q, v : array_like, shapes (nq,) and (nv,), optional
+            The state.
+        t : float, optional
+            Time [s].
+
+        Returns
+        -------
+        q, v : ndarray
+            The attributes.
+
+        Raises
+        ------
+        InputError
+            On wrong shapes, numbers that are not finite, an unnormalised quaternion.
+        """
+        given = self._given
+        start = given.at(
+            given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t
+        )
+        self._stepper.begin(start)
+        self._t0, self._done = start.t0, 0
+        return self.q, self.v
+
+    def step(self, n: int = 1) -> tuple[Array, Array]:
+        """Take n steps.
+
+        Parameters
+        ----------
+        n : int
+            Number of steps.
+
+        Returns
+        -------
+        q, v : ndarray
+            The attributes.
+
+        Raises
+        ------
+        InputError
+            If n is no positive integer.
+        ProjectionError, DivergedError
+            As `simulate`. The state is then that before the step that failed.
+        """
+        if type(n) is not int or n < 1:
+            n = integer(n, "n", 1)
+        end = self._done + n + 1
+        while self._done + 1 < end:
+            self._done = self._stepper.take(self._done + 1, end) - 1
+        return self.q, self.v
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts with a percussion in the last step, as controls of a scene receive them."""
+        step = self._stepper.last_step(self._done)
+        rows = step.active
+        h = self._h if self._done else 0.0
+        return contacts_of_rows(
+            rows.constraint, step.percussion, rows.point, rows.normal, h, self._given.constraints.name, friction_of(step)
+        )
+
+
+class _PythonStepper:
+    """Steps of any problem."""
+
+    def __init__(self, problem: Problem, scheme: Scheme, h: float) -> None:
+        self._scheme, self._h = scheme, h
+        self.q, self.v = problem.q0.copy(), problem.v0.copy()
+
+    def begin(self, problem: Problem) -> None:
+        """Go to the initial state of a problem."""
+        self._last, self._walk = walk(problem, self._scheme, self._h)
+        self.q[:], self.v[:] = self._last.q, self._last.v
+
+    def take(self, first: int, end: int) -> int:
+        """Take step `first`; return the number of the next."""
+        *_, self._last = next(self._walk)
+        self.q[:], self.v[:] = self._last.q, self._last.v
+        return first + 1
+
+    def last_step(self, i: int) -> Step:
+        """Return the last step."""
+        return self._last
+
+
+class _CompiledStepper:
+    """Steps of one mechanism, in compiled code."""
+
+    def __init__(self, own: OwnProblem, scheme: Scheme, h: float) -> None:
+        self._own, self._run = own, MechanismRun(own, scheme, h, 1)
+        self.q, self.v = self._run.q, self._run.v
+        # the last step, where Python took it
+        self._last: Step | None = None
+
+    def begin(self, problem: Problem) -> None:
+        """Go to the initial state of a problem."""
+        self._run.start(self._own.problem.at(problem.q0, problem.v0, problem.t0))
+        self._last = self._run.initial_step()
+
+    def take(self, first: int, end: int) -> int:
+        """Take steps up to `end` - 1, or one by Python; return the number of the next."""
+        run = self._run
+        following, _, code = run_steps(
+            run.step, run.log, run.kind, run.q, run.v, run.problem.t0, run.h, first, end, -1, _NEVER, 0,
+            run.guard.limit, run.still,
+        )  # fmt: skip
+        if code == DONE:
+            self._last = None
+            return following
+        self._last = run.python_step(following)
+        return following + 1
+
+    def last_step(self, i: int) -> Step:
+        """Return the last step, number i."""
+        return self._run.last_step(i) if self._last is None else self._last
+
+
+def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:
+    if is_compiled(problem, scheme):
+        own = OwnProblem(problem)
+        if own.mechanism is not None:
+            return _CompiledStepper(own, scheme, h)
+    return _PythonStepper(problem, scheme, h)
