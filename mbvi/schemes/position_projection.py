@@ -14,7 +14,7 @@ from ..problem import Problem
 from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
-from .nearby_rows import KnownRows, NearbyRows
+from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
 
@@ -183,60 +183,27 @@ def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) ->
 
 
 def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
-    """Return the same step from one kernel, or None where a contact bounces or gaps are linear nowhere."""
+    """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
     known, drift = nearby.known(step.active), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
     if known.rows.tangents is not None:
         return None
-    found = None
-    displacement = problem.system.difference(known.q, step.q)
-    if problem.constraints.travel(displacement) <= known.reach:
-        found = _settled_near(problem, applied, step, projector, known, displacement, np.flatnonzero(known.near))
-    if found is None and displacement.any():
-        # bodies move too far for gaps to be linear: the rows are taken at the end of the step
-        applied = applied.kept()
-        known = nearby.search(step.q)
-        owner = match_contacts(known.rows, step.active)
-        place = np.flatnonzero(owner >= 0)
-        if len(place) < len(step.active.gap) or not isinstance(known.rows.jacobian, np.ndarray):
-            return None
-        order = step._replace(rates=np.ascontiguousarray(step.rates[:, owner[place]]))
-        found = _settled_near(problem, applied, order, projector, known, np.zeros(len(displacement)), place)
-    return found
-
-
-def _settled_near(
-    problem: Problem, applied: Applied, step: Step, projector: Projector, known: KnownRows, displacement: Array,
-    place: Array,
-) -> Step | None:  # fmt: skip
-    """Return the same where the gaps of known rows are linear in a displacement.
-
-    Parameters
-    ----------
-    known : KnownRows
-        The rows.
-    displacement : ndarray, shape (nv,)
-        From where they are known to the end of the step.
-    place : ndarray of int, shape (k,)
-        Those of the law among them, in the order of the step's rates.
-    """
     number, gap, J, e, point, *_ = rows = known.rows
-    drift, law = step.t - applied.t, np.zeros(len(gap), bool)
-    law[place] = True
     lever = np.ones(len(gap)) * problem.constraints.levers(number)
+    displacement = problem.system.difference(known.q, step.q)
+    squares, tolerance = problem.constraints.cache.squares, problem.tolerance
     gaps = LinearGaps(
-        number, point, J, gap, lever, e, problem.constraints.cache.squares, applied.v, applied.h, drift,
-        problem.tolerance, known.reach, known.margin,
-    )  # fmt: skip
-    found = projector.settle(applied.motion, gaps, step.v, displacement, law, step.rates)
+        number, point, J, gap, lever, e, squares, applied.v, applied.h, drift, tolerance, known.reach, known.margin
+    )
+    found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
     if found is None:
         return None
     rows, rates = rows._replace(gap=found.gap, restitution=found.e), found.rates
     if not found.law.all():
         rows, rates = take(rows, found.law), rates.compress(found.law, 1)
     q = step.q
-    if not np.array_equal(found.law, law):
+    if not np.array_equal(found.law, known.near):
         q = problem.system.integrate(applied.q, drift * found.w)
     if found.moved is None:
         residual = step.residual if found.residual < 0.0 else found.residual
