@@ -45,7 +45,7 @@ def test_a_kernel_equals_its_plain_form(item):
 
 @pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
 def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
-    """What it would misread or may not write to: other numbers, gaps between them, another order, read-only memory where it writes."""
+    """Other numbers, gaps between them, another order, and read-only memory where it may write."""
     refused, types = 0, item.compiled().nopython_signatures[0].args
     for k, value in enumerate(arguments(item, 0)):
         if not isinstance(value, np.ndarray):
