@@ -1,4 +1,4 @@
-"""Pinocchio's functions by address: the bits of its bindings, for any robot, in any thread, for as long as they are kept."""
+"""Pinocchio by address: the bits of its bindings, for any robot, in any thread, for as long as it is kept."""
 
 import gc
 from concurrent.futures import ThreadPoolExecutor
@@ -95,11 +95,12 @@ def test_the_record_keeps_the_model_and_the_data(name, rng):
     # the array of calls alone keeps them too
     del record, sizes, kept
     gc.collect()
-    kept = [model_of(other) for other in PATHS]
+    others = [model_of(other) for other in PATHS]
     new = np.empty(len(state[0]))
     pinocchio_address.retract(calls, state[0], state[1], new)
     pinocchio_address.crba(calls, state[0])
     assert new.tobytes() == wanted[0]
+    assert len(others) == len(PATHS)
 
 
 def test_threads_with_a_record_each_give_the_bits_of_one(rng):
