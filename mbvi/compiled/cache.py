@@ -26,7 +26,7 @@ from .interrupts import interrupts_later
 from .linking import compile_now, entry_dispatcher, function_dispatcher, rebuilt, reduced
 from .one_process import one_process
 
-_MARK = b"mbvi-1\n\0"
+_MARK = b"mbvi-3\n\0"
 _DIGEST = 32
 # files of a kernel that are kept: four of each version of mbvi, numba or Python
 _MOST_FILES = 40
@@ -193,7 +193,7 @@ class Code:
         self._before_compiling, self._nogil = before_compiling, nogil
         # no C functions: nothing takes the kernels' addresses
         self._options = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
-        key = sha256(f"{stamp} {numba.__version__} {np.__version__} {sys.version}".encode()).hexdigest()[:20]
+        key = sha256(f"{stamp} {numba.__version__} {np.__version__} {sys.version} {_MARK!r}".encode()).hexdigest()[:20]
         self._name = f"{Path(function.__code__.co_filename).stem}.{function.__name__}-{key}"
         self._callee: Any = None
 

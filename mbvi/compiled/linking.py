@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from typing import Any
 
 from llvmlite import binding
@@ -15,6 +16,7 @@ from numba import njit
 from numba.core import compiler as numba_compiler
 from numba.core import typeinfer
 from numba.core.codegen import JITCodeLibrary
+from numba.core.environment import Environment
 
 # numba's types are not those of its own declarations
 CompileResult: Any = numba_compiler.CompileResult
@@ -99,19 +101,23 @@ def entry_dispatcher(
 ) -> Any:
     """Return the dispatcher that Python calls; where machine code is not in the cache it is made from the `callee`."""
     made: Any = njit(**options, nogil=nogil)(function)
-    context = made.targetctx
+    context = made.targetctx.subtarget(enable_nrt=bool(options["_nrt"]))
 
     def compile_entry(arguments: Any, result: Any) -> Any:
         inner = callee().overloads[tuple(arguments)]
         library = context.codegen().create_library(inner.library.name)
         library.enable_object_caching()
         library.add_linking_library(inner.library)
+        # several libraries hold the function, and each but this one would hide the environment of its name
+        description = copy(inner.fndesc)
+        description.env_name = f"{inner.fndesc.env_name}.entry"
+        environment = Environment.from_fndesc(description)
         with context.push_code_library(library):
-            context.create_cpython_wrapper(library, inner.fndesc, inner.environment, None, release_gil=nogil)
-        entry = context.get_executable(library, inner.fndesc, inner.environment)
-        found = inner._replace(entry_point=entry, library=library, metadata={})
-        for environment in found._find_referenced_environments():
-            context.codegen().set_env(environment.env_name, environment)
+            context.create_cpython_wrapper(library, description, environment, None, release_gil=nogil)
+        entry = context.get_executable(library, description, environment)
+        found = inner._replace(
+            entry_point=entry, library=library, fndesc=description, environment=environment, metadata={}
+        )
         return found
 
     made._compiler.compile = compile_entry

@@ -95,6 +95,8 @@ assert normalise(a) == 5.0
 print(sum(item._code is not None for item in KERNELS))
 """
     assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "2\n"
+    # of the other one only what kernels take over
+    assert (len(entries(tmp_path)), len([*tmp_path.rglob("*.function.*nbc")])) == (1, 2)
     assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "1\n"
 
 
