@@ -20,7 +20,7 @@ class AddressCall:
         kinds = [ctypes.c_int if isinstance(a, np.int32) else ctypes.c_int64 for a in arguments]
         ctypes.CFUNCTYPE(None, *kinds)(int(function))(*(int(a) for a in arguments))
 
-    def compiled(self) -> Any:
+    def callee(self) -> Any:
         """Return numba's form of it."""
         from llvmlite import ir
         from numba.core import cgutils, types

@@ -12,14 +12,24 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from numba import njit, types
-from numba.core import typeinfer
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+import numba
+import numpy as np
+from numba import types
+from numba.core import config
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
-_MARK = b"mbvi-1\n\0"
+from .folder import cache_folder
+from .interrupts import interrupts_later
+from .linking import compile_now, entry_dispatcher, function_dispatcher, rebuilt, reduced
+from .one_process import one_process
+
+_MARK = b"mbvi-3\n\0"
 _DIGEST = 32
+# files of a kernel that are kept: four of each version of mbvi, numba or Python
+_MOST_FILES = 40
 # said once a process
 _said: set[str] = set()
 
@@ -89,24 +99,49 @@ class _CheckedFile(IndexDataCacheFile):
             raise _DamagedFile from error
 
 
-class _CheckedCache(FunctionCache):
-    """numba's cache of one function; what cannot be read is compiled, and what cannot be written is not kept."""
+class _Missing(Exception):
+    """A kernel is not in the cache, and it may not be compiled yet."""
 
-    def __init__(self, function: Callable[..., Any], stamp: str, before_compiling: Callable[[], None]) -> None:
-        super().__init__(function)
-        self._before_compiling = before_compiling
-        # files of numba's own cache, which have no checksum, bear other names
-        self._cache_file = _CheckedFile(
-            cache_path=self._cache_path,
-            filename_base=f"{self._impl.filename_base}.checked",
-            source_stamp=stamp,
-        )
+
+class _CheckedCache(FunctionCache):
+    """numba's cache of one function; what cannot be read is compiled, and what cannot be written is not kept.
+
+    Files are named by a hash of all that machine code depends on: versions of mbvi do not overwrite each other's.
+    """
+
+    def __init__(self, function: Callable[..., Any], stamp: str, name: str, is_entry: bool) -> None:
+        self._name, self._py_func, self._is_entry = repr(function), function, is_entry
+        self._impl = object.__new__(CompileResultCacheImpl)
+        self._cache_path = str(cache_folder())
+        self._cache_file = _CheckedFile(self._cache_path, name, stamp)
+        self.enable()
+        # whether what is missing is compiled
+        self.compiles = False
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        if self._is_entry:
+            return super()._load_overload(sig, target_context)
+        kept = self._cache_file.load(self._index_key(sig, target_context.codegen()))
+        return None if kept is None else rebuilt(target_context, kept)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
-        if found is None:
-            self._before_compiling()
+        if found is None and not self.compiles:
+            raise _Missing
         return found
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        os.makedirs(self._cache_path, exist_ok=True)
+        kept = self._impl.reduce(data) if self._is_entry else reduced(data)
+        self._cache_file.save(self._index_key(sig, data.codegen), kept)
+        self._remove_old()
+
+    def _remove_old(self) -> None:
+        """Remove code of old versions of the same kernel."""
+        kernel = self._cache_file._index_name.rpartition("-")[0]
+        files = sorted(Path(self._cache_path).glob(f"{kernel}-*.nb?"), key=lambda file: file.stat().st_mtime)
+        for file in files[:-_MOST_FILES]:
+            file.unlink(missing_ok=True)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
@@ -126,15 +161,8 @@ def signature_of(text: str, records: dict[str, Any]) -> Any:
     return eval(text, known)
 
 
-def compiled(
-    function: Callable[..., Any],
-    signature: Any,
-    stamp: str,
-    before_compiling: Callable[[], None],
-    allocates: bool = True,
-    nogil: bool = False,
-) -> Callable[..., Any]:
-    """Return a function compiled for one signature, from the cache where it is there.
+class Code:
+    """The code of one kernel, compiled or from the cache: a function for other kernels, and an entry for Python.
 
     Parameters
     ----------
@@ -151,24 +179,60 @@ def compiled(
     nogil : bool
         Whether other threads of Python run meanwhile.
     """
-    # no C functions: nothing takes the kernels' addresses
-    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates, "nogil": nogil}
-    dispatcher: Any = njit(**options)(function)
-    if not hasattr(dispatcher, "disable_compile"):
-        # with numba's own switch off (NUMBA_DISABLE_JIT) there is nothing to compile
-        before_compiling()
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        signature: Any,
+        stamp: str,
+        before_compiling: Callable[[], None],
+        allocates: bool = True,
+        nogil: bool = False,
+    ) -> None:
+        self._function, self._signature, self._stamp = function, signature, stamp
+        self._before_compiling, self._nogil = before_compiling, nogil
+        # no C functions: nothing takes the kernels' addresses
+        self._options = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
+        key = sha256(f"{stamp} {numba.__version__} {np.__version__} {sys.version} {_MARK!r}".encode()).hexdigest()[:20]
+        self._name = f"{Path(function.__code__.co_filename).stem}.{function.__name__}-{key}"
+        self._callee: Any = None
+
+    def callee(self) -> Any:
+        """Return numba's function that kernels call."""
+        if self._callee is None:
+            cache = _CheckedCache(self._function, self._stamp, f"{self._name}.function", False)
+            self._callee = self._made(function_dispatcher(self._function, self._options, cache))
+        return self._callee
+
+    def entry(self) -> Any:
+        """Return numba's function that Python calls."""
+        if getattr(config, "DISABLE_JIT"):  # noqa: B009
+            # there is nothing to compile
+            self._before_compiling()
+            return self._function
+        cache = _CheckedCache(self._function, self._stamp, self._name, True)
+        return self._made(entry_dispatcher(self._function, self._options, cache, self.callee, self._nogil))
+
+    def _made(self, dispatcher: Any) -> Any:
+        if self._found(dispatcher):
+            return dispatcher
+        with one_process(cache_folder()):
+            # another process may have compiled it meanwhile
+            if not self._found(dispatcher):
+                with interrupts_later(), _without_garbage_collection():
+                    self._before_compiling()
+                    dispatcher._cache.compiles = True
+                    compile_now(dispatcher, self._signature)
         return dispatcher
-    try:
-        dispatcher._cache = _CheckedCache(function, stamp, before_compiling)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        # nowhere to write to: the next process compiles again
-        before_compiling()
-    with typeinfer.register_dispatcher(dispatcher), _without_garbage_collection():
-        dispatcher.compile(signature)
-        dispatcher.disable_compile()
-    return dispatcher
+
+    def _found(self, dispatcher: Any) -> bool:
+        """Return whether a kernel was in the cache; it is loaded then."""
+        with interrupts_later(), _without_garbage_collection():
+            try:
+                compile_now(dispatcher, self._signature)
+            except _Missing:
+                return False
+        return True
 
 
 @contextmanager

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from types import CodeType, FunctionType
 from typing import Any, TypeVar
@@ -16,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .addresses import AddressCall
+from .folder import cache_folder
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record", bound=type)
@@ -46,6 +45,7 @@ class Kernel:
         self.loops, self.signature, self.nogil = loops, signature, nogil
         self.__name__, self.__module__, self.__doc__ = loops.__name__, loops.__module__, loops.__doc__
         self._compiled: Any = None
+        self._code: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
         """Compile the kernel and run it."""
@@ -56,13 +56,16 @@ class Kernel:
         return function(*arguments)
 
     def compiled(self) -> Any:
-        """Return numba's function, which other kernels call; compile it, or read it from the cache, if needed."""
+        """Return numba's function that Python calls; compile it, or read it from the cache, if needed."""
         with _LOCK:
             if self._compiled is None:
-                with _interrupts_later():
-                    self._compiled = self._compile()
+                self._compiled = self._compilable().entry()
                 setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
         return self._compiled
+
+    def callee(self) -> Any:
+        """Return numba's function that other kernels call."""
+        return self._compilable().callee()
 
     def interpret(self) -> None:
         """Have Python run the kernel in this process from now on, without compiling it."""
@@ -95,9 +98,15 @@ class Kernel:
         makes = not _ALLOCATING.isdisjoint(self.loops.__code__.co_names)
         return makes or any(not _RETURNS_NUMBERS.match(other.signature) for other in others)
 
-    def _compile(self) -> Any:
+    def _compilable(self) -> Any:
+        """Return the code of the kernel, which is compiled when it is asked for its functions."""
+        if self._code is None:
+            self._code = self._make_code()
+        return self._code
+
+    def _make_code(self) -> Any:
         # imported here for its weight: only runs need it
-        from .cache import compiled, signature_of
+        from .cache import Code, signature_of
 
         # numba takes no Kernel for a function: the names of other kernels mean compiled functions here
         namespace = dict(self.loops.__globals__)
@@ -108,11 +117,11 @@ class Kernel:
         calls = {name: namespace[name] for name in _names(loops.__code__) if _is_address_call(namespace.get(name))}
 
         def before_compiling() -> None:
-            _announce()
-            namespace.update({name: other.compiled() for name, other in {**others, **calls}.items()})
+            _announce(self.__name__)
+            namespace.update({name: other.callee() for name, other in {**others, **calls}.items()})
 
         signature = signature_of(self.signature, self._records())
-        return compiled(loops, signature, self.stamp().hex(), before_compiling, self._allocates(), self.nogil)
+        return Code(loops, signature, self.stamp().hex(), before_compiling, self._allocates(), self.nogil)
 
 
 def kernel(signature: str, nogil: bool = False) -> Callable[[Function], Function]:
@@ -196,12 +205,13 @@ def _add_code(digest: Any, code: CodeType) -> None:
             digest.update(repr(const).encode())
 
 
-def _announce() -> None:
-    """Say once a process that kernels are compiled."""
+def _announce(name: str) -> None:
+    """Say once a process that kernels are compiled, which is the first, and why."""
     global _announced
     if not _announced:
         _announced = True
-        print("mbvi: compiling kernels, once on this machine ...", file=sys.stderr, flush=True)
+        words = f"compiling kernels that {cache_folder()} does not have yet, once on this machine; the first is {name}"
+        print(f"mbvi: {words} ...", file=sys.stderr, flush=True)
 
 
 def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, Any]:
@@ -217,24 +227,3 @@ def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, An
 
 def _is_address_call(value: Any) -> bool:
     return isinstance(value, AddressCall)
-
-
-@contextmanager
-def _interrupts_later() -> Iterator[None]:
-    """Hold back interrupts (Ctrl-C) until the end of the block.
-
-    LLVM calls Python while it compiles and loads; an exception raised there is printed and lost.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    # a handler that is no Python function interrupts nothing here, and only the main thread may set one
-    if before is None or isinstance(before, int) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler, pending = before, list[Any]()
-    signal.signal(signal.SIGINT, lambda _, frame: pending.append(frame))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pending:
-        handler(signal.SIGINT, pending.pop())

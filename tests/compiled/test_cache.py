@@ -2,22 +2,23 @@
 
 import importlib.util
 import os
+import select
 import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 
 import mbvi
 from mbvi.compiled import KERNELS, kernel
-from mbvi.compiled.kernels import _interrupts_later
+from mbvi.compiled.interrupts import interrupts_later
 
 LANDING = """
 import sys
@@ -72,10 +73,15 @@ def landing(tmp_path_factory):
     return folder, *process(LANDING + RUN, NUMBA_CACHE_DIR=str(folder))
 
 
+def entries(folder, kind="nbc"):
+    """The files of what Python calls; those of functions that kernels call bear other names."""
+    return [file for file in folder.rglob(f"*.{kind}") if ".function." not in file.name]
+
+
 @pytest.mark.slow
 def test_a_scene_compiles_only_the_kernels_that_it_needs(landing):
     """A box that falls on a floor needs less than a quarter of the kernels."""
-    assert 3 < len(list(landing[0].rglob("*.nbc"))) < len(KERNELS) / 4
+    assert 3 < len(entries(landing[0])) < len(KERNELS) / 4
 
 
 def test_a_kernel_that_is_in_the_cache_needs_no_others_to_be_loaded(tmp_path):
@@ -86,9 +92,11 @@ from mbvi.compiled import KERNELS
 from mbvi.geometry.normal_search import normalise
 a = np.array([3.0, 0.0, 4.0])
 assert normalise(a) == 5.0
-print(sum(item._compiled is not None for item in KERNELS))
+print(sum(item._code is not None for item in KERNELS))
 """
     assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "2\n"
+    # of the other one only what kernels take over
+    assert (len(entries(tmp_path)), len([*tmp_path.rglob("*.function.*nbc")])) == (1, 2)
     assert process(code, NUMBA_CACHE_DIR=str(tmp_path))[0] == "1\n"
 
 
@@ -162,6 +170,85 @@ print(found[0])
     assert (float(before), float(after)) == (1 / 2, 2 / 3)
 
 
+NORMALISE = """
+import numpy as np
+import mbvi.compiled.kernels as kernels
+kernels._announce = lambda name: print("compiling", name)
+from mbvi.geometry.normal_search import normalise
+print(normalise(np.array([3.0, 0.0, 4.0])))
+"""
+
+
+def test_a_second_copy_of_mbvi_compiles_nothing_again(tmp_path):
+    first, second = (copy_of_the_package(tmp_path / name) for name in ("first", "second"))
+    cache = str(tmp_path / "cache")
+    assert "compiling normalise" in process(NORMALISE, first, NUMBA_CACHE_DIR=cache)[0]
+    assert process(NORMALISE, second, NUMBA_CACHE_DIR=cache) == ("5.0\n", "")
+
+
+@pytest.mark.slow
+def test_versions_of_a_kernel_do_not_overwrite_each_other(tmp_path):
+    package, cache = copy_of_the_package(tmp_path), str(tmp_path / "cache")
+    file = package / "geometry/vectors.py"
+    text = file.read_text()
+    assert "return a[0] * b[0] + " in text
+    versions = text, text.replace("return a[0] * b[0] + ", "return 2.0 * a[0] * b[0] + ")
+    compiled = []
+    for version in (*versions, *versions):
+        file.write_text(version)
+        compiled.append("compiling" in process(NORMALISE, package, NUMBA_CACHE_DIR=cache)[0])
+    assert compiled == [True, True, False, False]
+
+
+def test_of_many_versions_the_last_ones_are_kept(small_cache, monkeypatch):
+    monkeypatch.setattr(mbvi.compiled.cache, "_MOST_FILES", 8)
+    for version in range(4):
+        small_kernel(small_cache, f"stamp {version}")
+        assert len([*small_cache.rglob("*.nb?")]) == min(4 * (version + 1), 8)
+    assert not small_kernel(small_cache, "stamp 3")[1]
+    assert small_kernel(small_cache, "stamp 0")[1]
+
+
+def test_processes_that_start_together_compile_each_kernel_once(tmp_path):
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: process(NORMALISE, NUMBA_CACHE_DIR=str(tmp_path)), range(3)))
+    lines = [line for out, _ in found for line in out.splitlines()]
+    assert lines.count("5.0") == 3
+    names = [line for line in lines if line.startswith("compiling")]
+    # a kernel is announced for other kernels and for Python
+    assert "compiling normalise" in names
+    assert max(names.count(name) for name in names) <= 2
+    assert all(said in ("", "mbvi: another process compiles kernels: waiting for it ...\n") for _, said in found)
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from mbvi.compiled.one_process import one_process
+with one_process(Path(sys.argv[1])), one_process(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_process_that_is_killed_keeps_nobody_out(tmp_path):
+    command, pipe = [sys.executable, "-c", HOLD, str(tmp_path)], subprocess.PIPE
+    with (
+        subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as first,
+        subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as second,
+    ):
+        try:
+            held = [child for child in (first, second) if select.select([child.stdout], [], [], 10.0)[0]][:1]
+            assert len(held) == 1
+            other = second if held[0] is first else first
+            assert not select.select([other.stdout], [], [], 0.3)[0]
+            held[0].kill()
+            assert other.stdout.readline() == "held\n"
+        finally:
+            first.kill()
+            second.kill()
+
+
 KERNEL = """
 def total(values):
     found = 0.0
@@ -172,7 +259,7 @@ def total(values):
 _NUMBERS = count()
 
 
-def small_kernel(folder):
+def small_kernel(folder, stamp="the stamp"):
     """A kernel of a file of its own, as a new process would compile or load it."""
     file = folder / "small.py"
     if not file.exists():
@@ -180,7 +267,7 @@ def small_kernel(folder):
     spec = importlib.util.spec_from_file_location(f"small_{next(_NUMBERS)}", file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    compiled = mbvi.compiled.cache.compiled(module.total, "f8(f8[::1])", "the stamp", lambda: None)
+    compiled = mbvi.compiled.cache.Code(module.total, "f8(f8[::1])", stamp, lambda: None).entry()
     return compiled, not sum(compiled.stats.cache_hits.values())
 
 
@@ -188,7 +275,7 @@ def small_kernel(folder):
 def small_cache(tmp_path, monkeypatch):
     import mbvi.compiled.cache
 
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(mbvi.compiled.cache, "_said", set())
     return tmp_path
 
@@ -212,13 +299,17 @@ DAMAGES = {
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=DAMAGES)
 @pytest.mark.parametrize("kinds", [("nbi",), ("nbc",), ("nbi", "nbc")], ids="+".join)
-def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, damage, kinds, rng, capfd):
+@pytest.mark.parametrize("function_too", [False, True])
+def test_a_damaged_file_is_named_and_its_kernel_compiled_again(small_cache, damage, kinds, function_too, rng, capfd):
     kernel, new = small_kernel(small_cache)
     assert new
     assert not small_kernel(small_cache)[1]
     assert capfd.readouterr().err == ""
-    files = [file for kind in kinds for file in small_cache.rglob(f"*.{kind}")]
+    files = [file for kind in kinds for file in entries(small_cache, kind)]
     assert len(files) == len(kinds)
+    if function_too:
+        files += [file for kind in kinds for file in small_cache.rglob(f"*.function.*{kind}")]
+        assert len(files) == 2 * len(kinds)
     for file in files:
         file.write_bytes(DAMAGES[damage](file.read_bytes(), rng))
     values = rng.random(10)
@@ -273,8 +364,8 @@ def test_ctrl_c_is_held_back_and_never_lost():
     before = signal.getsignal(signal.SIGINT)
     done = 0
     # a kernel that is compiled may compile others
-    with pytest.raises(KeyboardInterrupt), _interrupts_later():
-        with _interrupts_later():
+    with pytest.raises(KeyboardInterrupt), interrupts_later():
+        with interrupts_later():
             os.kill(os.getpid(), signal.SIGINT)
             done = sum(range(1000))
         done += 1
@@ -284,7 +375,7 @@ def test_ctrl_c_is_held_back_and_never_lost():
     found = []
 
     def enter():
-        with _interrupts_later():
+        with interrupts_later():
             found.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=enter)
@@ -337,7 +428,7 @@ def test_ctrl_c_while_kernels_are_compiled_leaves_a_cache_that_works(tmp_path):
         assert (out, code) == ("", -signal.SIGINT)
         assert "KeyboardInterrupt" in said
         assert "ignored" not in said
-    kept = len([*tmp_path.rglob("*.nbc")])
+    kept = len(entries(tmp_path))
     assert kept
     assert not [*tmp_path.rglob("*.tmp.*")]
     # in order of definition, as they were compiled: what was kept, and the one whose compilation was interrupted
@@ -353,7 +444,7 @@ def test_a_run_with_damaged_kernels_is_the_same_run(landing, tmp_path, rng):
     folder, expected, _ = landing
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     read = process(LANDING + RUN + LOADED, NUMBA_CACHE_DIR=str(tmp_path))[0].splitlines()[-1].split()
-    files = sorted(tmp_path.rglob("*.nb?"))
+    files = sorted(entries(tmp_path, "nb?"))
     # of five kernels one file each that the run reads, and any four others, of which it may read none
     chosen = [
         file

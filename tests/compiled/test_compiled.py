@@ -1,13 +1,15 @@
 """Kernels: what is compiled equals the plain form behind which it stands, one by one and in whole runs."""
 
+import ctypes
 import resource
+import threading
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import mbvi
-from mbvi.compiled import KERNELS, Kernel, record
+from mbvi.compiled import KERNELS, Kernel, call_address, record
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, SEEDS, accepted, arguments, equal, specified
@@ -45,7 +47,7 @@ def test_a_kernel_equals_its_plain_form(item):
 
 @pytest.mark.parametrize("item", KERNELS, ids=lambda item: item.__name__)
 def test_a_kernel_refuses_other_arrays_than_it_was_made_for(item):
-    """What it would misread or may not write to: other numbers, gaps between them, another order, read-only memory where it writes."""
+    """Other numbers, gaps between them, another order, and read-only memory where it may write."""
     refused, types = 0, item.compiled().nopython_signatures[0].args
     for k, value in enumerate(arguments(item, 0)):
         if not isinstance(value, np.ndarray):
@@ -114,6 +116,62 @@ def test_a_record_with_other_fields_is_compiled_again(monkeypatch):
     before = item.stamp()
     monkeypatch.setattr(Two, "kernel_types", "f8[::1], f8[:]")
     assert item.stamp() != before
+
+
+@record("Two, i8[::1], f8")
+class Outer(NamedTuple):
+    two: Two
+    b: np.ndarray
+    c: float
+
+
+def sum_of_outer(o):
+    return o.two.a[0] + o.b[0] + o.c
+
+
+def test_a_record_may_hold_another_one():
+    o = Outer(Two(np.ones(1), np.ones(1)), np.full(1, 2), 3.0)
+    assert unlisted(sum_of_outer, "f8(Outer)")(o) == sum_of_outer(o) == 6.0
+
+
+def call_it(address, a, b):
+    call_address(address, a, np.int32(b))
+
+
+@pytest.mark.parametrize("nogil", [False, True])
+def test_a_function_is_called_by_its_address(nogil):
+    found = []
+    # a callback takes the lock of Python by itself
+    function = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int)(lambda a, b: found.append((a, b)))
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    item = type("call_it", (Kernel,), {})(call_it, "void(i8, i8, i8)", nogil)
+    for each in (item, call_it):
+        each(address, -(2**40), -3)
+    assert found == [(-(2**40), -3)] * 2
+
+
+def wait_for(flag):
+    count = 0
+    # the other thread sets it while this one is here
+    while flag[0] == 0 and count < 10**10:
+        count += 1
+        call_address(flag[1], 100)
+    return flag[0]
+
+
+def test_other_threads_run_while_a_kernel_that_lets_them_does():
+    sleep = ctypes.cast(ctypes.CDLL(None).usleep, ctypes.c_void_p).value
+    flag = np.array([0, sleep])
+    item = type("wait_for", (Kernel,), {})(wait_for, "i8(i8[::1])", True)
+    item.compiled()
+
+    def stop():
+        flag[0] = 7
+
+    timer = threading.Timer(0.1, stop)
+    timer.start()
+    assert item(flag) == 7
+    timer.join()
 
 
 # arrays that a kernel does not take as they are

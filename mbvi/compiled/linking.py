@@ -1,0 +1,153 @@
+"""Kernels in two parts: the function, which other kernels take over as it is, and machine code for calls from Python.
+
+numba compiles every function to machine code with a wrapper for Python, and optimises all that it calls again with each
+caller. Here a function stays in LLVM's intermediate form until Python calls it, or a kernel that calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import copy
+from typing import Any
+
+from llvmlite import binding
+from numba import njit
+from numba.core import compiler as numba_compiler
+from numba.core import typeinfer
+from numba.core.codegen import JITCodeLibrary
+from numba.core.environment import Environment
+
+# numba's types are not those of its own declarations
+CompileResult: Any = numba_compiler.CompileResult
+
+
+class _Library(JITCodeLibrary):
+    """Functions that are compiled to machine code only if Python calls one of them."""
+
+    def add_linking_library(self, library: Any) -> None:
+        self._linking_libraries.append(library)
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is not None:
+            return self._shared_module
+        if self._finalized:
+            return super()._get_module_for_linking()
+        module = self._final_module.clone()
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            module.link_in(library._get_module_for_linking(), preserve=True)
+        for function in module.functions:
+            if not function.is_declaration and function.linkage == binding.Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._shared_module = module
+        return module
+
+    @property
+    def has_dynamic_globals(self) -> bool:
+        return any(each.name.startswith("numba.dynamic.globals") for each in self._final_module.global_variables)
+
+
+class _Flags(numba_compiler.Flags):
+    """Options of a compilation, compared quickly: numba looks them up with every function that it resolves."""
+
+    __slots__ = ()
+
+    def __hash__(self) -> int:
+        return len(self._values)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, numba_compiler.Flags) and self._values == other._values)
+
+
+class _Function:
+    """Stands for the function of a kernel where numba expects what Python calls."""
+
+
+@contextmanager
+def lazy_libraries(codegen: Any) -> Iterator[None]:
+    """Let numba make libraries of this module until the end of the block; others compile under the same lock."""
+    before = codegen._library_class
+    codegen._library_class = _Library
+    try:
+        yield
+    finally:
+        codegen._library_class = before
+
+
+def function_dispatcher(function: Callable[..., Any], options: dict[str, Any], cache: Any) -> Any:
+    """Return the dispatcher of a function that other kernels call, and Python does not."""
+    options = {**options, "no_cpython_wrapper": True}
+    made: Any = njit(**options)(function)
+    compiler, context = made._compiler, made.targetctx
+
+    def customise(flags: Any) -> Any:
+        flags.no_compile = True
+        return _Flags(flags)
+
+    def compile_function(arguments: Any, result: Any) -> Any:
+        found = type(compiler).compile(compiler, arguments, result)._replace(entry_point=_Function())
+        context.insert_user_function(found.entry_point, found.fndesc, [found.library])
+        return found
+
+    compiler._customize_flags, compiler.compile = customise, compile_function
+    made.add_overload = lambda found: made.overloads.__setitem__(tuple(found.signature.args), found)
+    made._cache = cache
+    return made
+
+
+def entry_dispatcher(
+    function: Callable[..., Any], options: dict[str, Any], cache: Any, callee: Callable[[], Any], nogil: bool
+) -> Any:
+    """Return the dispatcher that Python calls; where machine code is not in the cache it is made from the `callee`."""
+    made: Any = njit(**options, nogil=nogil)(function)
+    context = made.targetctx.subtarget(enable_nrt=bool(options["_nrt"]))
+
+    def compile_entry(arguments: Any, result: Any) -> Any:
+        inner = callee().overloads[tuple(arguments)]
+        library = context.codegen().create_library(inner.library.name)
+        library.enable_object_caching()
+        library.add_linking_library(inner.library)
+        # several libraries hold the function, and each but this one would hide the environment of its name
+        description = copy(inner.fndesc)
+        description.env_name = f"{inner.fndesc.env_name}.entry"
+        environment = Environment.from_fndesc(description)
+        with context.push_code_library(library):
+            context.create_cpython_wrapper(library, description, environment, None, release_gil=nogil)
+        entry = context.get_executable(library, description, environment)
+        found = inner._replace(
+            entry_point=entry, library=library, fndesc=description, environment=environment, metadata={}
+        )
+        return found
+
+    made._compiler.compile = compile_entry
+    made._cache = cache
+    return made
+
+
+def reduced(found: Any) -> tuple[Any, ...]:
+    """Return what a cache keeps of a function that Python does not call."""
+    found.fndesc.typemap = found.fndesc.calltypes = None
+    module = found.library._get_module_for_linking()
+    return found.library.name, module.as_bitcode(), found.fndesc, found.environment, found.signature, found.reload_init
+
+
+def rebuilt(context: Any, kept: tuple[Any, ...]) -> Any:
+    """Return the function of which `reduced` was kept."""
+    name, code, description, environment, signature, reload_init = kept
+    for function in reload_init:
+        function()
+    library = _Library(context.codegen(), name)
+    library._shared_module = binding.parse_bitcode(code)
+    return CompileResult(
+        typing_context=context.typing_context, target_context=context, entry_point=_Function(), typing_error=None,
+        type_annotation="", signature=signature, objectmode=False, lifted=(), fndesc=description, library=library,
+        call_helper=None, environment=environment, metadata=None, reload_init=reload_init, referenced_envs=None,
+    )  # fmt: skip
+
+
+def compile_now(dispatcher: Any, signature: Any) -> None:
+    """Compile a dispatcher for a signature, or read it from its cache, and for no other one after that."""
+    with typeinfer.register_dispatcher(dispatcher), lazy_libraries(dispatcher.targetctx.codegen()):
+        dispatcher.compile(signature)
+    dispatcher.disable_compile()
