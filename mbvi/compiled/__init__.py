@@ -1,14 +1,15 @@
 """Kernels: functions on arrays that numba compiles at their first call, and the cache that keeps them."""
 
 from .addresses import call_address
-from .kernels import KERNELS, Kernel, compile_all, compile_kernel, kernel, plain_array, record, seconds_compiling
+from .folder import cache_folder
+from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
 
 __all__ = [
     "KERNELS",
     "Kernel",
+    "cache_folder",
     "call_address",
     "compile_all",
-    "compile_kernel",
     "kernel",
     "plain_array",
     "record",

@@ -132,7 +132,7 @@ def compiled(
     stamp: str,
     before_compiling: Callable[[], None],
     allocates: bool = True,
-    threads: bool = False,
+    nogil: bool = False,
 ) -> Callable[..., Any]:
     """Return a function compiled for one signature, from the cache where it is there.
 
@@ -148,11 +148,11 @@ def compiled(
         Called where the cache does not have it.
     allocates : bool
         Whether it makes arrays. Otherwise numba counts no references to arrays, which costs as much as a small kernel.
-    threads : bool
-        Whether other Python threads go on while it runs.
+    nogil : bool
+        Whether other threads of Python run meanwhile.
     """
     # no C functions: nothing takes the kernels' addresses
-    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates, "nogil": threads}
+    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates, "nogil": nogil}
     dispatcher: Any = njit(**options)(function)
     if not hasattr(dispatcher, "disable_compile"):
         # with numba's own switch off (NUMBA_DISABLE_JIT) there is nothing to compile

@@ -38,15 +38,12 @@ class Kernel:
     ----------
     loops : function
         Source of the kernel. It may call numpy, and other kernels by their names.
-    signature : str
+    signature, nogil
         As of `kernel`.
     """
 
-    # whether other Python threads go on while it runs
-    threads = False
-
-    def __init__(self, loops: Callable[..., Any], signature: str) -> None:
-        self.loops, self.signature = loops, signature
+    def __init__(self, loops: Callable[..., Any], signature: str, nogil: bool = False) -> None:
+        self.loops, self.signature, self.nogil = loops, signature, nogil
         self.__name__, self.__module__, self.__doc__ = loops.__name__, loops.__module__, loops.__doc__
         self._compiled: Any = None
 
@@ -67,9 +64,13 @@ class Kernel:
                 setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
         return self._compiled
 
+    def interpret(self) -> None:
+        """Have Python run the kernel in this process from now on, without compiling it."""
+        setattr(type(self), "__call__", staticmethod(self.loops))  # noqa: B010
+
     def stamp(self) -> bytes:
         """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
-        digest = sha256(f"{self.signature} {self._allocates()}{' threads' * self.threads}".encode())
+        digest = sha256(f"{self.signature} {self._allocates()} {self.nogil}".encode())
         for name, each in sorted(self._records().items()):
             digest.update(repr((name, each._fields, each.kernel_types)).encode())
         _add_code(digest, self.loops.__code__)
@@ -111,10 +112,10 @@ class Kernel:
             namespace.update({name: other.compiled() for name, other in {**others, **calls}.items()})
 
         signature = signature_of(self.signature, self._records())
-        return compiled(loops, signature, self.stamp().hex(), before_compiling, self._allocates(), self.threads)
+        return compiled(loops, signature, self.stamp().hex(), before_compiling, self._allocates(), self.nogil)
 
 
-def kernel(signature: str, threads: bool = False) -> Callable[[Function], Function]:
+def kernel(signature: str, nogil: bool = False) -> Callable[[Function], Function]:
     """Make a function on arrays a `Kernel`.
 
     Parameters
@@ -122,13 +123,12 @@ def kernel(signature: str, threads: bool = False) -> Callable[[Function], Functi
     signature : str
         numba's types of result and arguments, and names of records; an argument of another type is refused. A plain
         tuple, `Tuple(Name)` of a record, is passed faster from Python than the record itself.
-    threads : bool
-        Whether other Python threads go on while the kernel runs. It must then run for long, for to release and to take
-        the interpreter's lock may take milliseconds where others want it.
+    nogil : bool
+        Whether other threads of Python run while Python waits for the kernel.
     """
 
     def mark(loops: Function) -> Function:
-        made: Any = type(loops.__name__, (Kernel,), {"threads": threads})(loops, signature)
+        made: Any = type(loops.__name__, (Kernel,), {})(loops, signature, nogil)
         KERNELS.append(made)
         return made
 
@@ -148,12 +148,6 @@ def record(kernel_types: str) -> Callable[[Record], Record]:
 def plain_array(values: np.ndarray) -> np.ndarray:
     """Return the array if a kernel takes it, else a copy: it may be read-only, strided, or no array of floats."""
     return values if values.flags.carray and values.dtype == np.float64 else np.array(values, dtype=float, order="C")
-
-
-def compile_kernel(item: Callable[..., Any]) -> None:
-    """Compile a kernel now, before threads call it."""
-    assert isinstance(item, Kernel)
-    item.compiled()
 
 
 def compile_all() -> None:

@@ -32,7 +32,7 @@ class RowBuffer(NamedTuple):
     J, T : ndarray, shapes (MOST_ROWS, nv), (2 MOST_ROWS, nv)
         Gradients, and those along two tangents; the latter have no rows in problems without friction.
     axes : ndarray, shape (MOST_ROWS, 2, 3)
-        Room for the tangents.
+        The tangents.
     """
 
     count: Array
@@ -128,6 +128,8 @@ def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
         others.J[m, k] = rows.J[a, k]
     if len(rows.T) > 0:
         for c in range(2):
+            for k in range(3):
+                others.axes[m, c, k] = rows.axes[a, c, k]
             for k in range(nv):
                 others.T[2 * m + c, k] = rows.T[2 * a + c, k]
     others.count[0] = m + 1

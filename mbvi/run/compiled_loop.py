@@ -7,22 +7,27 @@ import numpy as np
 from ..constraints import Rows
 from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
+from ..constraints.tangents import Tangents
 from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
-from ..schemes.mechanism_steps import LawMemory, MechanismStep, Scales, room
+from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
 from ..system.mechanism import Mechanism
 from .recorder import RECENT, Recorder
-from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI, LoopRecord, run_steps
+from .step_loop import CENTERED, CENTERED_PROJECTED, FULL, MOREAU_JEAN, PAOLI, PLAIN, ROUGH, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
 
 Array = np.ndarray
 
 # steps in one call of the kernel, so that bars and files go on
-_CHUNK = 2000
+CHUNK = 2000
+# rows of these for which there is room
+_ROWS = 40_000
+# after more than some calls in a row with no more than so many steps, up to so many calls are left out
+_FEW, _PATIENCE, _MOST_WAITS = 3, 7, 31
 _NOTHING = np.zeros(0)
 
 
@@ -53,6 +58,7 @@ class CompiledLoop:
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
+        self._patience = Patience()
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
@@ -67,40 +73,82 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        if not self._state.enter():
+        if self._patience.waits() or not self._state.enter():
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
-        q, v, end = state.q.copy(), state.v.copy(), min(whole, done + _CHUNK) + 1
-        self._log.recent[:] = -1
+        q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
         following, recorder.count, code = run_steps(
             self._step, self._log, self._kind, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
-            recorder.count, self._limit, STILL * problem.length,
+            count, self._limit, STILL * problem.length,
         )  # fmt: skip
         self.codes[code] += 1
         self._state.leave()
         self._projector.take_back(memory.percussion, memory.start, memory.size)
-        if following > done + 1:
-            state = recorder.last = self._last_step(following - 1, q, v)
-            for i in range(max(done + 1, following - RECENT), following):
-                recorder.recent.add(*self._rows_of(i))
-        return state, following - 1, following == end
+        taken = following - 1 - done
+        self._patience.took(taken)
+        if taken:
+            self._replay(done, taken)
+            state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
+        return state, done + taken, code in (DONE, FULL)
 
-    def _rows_of(self, i: int) -> tuple[Array, Array]:
-        """Return constraints and percussions of the rows of step i, shapes (m,) and (1, m)."""
-        place = i % RECENT
-        m = int(self._log.recent[place])
-        return self._log.number[place, :m].copy(), self._log.percussion[place, :m].copy()[None]
+    def _replay(self, done: int, taken: int) -> None:
+        """Record the impacts of the steps of the last call, and in which steps their rows had percussions."""
+        recorder, log = self._recorder, self._log
+        next_step = 0
+        for event in [*np.flatnonzero(log.event[:taken]).tolist(), taken]:
+            for j in range(max(next_step, event - RECENT), event):
+                recorder.recent.add(*self._percussions(j))
+            if event < taken:
+                if event:
+                    recorder.last = self._logged(done, event - 1)
+                recorder.impact(self._logged(done, event))
+                recorder.recent.add(*self._percussions(event))
+            next_step = event + 1
 
-    def _last_step(self, i: int, q: Array, v: Array) -> Step:
-        """Return the last step, number i, with what the recorder needs of its rows."""
-        log, (number, _) = self._log, self._rows_of(i)
-        m = len(number)
-        rows = Rows(
-            number, _NOTHING, self._problem.constraints.empty.jacobian, _NOTHING, log.point[:m].copy(), _NOTHING
-        )
-        t = self._problem.t0 + (i - 1) * self._h + self._h
-        return Step(t, q, v, rows, log.rates[: 4 * m].reshape(4, m).copy(), 0.0)
+    def _percussions(self, j: int) -> tuple[Array, Array]:
+        """Return constraints and percussions of the rows of a step, shapes (m,) and (1, m)."""
+        part = slice(*self._log.begin[j : j + 2].tolist())
+        return self._log.number[part].copy(), self._log.rows[part, 8].copy()[None]
+
+    def _logged(self, done: int, j: int) -> Step:
+        t = self._problem.t0 + (done + j) * self._h + self._h
+        return logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+
+
+class Patience:
+    """How many steps Python takes where the loop leaves nearly every one to it: attempts cost time."""
+
+    def __init__(self) -> None:
+        self._wait = self._waits = 0
+
+    def waits(self) -> bool:
+        """Return whether the next step is Python's, and count it."""
+        self._wait -= 1
+        return self._wait >= 0
+
+    def took(self, steps: int) -> None:
+        """Learn how many steps the loop took in an attempt."""
+        self._waits = 0 if steps > _FEW else min(2 * self._waits + 1, _MOST_WAITS)
+        self._wait = self._waits if self._waits > _PATIENCE else 0
+
+
+def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:
+    """Return step j of a log, with what recorders and contacts need of its rows; its state is left out.
+
+    `none` is a Jacobian without rows.
+    """
+    part = slice(*log.begin[j : j + 2].tolist())
+    rows = log.rows[part].copy()
+    tangents = slip = None
+    if rows.shape[1] == ROUGH:
+        tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
+        slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
+    active = Rows(
+        log.number[part].copy(), rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
+        None, tangents,
+    )  # fmt: skip
+    return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
 
 
 def mechanism_step(
@@ -117,18 +165,18 @@ def mechanism_step(
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),
-        np.zeros(4 * MOST_ROWS), np.zeros(1),
+        np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 
 
 def loop_record(
     problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
 ) -> LoopRecord:
-    """Return the record of a loop that writes states to given arrays."""
+    """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
+    width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
-        t, q, v, penetration, residual, np.full(RECENT, -1), np.zeros((RECENT, MOST_ROWS), np.int64),
-        np.zeros((RECENT, MOST_ROWS)), np.zeros((MOST_ROWS, 3)), np.zeros(4 * MOST_ROWS), problem.constraints.lever,
-        np.zeros(4 * MOST_ROWS), *guard.shares,
+        t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
+        np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares, guard.thickness,
     )  # fmt: skip
 
 

@@ -185,7 +185,7 @@ class Recorder:
         elif record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
         ):
-            self._impact(step)
+            self.impact(step)
         if keep:
             self.t[k] = t
             self.q[k] = q
@@ -216,7 +216,7 @@ class Recorder:
             ),
         )
 
-    def _impact(self, step: Step) -> None:
+    def impact(self, step: Step) -> None:
         """Record an impact: the rows that closed, and the rows linked to them."""
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution

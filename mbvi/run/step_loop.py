@@ -7,43 +7,48 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..constraints.mechanism_tables import MOST_ROWS
+from ..constraints.mechanism_rows import MechanismConstraints
+from ..constraints.mechanism_tables import MOST_ROWS, PAIRS
 from ..schemes.centered_kernel import centered_step
 from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
-from .recorder import RECENT, record_depth
+from .recorder import record_depth
 from .tunnelling import RUNAWAY
 
 Array = np.ndarray
 
 # the schemes
 PAOLI, MOREAU_JEAN, CENTERED, CENTERED_PROJECTED = range(4)
-# what `run_steps` returns beside the codes of a step: a body is swift; an impact must be recorded
-SWIFT, IMPACT = 5, 6
+# what `run_steps` returns beside the codes of a step: a body may pass through another; no room for more rows
+SWIFT, FULL = 5, 6
+# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
+PLAIN, ROUGH = 12, 27
 
 
 @record(
-    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1], f8[::1], f8[:,::1]"
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
+    " f8[:,::1], f8[::1]"
 )
 class LoopRecord(NamedTuple):
-    """The states of a run, and the rows of its last steps.
+    """The states of a run, and the rows of the steps of one call.
 
     Attributes
     ----------
     t, q, v, penetration, residual : ndarray, shape (n, ...)
         Those of the recorder.
-    recent : ndarray of int, shape (RECENT,)
-        How many rows each of the last steps had; -1 where there was no step. Step i is at place i mod RECENT.
-    number, percussion : ndarray, shape (RECENT, MOST_ROWS)
-        Their constraints and percussions.
-    point, rates : ndarray, shapes (MOST_ROWS, 3) and (4 MOST_ROWS,)
-        Contact points of the last step's rows, and their rates one after the other.
+    begin : ndarray of int, shape (k + 1,)
+        Where the rows of each step of this call begin in the log.
+    event : ndarray of bool, shape (k,)
+        The steps that may have an impact.
+    number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
+        The log: constraints and numbers of rows.
     lever : ndarray, shape (c,)
         As of `record_depth`.
     before : ndarray, shape (4 MOST_ROWS,)
         Room for the percussions at the beginning of a step.
-    share, shares : ndarray, shapes (nv,) and (nv, n)
+    share, shares : ndarray, shapes (nv,) and (nv, m)
         As of `TunnellingGuard.shares`.
+    thickness : ndarray, shape (m,)
+        Thickness of the pairs of shapes [m], infinite where `shares` are those of other constraints.
     """
 
     t: Array
@@ -51,34 +56,58 @@ class LoopRecord(NamedTuple):
     v: Array
     penetration: Array
     residual: Array
-    recent: Array
+    begin: Array
+    event: Array
     number: Array
-    percussion: Array
-    point: Array
-    rates: Array
+    rows: Array
     lever: Array
     before: Array
     share: Array
     shares: Array
+    thickness: Array
 
 
-@kernel("b1(f8[::1], f8[::1], f8[::1], f8[:,::1], f8)")
-def may_pass(v: Array, w: Array, share: Array, shares: Array, limit: float) -> bool:
+@kernel("void(MechanismStep, LoopRecord, i8)")
+def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
+    """Write the rows of a step to the log from place `begin` on."""
+    rows, m = s.rows, s.rows.count[0]
+    for a in range(m):
+        to = log.rows[begin + a]
+        log.number[begin + a], to[0], to[1] = rows.number[a], rows.gap[a], rows.e[a]
+        for c in range(3):
+            to[2 + c], to[5 + c] = rows.point[a, c], rows.normal[a, c]
+        for r in range(4):
+            to[8 + r] = s.rates[r * m + a]
+        if len(to) == ROUGH:
+            to[12] = rows.mu[a]
+            for c in range(2):
+                for k in range(3):
+                    to[13 + 3 * c + k] = rows.axes[a, c, k]
+                for r in range(4):
+                    to[19 + 2 * r + c] = s.slip[(r * m + a) * 2 + c]
+
+
+@kernel("b1(MechanismConstraints, f8[::1], f8[::1], LoopRecord, f8)")
+def may_pass(constraints: MechanismConstraints, v: Array, w: Array, log: LoopRecord, limit: float) -> bool:
     """Return whether a body may pass through another in a step, or a velocity runs away; see `TunnellingGuard`.
 
     Parameters
     ----------
+    constraints : MechanismConstraints
+        After the step.
     v, w : ndarray, shape (nv,)
         Velocities before and after the step.
-    share, shares, limit
-        As of `TunnellingGuard`, where these are both of `shares`, and `limit`.
+    log : LoopRecord
+        With the shares of the guard.
+    limit : float
+        As of `TunnellingGuard`.
     """
-    n, pairs = shares.shape
+    n, pairs = log.shares.shape
     before = after = travel = 0.0
     for k in range(n):
         before += v[k] * v[k]
         after += w[k] * w[k]
-        travel += share[k] * max(abs(v[k]), abs(w[k]))
+        travel += log.share[k] * max(abs(v[k]), abs(w[k]))
     # written so that a NaN counts as swift
     if not after < RUNAWAY:
         return True
@@ -87,13 +116,28 @@ def may_pass(v: Array, w: Array, share: Array, shares: Array, limit: float) -> b
     for i in range(pairs):
         travel = 0.0
         for k in range(n):
-            travel += shares[k, i] * max(abs(v[k]), abs(w[k]))
-        if not travel < 1.0:
+            travel += log.shares[k, i] * max(abs(v[k]), abs(w[k]))
+        # a pair that is farther apart than it travels, there and back, does not pass
+        if not (travel < 1.0 or 2.0 * travel * log.thickness[i] < clearance_of(constraints, i)):
             return True
     return pairs == 0
 
 
-@kernel("Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)")
+@kernel("f8(MechanismConstraints, i8)")
+def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
+    """Return a lower bound of the distance of a pair of shapes at the last query [m]."""
+    cache, family = constraints.cache, constraints.pairs
+    bound = family.clearance[pair]
+    for slot in range(len(cache.kind)):
+        if cache.kind[slot] == PAIRS:
+            for k in range(len(cache.moved)):
+                bound -= cache.travel[slot, k] * family.reach[k, pair]
+    return bound
+
+
+@kernel(
+    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)", nogil=True
+)
 def run_steps(
     s: MechanismStep, log: LoopRecord, scheme: int, q: Array, v: Array, t0: float, h: float, first: int, end: int,
     total: int, every: int, count: int, limit: float, still: float,
@@ -127,9 +171,9 @@ def run_steps(
     count : int
         How many states are recorded.
     code : int
-        Why it was not taken: a code of the step, `SWIFT` or `IMPACT`; `DONE` if it is `end`.
+        Why it was not taken: a code of the step, `SWIFT` or `FULL`; `DONE` if it is `end`.
     """
-    rows, memory = s.rows, s.memory
+    rows, memory, place = s.rows, s.memory, 0
     for i in range(first, end):
         size = memory.size[0], memory.size[1], memory.size[2]
         for a in range(size[0]):
@@ -144,24 +188,27 @@ def run_steps(
         else:
             code = centered_step(s, t, q, v, h, scheme == CENTERED_PROJECTED)
         m = rows.count[0]
-        if code == DONE and may_pass(v, s.v, log.share, log.shares, limit):
+        if code == DONE and place + m > len(log.number):
+            code = FULL
+        if code == DONE and may_pass(s.constraints, v, s.v, log, limit):
             code = SWIFT
-        if code == DONE and m == 0:
-            log.penetration[count] = 0.0
-        elif code == DONE:
-            rates = s.rates[: 4 * m].reshape((4, m))
-            if record_depth(
-                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, still, log.penetration,
-                log.residual,
-            ):  # fmt: skip
-                code = IMPACT
         if code != DONE:
             memory.size[0], memory.size[1], memory.size[2] = size
             for a in range(size[0]):
                 memory.percussion[a] = log.before[a]
             for a in range(size[1]):
                 memory.start[a] = log.before[MOST_ROWS + a]
+            log.begin[i - first] = place
             return i, count, code
+        log.begin[i - first], log.event[i - first], log.penetration[count] = place, False, 0.0
+        if m > 0:
+            rates = s.rates[: 4 * m].reshape((4, m))
+            log.event[i - first] = record_depth(
+                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, still, log.penetration,
+                log.residual,
+            )  # fmt: skip
+            log_rows(s, log, place)
+            place += m
         for k in range(len(q)):
             q[k] = s.q[k]
         for k in range(len(v)):
@@ -173,12 +220,5 @@ def run_steps(
             for k in range(len(v)):
                 log.v[count, k] = v[k]
             count += 1
-        place = i % RECENT
-        log.recent[place] = m
-        for a in range(m):
-            log.number[place, a], log.percussion[place, a] = rows.number[a], s.rates[a]
-            for c in range(3):
-                log.point[a, c] = rows.point[a, c]
-        for a in range(4 * m):
-            log.rates[a] = s.rates[a]
+    log.begin[end - first] = place
     return end, count, DONE

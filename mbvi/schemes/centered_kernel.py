@@ -9,7 +9,7 @@ from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import find_sunk
 from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_travel
-from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
+from ..projection.settle_positions import NO_PENETRATION, PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
@@ -82,38 +82,75 @@ def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
     return False
 
 
-@kernel("i8(MechanismStep, f8[::1], f8[::1], f8[::1], f8, b1[::1], f8[::1], f8)")
-def settle(
-    s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: float, near: Array, free: Array, margin: float
-) -> int:  # fmt: skip
+@kernel("i8(MechanismStep, f8[::1], f8[::1], f8[::1], f8, f8)")
+def settle(s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: float, margin: float) -> int:
     """Project closed contacts out of penetration after a step; return a code.
 
     Parameters
     ----------
     s : MechanismStep
-        With the step before position projection, and all rows that are known, those of `place_ahead`.
+        With the step before position projection, and the rows that are known, those of `place_ahead`; `near` says which
+        of them are those of the law, and `opened` at which speeds these may close.
     place_ahead, middle, v : ndarray
         Where the rows are known, where the law was applied, and the velocity before it.
     h : float
         Length of the step [s].
-    near : ndarray of bool, shape (m,)
-        Which of the known rows are those of the law.
-    free : ndarray, shape (nv,)
-        The free motion of v.
     margin : float
         How far beyond the tolerance the rows are known [m].
     """
-    known, scales, room, mech, n, half = s.ahead, s.scales, s.room, s.mechanism, len(v), 0.5 * h
-    m, k, reach, displacement = known.count[0], s.rows.count[0], largest_reach(scales.length), room.displacement
-    tangent(mech.calls, place_ahead, s.q, displacement)
-    if largest_travel(scales.squares, displacement) > reach:
+    room, m, known, reach = s.room, s.mechanism, s.ahead, largest_reach(s.scales.length)
+    # of M where the law was applied: the mechanism moves on
+    if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
+        return UNSOLVED
+    for j in range(len(v)):
+        room.moved[j] = 0.0
+    if factor(m.mass, 0.0, room.moved, m.parent, room.L):
+        return UNSOLVED
+    i = 0
+    for a in range(known.count[0]):
+        room.owner[a] = i if room.near[a] else -1
+        i += room.near[a]
+    tangent(m.calls, place_ahead, s.q, room.displacement)
+    if largest_travel(s.scales.squares, room.displacement) <= reach:
+        code = settle_near(s, known, middle, v, h, margin)
+        if code != UNSOLVED:
+            return code
+    # bodies move too far for gaps to be linear: the rows are taken at the end of the step
+    known, k = s.middle, s.rows.count[0]
+    code = active_rows(m, s.constraints, middle[:0], room.drift, s.q, s.scales.tolerance + margin, known)
+    if code != FOUND:
+        return code
+    n = known.count[0]
+    for a in range(k):
+        room.order[a] = a
+        if a > 0 and s.rows.number[a] < s.rows.number[a - 1]:
+            return BOUNCES
+    mutual_nearest(known.number[:n], known.point[:n], s.rows.number[:k], s.rows.point[:k], room.order[:k], room.owner[:n])
+    for a in range(n):
+        k -= room.owner[a] >= 0
+    if k != 0:
         return BOUNCES
-    rates, law, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], 0
+    for j in range(len(v)):
+        room.displacement[j] = 0.0
+    code = settle_near(s, known, middle, v, h, margin)
+    return BOUNCES if code == UNSOLVED else code
+
+
+@kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8, f8)")
+def settle_near(s: MechanismStep, known: RowBuffer, middle: Array, v: Array, h: float, margin: float) -> int:
+    """Do what `settle` does where gaps are linear; return `UNSOLVED` where they are not.
+
+    `owner` holds for each of the known rows its place among those of the law, -1 where it is none of these, and
+    `displacement` leads from where they are known to the end of the step; the other arguments are those of `settle`.
+    """
+    scales, room, mech, n, half = s.scales, s.room, s.mechanism, len(v), 0.5 * h
+    m, k, reach, displacement = known.count[0], s.rows.count[0], largest_reach(scales.length), room.displacement
+    rates, law = room.table[: 4 * m].reshape((4, m)), room.law[:m]
     for a in range(m):
-        law[a] = near[a]
+        law[a] = room.owner[a] >= 0
         for r in range(4):
-            rates[r, a] = s.rates[r * k + i] if near[a] else 0.0
-        i += near[a]
+            rates[r, a] = s.rates[r * k + room.owner[a]] if law[a] else 0.0
+        room.change[a] = room.opened[room.owner[a]] if law[a] else 0.0
     number, point, J, lever = known.number[:m], known.point[:m], known.J[:m], known.lever[:m]
     gap, e, end, settled = known.gap[:m], known.e[:m], room.gap[:m], room.settled[:m]
     depth = find_sunk(
@@ -122,33 +159,26 @@ def settle(
     )  # fmt: skip
     if depth < 0.0:
         return BOUNCES
-    if depth == 0.0:
-        i = 0
-        for a in range(m):
-            if near[a]:
-                s.rows.gap[i] = end[a]
-                i += 1
-        return DONE
-    w, W, A = room.drift, room.W[:m], room.A[:m]
+    w, code, residual, same = room.drift, NO_PENETRATION, -1.0, True
     for j in range(n):
-        w[j], room.moved[j] = s.v[j], 0.0
-    if factor(mech.mass, 0.0, room.moved, mech.parent, room.L):
-        return UNSOLVED
-    solve(room.L, mech.parent, J, W, A)
-    code, residual = settle_positions(
-        number, point, J, A, W, gap, lever, e, scales.squares, free, v, w, displacement, law, settled, rates,
-        room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
-    )  # fmt: skip
-    if code == UNDECIDED:
-        return BOUNCES
-    same, s.rows.count[0] = True, 0
+        w[j] = s.v[j]
+    if depth > 0.0:
+        solve(room.L, mech.parent, J, room.W[:m], room.A[:m])
+        code, residual = settle_positions(
+            number, point, J, room.A[:m], room.W[:m], gap, lever, e, room.change[:m], scales.squares, room.free, v, w, displacement, law,
+            settled, rates, room.moved, room.tangent, h, half, scales.tolerance, reach, margin,
+            0.0 if m <= FEW else 1e-3 * scales.residual,
+        )  # fmt: skip
+        if code == UNDECIDED:
+            return UNSOLVED
+    s.rows.count[0], k, i = 0, 0, 0
     for a in range(m):
-        same = same and law[a] == near[a]
+        same = same and law[a] == (room.owner[a] >= 0)
+        k += law[a]
+    for a in range(m):
         if law[a]:
+            gap[a] = end[a] if depth == 0.0 else gap[a]
             append_row(known, a, s.rows)
-    k, i = s.rows.count[0], 0
-    for a in range(m):
-        if law[a]:
             for r in range(4):
                 s.rates[r * k + i] = rates[r, a]
             i += 1
@@ -189,9 +219,8 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     retract(s.mechanism.calls, q, drift, end)
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
-        if frictional:
-            travel = largest_travel(scales.squares, drift)
-            near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
+        travel = largest_travel(scales.squares, drift)
+        near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
         margin = near_margin + 2.0 * largest_reach(scales.length)
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
@@ -230,7 +259,11 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     else:
         for a in range(count):
             s.rows.gap[a] -= change[a]
-        if frictional and write_closing_speeds(
+    if projects:
+        change = room.change[:count]
+        if bounces:
+            row_speeds(s.rows.J, v, half, change)
+        if write_closing_speeds(
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
@@ -242,10 +275,10 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     if bounces and some_closed(s, middle, h):
         return BOUNCES
     if projects and not frictional and not bounces:
-        m = s.mechanism
-        if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
-            return UNSOLVED
-        return settle(s, end, middle, v, h, near, room.free, margin)
+        if len(opened) == 0:
+            for a in range(count):
+                room.opened[a] = 0.0
+        return settle(s, end, middle, v, h, margin)
     if projects and frictional and sinks(s, end, margin):
         return BOUNCES
     for a in range(count):

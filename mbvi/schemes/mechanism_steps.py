@@ -136,7 +136,7 @@ def room(nq: int, nv: int) -> Room:
 
 @record(
     "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, Room, RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1],"
-    " f8[::1], f8[::1]"
+    " f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -155,6 +155,8 @@ class MechanismStep(NamedTuple):
         Receive the state after the step.
     rates : ndarray, shape (4 MOST_ROWS,)
         Receives the rates of the rows as of `Step`, one after the other, in its first 4 k places.
+    slip : ndarray, shape (8 MOST_ROWS,)
+        Receives `Step.slip` in the same way; of no size without friction.
     residual : ndarray, shape (1,)
         Receives the relative residual of the law.
     """
@@ -171,6 +173,7 @@ class MechanismStep(NamedTuple):
     q: Array
     v: Array
     rates: Array
+    slip: Array
     residual: Array
 
 
@@ -210,7 +213,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, limit, s.v, rates)
+        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates)
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED
@@ -221,7 +224,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
         return DONE
     if k > MOST_CONTACTS:
         return UNSOLVED
-    known, start, slip = NOTHING, memory.start[: 3 * k], s.room.table[: 8 * k].reshape((4, k, 2))
+    known, start, slip = NOTHING, memory.start[: 3 * k], s.slip[: 8 * k].reshape((4, k, 2))
     if memory.size[1] == 3 * k:
         known = UNIQUE if memory.size[2] else COMPLIANT
     else:

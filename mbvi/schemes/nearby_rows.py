@@ -72,9 +72,18 @@ class NearbyRows:
         known = self.known_at(q, margin)
         if known is not None:
             return known
+        return self._within(self._search(q, margin), margin)
+
+    def search(self, q: Array) -> KnownRows:
+        """Search the rows at q, whatever is known."""
+        rows = self._search(q, 0.0)
+        self._within(rows, 0.0)
+        return KnownRows(rows, self._near, q, self._reach, self._margin)
+
+    def _search(self, q: Array, margin: float) -> Rows:
         self._q, self._margin = q, margin + 2.0 * self._reach
         self._rows = self._problem.constraints.active(self._t, q, self._problem.tolerance + self._margin)
-        return self._within(self._rows, margin)
+        return self._rows
 
     def _within(self, rows: Rows, margin: float) -> Rows:
         levers, tolerance = self._problem.constraints.levers(rows.constraint), self._problem.tolerance

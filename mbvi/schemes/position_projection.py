@@ -14,7 +14,7 @@ from ..problem import Problem
 from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
-from .nearby_rows import NearbyRows
+from .nearby_rows import KnownRows, NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
 
@@ -183,27 +183,66 @@ def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) ->
 
 
 def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
-    """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
+    """Return the same step from one kernel, or None where a contact bounces or gaps are linear nowhere."""
     known, drift = nearby.known(step.active), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
     if known.rows.tangents is not None:
         return None
-    number, gap, J, e, point, *_ = rows = known.rows
-    lever = np.ones(len(gap)) * problem.constraints.levers(number)
+    found = None
     displacement = problem.system.difference(known.q, step.q)
-    squares, tolerance = problem.constraints.cache.squares, problem.tolerance
+    if problem.constraints.travel(displacement) <= known.reach:
+        place = np.flatnonzero(known.near)
+        found = _settled_near(problem, applied, step, projector, known, displacement, place, applied.opened)
+    if found is None and displacement.any():
+        # bodies move too far for gaps to be linear: the rows are taken at the end of the step
+        applied = applied.kept()
+        known = nearby.search(step.q)
+        owner = match_contacts(known.rows, step.active)
+        place = np.flatnonzero(owner >= 0)
+        if len(place) < len(step.active.gap) or not isinstance(known.rows.jacobian, np.ndarray):
+            return None
+        order = step._replace(rates=np.ascontiguousarray(step.rates[:, owner[place]]))
+        opened = None if applied.opened is None else applied.opened[owner[place]]
+        found = _settled_near(problem, applied, order, projector, known, np.zeros(len(displacement)), place, opened)
+    return found
+
+
+def _settled_near(
+    problem: Problem, applied: Applied, step: Step, projector: Projector, known: KnownRows, displacement: Array,
+    place: Array, opened: Array | None,
+) -> Step | None:  # fmt: skip
+    """Return the same where the gaps of known rows are linear in a displacement.
+
+    Parameters
+    ----------
+    known : KnownRows
+        The rows.
+    displacement : ndarray, shape (nv,)
+        From where they are known to the end of the step.
+    place : ndarray of int, shape (k,)
+        Those of the law among them, in the order of the step's rates.
+    opened : ndarray, shape (k,), or None
+        Speeds at which those may close that are open.
+    """
+    number, gap, J, e, point, *_ = rows = known.rows
+    drift, law, may_close = step.t - applied.t, np.zeros(len(gap), bool), np.zeros(len(gap))
+    law[place] = True
+    if opened is not None:
+        may_close[place] = opened
+    lever = np.ones(len(gap)) * problem.constraints.levers(number)
     gaps = LinearGaps(
-        number, point, J, gap, lever, e, squares, applied.v, applied.h, drift, tolerance, known.reach, known.margin
-    )
-    found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
+        number, point, J, gap, lever, e, may_close, problem.constraints.cache.squares, applied.v, applied.h, drift,
+        problem.tolerance, known.reach, known.margin,
+    )  # fmt: skip
+    found = projector.settle(applied.motion, gaps, step.v, displacement, law, step.rates)
     if found is None:
         return None
     rows, rates = rows._replace(gap=found.gap, restitution=found.e), found.rates
     if not found.law.all():
         rows, rates = take(rows, found.law), rates.compress(found.law, 1)
     q = step.q
-    if not np.array_equal(found.law, known.near):
+    if not np.array_equal(found.law, law):
         q = problem.system.integrate(applied.q, drift * found.w)
     if found.moved is None:
         residual = step.residual if found.residual < 0.0 else found.residual

@@ -17,6 +17,8 @@ from .controls import LoopControl
 from .given import not_finite
 from .mechanism import Mechanism, mechanism
 from .memory import Memory
+from .pinocchio_address import array_of_calls, crba
+from .pinocchio_check import reason_for_bindings
 from .system import Array, Kinematics, System
 
 Control = Callable[[float, Array, Array], Array]
@@ -132,6 +134,8 @@ class ArticulatedSystem(System):
         # the last result of `integrate`, which is read-only
         self._integrated: Array | None = None
         self._memory = Memory(model, self._data)
+        # first argument of Pinocchio's functions by address, from the start of a run on
+        self._calls: Array | None = None
         self._metric: TreeMetric | None = None
         # the parent of each velocity in the tree
         self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
@@ -145,21 +149,6 @@ class ArticulatedSystem(System):
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
         return type(self), (self.model, self.name, self.control)
-
-    def set_control(self, control: Control | None) -> None:
-        """Replace the control."""
-        if isinstance(control, LoopControl):
-            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
-        self.control, self.controlled = control, control is not None
-        # a control is called once in each step
-        self.velocity_dependent = control is None
-
-    def mechanism(self) -> Mechanism | None:
-        """Return a record with a `pin.Data` of its own, or None if Pinocchio cannot be called by address here."""
-        try:
-            return mechanism(self.model, self.model.createData(), self._support, self._parent)
-        except OSError:
-            return None
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)
@@ -175,6 +164,25 @@ class ArticulatedSystem(System):
         self._memory.check()
         self._key = self._current = None
         self._update_kinematics()
+        self._calls = None if reason_for_bindings() else array_of_calls(self.model, self._data)
+
+    def set_control(self, control: Control | None) -> None:
+        """Replace the control."""
+        if isinstance(control, LoopControl):
+            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
+        self.control, self.controlled = control, control is not None
+        # a control is called once in each step
+        self.velocity_dependent = control is None
+
+    def notes(self) -> list[str]:
+        reason = reason_for_bindings()
+        return [] if reason is None else [f"Pinocchio was called through its Python bindings: {reason}"]
+
+    def mechanism(self) -> Mechanism | None:
+        """Return a record with a `pin.Data` of its own, or None where Pinocchio cannot be called by address."""
+        if reason_for_bindings() is not None:
+            return None
+        return mechanism(self.model, self.model.createData(), self._support, self._parent)
 
     def _update_kinematics(self) -> None:
         self._kinematics = Kinematics(self._memory.poses, self._memory.columns, self._support)
@@ -184,11 +192,21 @@ class ArticulatedSystem(System):
         key = q.tobytes()
         if key != self._key:
             # in the world convention crba also fills data.J and data.oMi
-            pin.crba(self.model, self._data, q, _WORLD)
+            self._crba(q)
             if not self._memory.in_place:
                 self._memory.refresh()
             self._metric, self._key = None, key
         self._current = q if q is self._integrated or not q.flags.writeable else None
+
+    def _crba(self, q: Array) -> None:
+        if self._calls is None:
+            pin.crba(self.model, self._data, q, _WORLD)
+            return
+        try:
+            crba(self._calls, q)
+        except TypeError:
+            # other numbers, or gaps between them
+            crba(self._calls, plain_array(q))
 
     def metric(self, q: Array) -> TreeMetric:
         if q is not self._current:

@@ -53,6 +53,9 @@ class BlockSystem(System):
         for part in self.parts:
             part.start()
 
+    def notes(self) -> list[str]:
+        return list(dict.fromkeys(note for part in self.parts for note in part.notes()))
+
     def located_parts(self) -> list[Part]:
         return [Part(b.system, b.q.start, b.v.start, b.first_body) for b in self.blocks]
 

@@ -134,12 +134,17 @@ class LoopControl:
 
 
 class ConstantTorque(LoopControl):
-    """Torques that do not change.
+    """Torques that do not change during a run, or that are set from outside between the steps of a `Simulator`.
 
     Parameters
     ----------
     torque : ndarray, shape (n,)
         Torques of the robot's last n velocities [N, N m].
+
+    Attributes
+    ----------
+    torque : ndarray, shape (n,)
+        The same; `control.torque[:] = ...` changes them.
 
     Raises
     ------
@@ -148,7 +153,8 @@ class ConstantTorque(LoopControl):
     """
 
     def __init__(self, torque: Array) -> None:
-        self.table = _tracking(array(torque, "torque", ("n",))[None])
+        self.table = _tracking(array(torque, "torque", ("n",))[None].copy())
+        self.torque = self.table.torque[0]
 
 
 class PDControl(LoopControl):
@@ -171,6 +177,11 @@ class PDControl(LoopControl):
         Times of the trajectory, ascending [s].
     limit : float or ndarray, shape (n,), optional
         Largest torques [N m]; none by default.
+
+    Attributes
+    ----------
+    q, v, torque : ndarray, shape (k, n)
+        The same, with k = 1 without times; between the steps of a `Simulator` they may be written to.
 
     Raises
     ------
@@ -201,8 +212,9 @@ class PDControl(LoopControl):
         when = np.zeros(1) if times is None else array(times, "times", ("k",))
         if (np.diff(when) <= 0.0).any():
             raise InputError("times must ascend")
-        self.table = _tracking(rows[0], when)._replace(
-            q=place, v=rows[1], stiffness=gains[0], damping=gains[1], limit=most
+        self.q, self.v, self.torque = place.copy(), rows[1], rows[0]
+        self.table = _tracking(self.torque, when)._replace(
+            q=self.q, v=self.v, stiffness=gains[0], damping=gains[1], limit=most
         )
 
 

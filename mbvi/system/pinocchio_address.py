@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,8 @@ SYMBOLS = (
 )
 MODEL = b"N9pinocchio8ModelTplIdLi0ENS_25JointCollectionDefaultTplEEE"
 DATA = b"N9pinocchio7DataTplIdLi0ENS_25JointCollectionDefaultTplEEE"
+# stems of the libraries' names
+PINOCCHIO, BOOST = "pinocchio_default", f"boost_python{sys.version_info[0]}{sys.version_info[1]}"
 REGISTRY_QUERY = "_ZN5boost6python9converter8registry5queryENS0_9type_infoE"
 GET_LVALUE = "_ZN5boost6python9converter22get_lvalue_from_pythonEP7_objectRKNS1_12registrationE"
 
@@ -190,10 +193,11 @@ def array_of_calls(model: pin.Model, data: pin.Data) -> Array:
 
 def function_addresses() -> list[int]:
     """Return the addresses of Pinocchio's functions in the order of `SYMBOLS`."""
-    library = loaded_library("pinocchio_default")
+    library = loaded_library(PINOCCHIO)
     return [_symbol(library, name) for name in SYMBOLS]
 
 
+@cache
 def loaded_library(stem: str) -> ctypes.CDLL:
     """Return a library of Pinocchio's that this process has loaded; a second copy would have a registry of its own."""
     for path in library_paths(stem):
@@ -221,7 +225,7 @@ def _symbol(library: ctypes.CDLL, name: str) -> int:
 
 def _pointer(instance: object, name: bytes) -> int:
     """Return the address of the C++ object of a mangled type in an instance of Boost.Python."""
-    boost = loaded_library(f"boost_python{sys.version_info[0]}{sys.version_info[1]}")
+    boost = loaded_library(BOOST)
     query = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(_symbol(boost, REGISTRY_QUERY))
     lvalue = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(_symbol(boost, GET_LVALUE))
     registration = query(name)

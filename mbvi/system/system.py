@@ -113,6 +113,10 @@ class System:
     def start(self) -> None:
         """Prepare for a run; called when one starts."""
 
+    def notes(self) -> list[str]:
+        """Return what a run shall note about how the system is computed."""
+        return []
+
     def check(self, t: float, q: Array, v: Array) -> None:
         """Raise `InputError` if functions of the user return something else than they should."""
 

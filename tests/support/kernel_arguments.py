@@ -12,8 +12,10 @@ from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
+from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -225,7 +227,12 @@ def natural_residual(rng):
 def newton_law(rng):
     J, _, v, _ = cone(rng)
     m = len(J)
-    return J, v, restitution(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
+    return J, v, restitution(rng, m), opened(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
+
+
+def opened(rng, m):
+    """Speeds at which open rows may close; now and then none is open."""
+    return rng.choice([0.0, 0.1], size=m) if rng.random() < 0.3 else np.zeros(0)
 
 
 def tree_law(rng):
@@ -236,7 +243,7 @@ def tree_law(rng):
         mass[0, 0] = -1.0
     m, n = J.shape
     last = percussions_before(rng, m)
-    return mass, *others, J, restitution(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
+    return mass, *others, J, restitution(rng, m), opened(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
 
 
 def frictional_tree_law(rng):
@@ -248,8 +255,7 @@ def frictional_tree_law(rng):
     m, n = int(rng.integers(1, 1 + max(1, system.nv // 3))), system.nv
     J, T = rng.normal(size=(m, n)), rng.normal(size=(2 * m, n))
     drift = rng.normal(size=3 * m) if rng.random() < 0.3 else np.zeros(0)
-    opened = rng.choice([0.0, 0.1], size=m) if rng.random() < 0.3 else np.zeros(0)
-    given = restitution(rng, m), drift, opened, rng.choice([0.0, 0.5], size=m), 0, 1e-12
+    given = restitution(rng, m), drift, opened(rng, m), rng.choice([0.0, 0.5], size=m), 0, 1e-12
     out = np.full(n, np.nan), np.full((4, m), np.nan), np.full((4, m, 2), np.nan)
     return mass, *others, J, T, *given, np.zeros(3 * m), *out
 
@@ -870,6 +876,8 @@ def write_row(rng):
 
 
 ARGUMENTS = {
+    **ADDRESS_ARGUMENTS,
+    **CONTROL_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
@@ -987,7 +995,9 @@ IF_ACCEPTED = {
 
 
 def arguments(item, seed):
-    return copy.deepcopy(ARGUMENTS[item.__name__](np.random.default_rng(seed)))
+    made = ARGUMENTS[item.__name__](np.random.default_rng(seed))
+    # a copy of addresses would name the memory of the original
+    return made if item.__name__ in ADDRESS_ARGUMENTS else copy.deepcopy(made)
 
 
 def accepted(name, result):
@@ -1005,6 +1015,8 @@ def accepted(name, result):
 
 def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
+    if name in ADDRESS_ARGUMENTS:
+        return results_by_address(name, arguments)
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None
     arguments = [part for one in arguments for part in (one[:end] if isinstance(one, tuple) else (one,))]
