@@ -109,7 +109,12 @@ def measured_from_axes(
 ) -> int:
     """Write the contacts of the first `count` of `others`; return how many, -1 without room or where Coal is needed."""
     shapes, chosen = Shapes(*tables), pairs.others[:count]
-    distance, normal, middle, state = pairs.distance[:count], pairs.normal[:count], pairs.middle[:count], pairs.state[:count]
+    distance, normal, middle, state = (
+        pairs.distance[:count],
+        pairs.normal[:count],
+        pairs.middle[:count],
+        pairs.state[:count],
+    )
     for i in range(count):
         for c in range(3):
             middle[i, c] = 0.0
@@ -194,7 +199,7 @@ def pair_contacts(
         while a < last and pairs.owner[a] == pair:
             family.clearance[pair] = min(family.clearance[pair], pairs.gap[a])
             if pairs.gap[a] <= tolerance:
-                if rows.count[0] == MOST_ROWS:
+                if rows.size[0] == MOST_ROWS:
                     return TOO_MANY, True
                 append_contact(mechanism, pairs, family, a, rows)
             a += 1
@@ -209,11 +214,11 @@ def pair_contacts(
 @kernel("void(Mechanism, PairShapes, PairFamily, i8, RowBuffer)")
 def append_contact(mechanism: Mechanism, pairs: PairShapes, family: PairFamily, a: int, rows: RowBuffer) -> None:
     """Append contact a of `PairShapes`."""
-    m, pair = rows.count[0], pairs.owner[a]
+    m, pair = rows.size[0], pairs.owner[a]
     first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
     row(mechanism.columns, first, second, pairs.point[a], pairs.normals[a], rows.J[m])
     for c in range(3):
         rows.point[m, c], rows.normal[m, c] = pairs.point[a, c], pairs.normals[a, c]
     rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], pairs.gap[a], family.e[pair]
     rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
-    rows.count[0] = m + 1
+    rows.size[0] = m + 1

@@ -55,7 +55,7 @@ def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> t
         gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]
         nearest = min(nearest, limits.lever[a] * gap)
         if limits.lever[a] * gap <= tolerance:
-            m = rows.count[0]
+            m = rows.size[0]
             if m == MOST_ROWS:
                 return TOO_MANY, -np.inf
             rows.number[m], rows.gap[m], rows.e[m] = limits.number[a], gap, limits.e[a]
@@ -65,7 +65,7 @@ def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> t
             for k in range(nv):
                 rows.J[m, k] = 0.0
             rows.J[m, limits.velocity[a]] = limits.sign[a]
-            rows.count[0] = m + 1
+            rows.size[0] = m + 1
     # a row must be found at every step, so that no step can be skipped while there is one
     return FOUND, -np.inf if nearest <= tolerance else nearest - tolerance
 
@@ -96,24 +96,24 @@ def half_space_contacts(
         count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
         any_empty = any_empty or count == 0
         count = spread_below(poses, points, pair, 0, count)
-        if rows.count[0] + count > MOST_ROWS:
+        if rows.size[0] + count > MOST_ROWS:
             return TOO_MANY, True
         for j in range(count):
-            m, k = rows.count[0], points.found[j]
+            m, k = rows.size[0], points.found[j]
             lowest(poses, points.body[pair], points.numbers, k, out)
             for c in range(3):
                 rows.point[m, c], rows.normal[m, c] = out[c], points.numbers[k, 12 + c]
             row(columns, support[0], support[points.body[pair]], out, points.numbers[k, 12:15], rows.J[m])
             rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], out[3], family.e[pair]
             rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
-            rows.count[0] = m + 1
+            rows.size[0] = m + 1
     return FOUND, any_empty
 
 
 @kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer)")
 def append_tangents(columns: Array, support: Array, family: PairFamily, begin: int, rows: RowBuffer) -> None:
     """Write the gradients along the tangents of the rows of one family, from row `begin` on; none where mu is 0."""
-    end, nv, rough = rows.count[0], rows.J.shape[1], False
+    end, nv, rough = rows.size[0], rows.J.shape[1], False
     for a in range(begin, end):
         rough = rough or rows.mu[a] > 0.0
     if rough:
@@ -164,9 +164,9 @@ def active_rows(
     for i in range(len(q)):
         cache.q[i] = q[i]
     exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
-    rows.count[0], frictional = 0, len(rows.T) > 0
+    rows.size[0], frictional = 0, len(rows.T) > 0
     for k in range(len(cache.kind)):
-        spent, kind, begin, any_empty = exhausted >> k & 1 > 0, cache.kind[k], rows.count[0], False
+        spent, kind, begin, any_empty = exhausted >> k & 1 > 0, cache.kind[k], rows.size[0], False
         if not (spent or cache.always[k]):
             continue
         if code != FOUND:

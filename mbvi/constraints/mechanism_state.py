@@ -66,8 +66,8 @@ class MechanismState:
                 k = slots[kind]
                 tables[kind] = table = _pair_family(constraints, k, cache.candidates(k))
                 self._listed[k], self._candidates[k] = table.listed, table.candidates
-        walls = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
-        pairs = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
+        walls: Any = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
+        pairs: Any = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
         limits = _limits(constraints, slots.get(LIMITS))
         shapes, near = pairs.loop_tables()
         self._clearances = Clearances(

@@ -15,15 +15,13 @@ LIMITS, HALF_SPACES, PAIRS = range(3)
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
 
-@record(
-    "i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]"
-)
+@record("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]")
 class RowBuffer(NamedTuple):
     """Room for rows.
 
     Attributes
     ----------
-    count : ndarray of int, shape (1,)
+    size : ndarray of int, shape (1,)
         How many there are.
     number, gap, e, lever, mu : ndarray, shape (MOST_ROWS,)
         Constraint, gap [m or rad], restitution, the factor that makes a length of the gap, coefficient of friction.
@@ -35,7 +33,7 @@ class RowBuffer(NamedTuple):
         The tangents.
     """
 
-    count: Array
+    size: Array
     number: Array
     gap: Array
     e: Array
@@ -119,7 +117,7 @@ class PairFamily(NamedTuple):
 @kernel("void(RowBuffer, i8, RowBuffer)")
 def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
     """Append row a of some rows to others."""
-    m, nv = others.count[0], rows.J.shape[1]
+    m, nv = others.size[0], rows.J.shape[1]
     others.number[m], others.gap[m], others.e[m] = rows.number[a], rows.gap[a], rows.e[a]
     others.lever[m], others.mu[m] = rows.lever[a], rows.mu[a]
     for c in range(3):
@@ -132,4 +130,4 @@ def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
                 others.axes[m, c, k] = rows.axes[a, c, k]
             for k in range(nv):
                 others.T[2 * m + c, k] = rows.T[2 * a + c, k]
-    others.count[0] = m + 1
+    others.size[0] = m + 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -95,8 +96,8 @@ class SignedDistances(Pairs):
         places, lists = np.zeros((2, len(axes.bodies), 4, 3)), np.zeros((5, n), np.int64)
         unresolved, closed, others, unknown, state = lists
         mode = LEFT_TO_PYTHON if self._planar else ROUNDED if self._at_rest else AS_THEY_ARE
-        found = np.zeros(n), *np.zeros((2, n, 3)), state
-        contacts = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
+        found: Any = np.zeros(n), *np.zeros((2, n, 3)), state
+        contacts: Any = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
         return axes.tables, PairShapes(
             np.array(axes.bodies, dtype=np.int64), *places, unresolved, closed, others, unknown, axes.axis,
             self._closed.form, self.smooth, self._flat, sizes.bound, sizes.unit, self._grid.ravel(), mode, *found,

@@ -70,7 +70,7 @@ class LoopRecord(NamedTuple):
 @kernel("void(MechanismStep, LoopRecord, i8)")
 def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
     """Write the rows of a step to the log from place `begin` on."""
-    rows, m = s.rows, s.rows.count[0]
+    rows, m = s.rows, s.rows.size[0]
     for a in range(m):
         to = log.rows[begin + a]
         log.number[begin + a], to[0], to[1] = rows.number[a], rows.gap[a], rows.e[a]
@@ -175,6 +175,9 @@ def run_steps(
     """
     rows, memory, place = s.rows, s.memory, 0
     for i in range(first, end):
+        if i - first == len(log.event):
+            log.begin[i - first] = place
+            return i, count, FULL
         size = memory.size[0], memory.size[1], memory.size[2]
         for a in range(size[0]):
             log.before[a] = memory.percussion[a]
@@ -187,7 +190,7 @@ def run_steps(
             code = moreau_jean_step(s, t, q, v, h)
         else:
             code = centered_step(s, t, q, v, h, scheme == CENTERED_PROJECTED)
-        m = rows.count[0]
+        m = rows.size[0]
         if code == DONE and place + m > len(log.number):
             code = FULL
         if code == DONE and may_pass(s.constraints, v, s.v, log, limit):

@@ -31,12 +31,12 @@ def row_speeds(J: Array, v: Array, time: float, change: Array) -> None:
 @kernel("i8(RowBuffer, f8, RowBuffer, b1[::1])")
 def take_near(rows: RowBuffer, reach: float, near_rows: RowBuffer, near: Array) -> int:
     """Copy the rows whose gap is within a length [m]; write which they are and return how many."""
-    near_rows.count[0] = 0
-    for a in range(rows.count[0]):
+    near_rows.size[0] = 0
+    for a in range(rows.size[0]):
         near[a] = rows.lever[a] * rows.gap[a] <= reach
         if near[a]:
             append_row(rows, a, near_rows)
-    return near_rows.count[0]
+    return near_rows.size[0]
 
 
 @kernel("i8(MechanismStep, f8[::1], f8[::1])")
@@ -45,7 +45,7 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
 
     `middle`, shape (nq,), is the configuration there, and `change`, shape (k,), that of the gaps from there to the end.
     """
-    ahead, here, most, m = s.ahead, s.middle, 0.0, s.ahead.count[0]
+    ahead, here, most, m = s.ahead, s.middle, 0.0, s.ahead.size[0]
     for a in range(m):
         most = max(most, abs(ahead.gap[a]) + abs(change[a]))
     # twice the linear estimate, because the gradients change within the step
@@ -53,12 +53,12 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
     if code != FOUND:
         return code
-    n, owner, order = here.count[0], s.room.owner[:m], s.room.order[: here.count[0]]
+    n, owner, order = here.size[0], s.room.owner[:m], s.room.order[: here.size[0]]
     for b in range(n):
         # rows are found in the order of their numbers
         order[b] = b
     mutual_nearest(ahead.number[:m], ahead.point[:m], here.number[:n], here.point[:n], order, owner)
-    s.rows.count[0] = 0
+    s.rows.size[0] = 0
     for b in range(n):
         matched = False
         for a in range(m):
@@ -75,7 +75,7 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
 @kernel("b1(RowBuffer, f8[::1], f8)")
 def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
     """Return whether some row may bounce; see `Centered`."""
-    for a in range(rows.count[0]):
+    for a in range(rows.size[0]):
         rebound = -2.0 * rows.e[a] * change[a] * rows.lever[a]
         if rows.e[a] > 0.0 and (rebound > tolerance or rows.e[a] >= 1.0):
             return True
@@ -107,7 +107,7 @@ def settle(s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: flo
     if factor(m.mass, 0.0, room.moved, m.parent, room.L):
         return UNSOLVED
     i = 0
-    for a in range(known.count[0]):
+    for a in range(known.size[0]):
         room.owner[a] = i if room.near[a] else -1
         i += room.near[a]
     tangent(m.calls, place_ahead, s.q, room.displacement)
@@ -116,16 +116,18 @@ def settle(s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: flo
         if code != UNSOLVED:
             return code
     # bodies move too far for gaps to be linear: the rows are taken at the end of the step
-    known, k = s.middle, s.rows.count[0]
+    known, k = s.middle, s.rows.size[0]
     code = active_rows(m, s.constraints, middle[:0], room.drift, s.q, s.scales.tolerance + margin, known)
     if code != FOUND:
         return code
-    n = known.count[0]
+    n = known.size[0]
     for a in range(k):
         room.order[a] = a
         if a > 0 and s.rows.number[a] < s.rows.number[a - 1]:
             return BOUNCES
-    mutual_nearest(known.number[:n], known.point[:n], s.rows.number[:k], s.rows.point[:k], room.order[:k], room.owner[:n])
+    mutual_nearest(
+        known.number[:n], known.point[:n], s.rows.number[:k], s.rows.point[:k], room.order[:k], room.owner[:n]
+    )
     for a in range(n):
         k -= room.owner[a] >= 0
     if k != 0:
@@ -144,7 +146,7 @@ def settle_near(s: MechanismStep, known: RowBuffer, middle: Array, v: Array, h: 
     `displacement` leads from where they are known to the end of the step; the other arguments are those of `settle`.
     """
     scales, room, mech, n, half = s.scales, s.room, s.mechanism, len(v), 0.5 * h
-    m, k, reach, displacement = known.count[0], s.rows.count[0], largest_reach(scales.length), room.displacement
+    m, k, reach, displacement = known.size[0], s.rows.size[0], largest_reach(scales.length), room.displacement
     rates, law = room.table[: 4 * m].reshape((4, m)), room.law[:m]
     for a in range(m):
         law[a] = room.owner[a] >= 0
@@ -171,7 +173,7 @@ def settle_near(s: MechanismStep, known: RowBuffer, middle: Array, v: Array, h: 
         )  # fmt: skip
         if code == UNDECIDED:
             return UNSOLVED
-    s.rows.count[0], k, i = 0, 0, 0
+    s.rows.size[0], k, i = 0, 0, 0
     for a in range(m):
         same = same and law[a] == (room.owner[a] >= 0)
         k += law[a]
@@ -225,7 +227,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code
-    near = room.near[: s.ahead.count[0]]
+    near = room.near[: s.ahead.size[0]]
     count = take_near(s.ahead, scales.tolerance + near_margin, s.rows, near)
     for k in range(n):
         drift[k], force_velocity[k] = half * v[k], v[k]
@@ -249,13 +251,13 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     if bounces or not projects:
         if frictional and bounces:
             return BOUNCES
-        s.ahead.count[0] = 0
+        s.ahead.size[0] = 0
         for a in range(count):
             append_row(s.rows, a, s.ahead)
         code = rows_in_the_middle(s, middle, change)
         if code != FOUND:
             return code
-        count = s.rows.count[0]
+        count = s.rows.size[0]
     else:
         for a in range(count):
             s.rows.gap[a] -= change[a]
@@ -292,7 +294,7 @@ def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
 
     `middle`, shape (nq,), is where the law was applied.
     """
-    rows, k, scales, rises = s.rows, s.rows.count[0], s.scales, False
+    rows, k, scales, rises = s.rows, s.rows.size[0], s.scales, False
     for a in range(k):
         rise = h * rows.lever[a] * s.rates[2 * k + a]
         if abs(rise) <= scales.tolerance or (a > 0 and rows.number[a] < rows.number[a - 1]):
@@ -307,13 +309,18 @@ def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
     retract(s.mechanism.calls, middle, drift, s.room.end)
     if active_rows(s.mechanism, s.constraints, middle[:0], drift, s.room.end, scales.tolerance, ahead) != FOUND:
         return True
-    m = ahead.count[0]
+    m = ahead.size[0]
     for a in range(k):
         order[a] = a
     mutual_nearest(ahead.number[:m], ahead.point[:m], rows.number[:k], rows.point[:k], order, owner[:m])
     for i in range(m):
         a = owner[i]
-        if a >= 0 and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0:
+        if (
+            a >= 0
+            and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance
+            and rows.e[a] < 1.0
+            and s.rates[a] > 0.0
+        ):
             # where the law was applied its gap was
             if rows.lever[a] * ahead.gap[i] <= rows.lever[a] * rows.gap[a] + scales.tolerance:
                 return True
@@ -331,7 +338,7 @@ def sinks(s: MechanismStep, place_ahead: Array, margin: float) -> bool:
     travel = largest_travel(s.scales.squares, displacement)
     if travel > largest_reach(s.scales.length) or travel > margin:
         return True
-    for a in range(known.count[0]):
+    for a in range(known.size[0]):
         gap = known.gap[a]
         for k in range(len(displacement)):
             gap += known.J[a, k] * displacement[k]

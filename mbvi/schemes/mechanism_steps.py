@@ -6,7 +6,7 @@ same state; the caches of distances and the percussions of the last projection a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -131,7 +131,8 @@ def room(nq: int, nv: int) -> Room:
     matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
     floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
-    return Room(*tangents, *places, *matrices, *floats, table, *numbers, *masks)
+    fields: Any = *tangents, *places, *matrices, *floats, table, *numbers, *masks
+    return Room(*fields)
 
 
 @record(
@@ -205,7 +206,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     opened : ndarray, shape (k,) or (0,)
         As of `closing_speeds`.
     """
-    m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.count[0]
+    m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     write_torque(s.control, t, q, force_velocity, s.room.torque)
     place(m, q)
     nonlinear_effects(m.calls, q, force_velocity)
@@ -213,7 +214,9 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates)
+        found = tree_law(
+            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates
+        )
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED
@@ -250,7 +253,7 @@ def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     code = active_rows(s.mechanism, s.constraints, q, drift, s.q, s.scales.tolerance, s.rows)
     if code != FOUND:
         return code
-    if s.rows.count[0] == 0:
+    if s.rows.size[0] == 0:
         s.residual[0] = 0.0
         fly(s, t + h, s.q, v, h, s.v)
         return DONE
@@ -268,7 +271,7 @@ def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, middle, s.scales.tolerance, s.rows)
     if code != FOUND:
         return code
-    count = s.rows.count[0]
+    count = s.rows.size[0]
     if count == 0:
         s.residual[0] = 0.0
         fly(s, t + before, middle, v, h, s.v)

@@ -122,7 +122,11 @@ def law(
     if rough is not None:
         return AppliedLaw(*rough, rows)
     x, before = free_motion.free, rows.speeds(v)
-    e = None if opened is not None or rows.tangents is None else projector.capped_restitution(x, free_motion.metric, rows, before)
+    e = (
+        None
+        if opened is not None or rows.tangents is None
+        else projector.capped_restitution(x, free_motion.metric, rows, before)
+    )
     if e is not None:
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
