@@ -1,4 +1,4 @@
-"""A hopper as an environment for reinforcement learning, with the interface of gymnasium, which need not be installed."""
+"""A hopper as an environment for reinforcement learning: gymnasium's interface, whether it is installed or not."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..geometry.shape_table import Shapes
+from ..geometry.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ..geometry.support_points import Points, lowest, points_below, spread_below
 from ..system.articulated import row
 from ..system.mechanism import Mechanism, place

@@ -53,8 +53,11 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
+        assert isinstance(system, ArticulatedSystem)
         self._state = MechanismState(problem.constraints)
-        self._step = mechanism_step(problem, scheme, projector.residual, system.mechanism(), self._state)
+        mechanism = system.mechanism()
+        assert mechanism is not None
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
@@ -210,6 +213,8 @@ def compiled_loop(
     kind, system = kind_of_scheme(scheme), problem.system
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
+    if projector.energy_cap or projector.accepted is not None or not isinstance(system, ArticulatedSystem):
+        return None
+    if system.mechanism() is None:
         return None
     return CompiledLoop(problem, kind, scheme, projector, recorder, guard, h, every, total)

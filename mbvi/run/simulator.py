@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..arguments import integer, positive
 from ..constraints.contact import Contact
 from ..errors import UnsuitableError

@@ -86,7 +86,7 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
     n = control.torque.shape[1]
     place, rate = len(q) - n, len(v) - n
     if control.kind == HELD:
-        row = np.int64(np.floor((t - control.times[0]) / control.times[1]))
+        row: int = np.int64(np.floor((t - control.times[0]) / control.times[1]))  # type: ignore[assignment]
         row = control.held[0] + min(max(row, 0), control.held[1] - 1)
         for k in range(n):
             torque[rate + k] = control.torque[row, k]
@@ -160,8 +160,8 @@ class ConstantTorque(LoopControl):
 class PDControl(LoopControl):
     """Proportional-derivative control of joints to given positions, or along a trajectory.
 
-    tau_k = torque_k + stiffness_k (q*_k - q_k) + damping_k (v*_k - v_k), between -limit_k and limit_k. Between the times
-    of a trajectory q*, v* and torque are linear in t; before the first and after the last they are constant.
+    tau_k = torque_k + stiffness_k (q*_k - q_k) + damping_k (v*_k - v_k), between -limit_k and limit_k. Between the
+    times of a trajectory q*, v* and torque are linear in t; before the first and after the last they are constant.
 
     Parameters
     ----------

@@ -28,9 +28,7 @@ def states_about(problem, rng, count=COUNT):
 
 
 def expected_of(problem, q0, v0, scheme, steps=STEPS):
-    run = mbvi.simulate(
-        problem.at(q0, v0, problem.t0), scheme, step=STEP, duration=steps * STEP, progress=False
-    )
+    run = mbvi.simulate(problem.at(q0, v0, problem.t0), scheme, step=STEP, duration=steps * STEP, progress=False)
     return run.q.tobytes(), run.v.tobytes()
 
 
@@ -259,7 +257,10 @@ def test_no_rollouts():
         ({"step": -1.0}, "step"),
         ({"scheme": mbvi.EventDriven()}, "EventDriven chooses its own steps"),
         ({"control": mbvi.ConstantTorque(np.zeros(9))}, "acts on 9 velocities; it has 8"),
-        ({"problem": grains(), "q0": np.zeros((2, 10)), "v0": np.zeros((2, 9)), "control": np.zeros((5, 9))}, "one robot"),
+        (
+            {"problem": grains(), "q0": np.zeros((2, 10)), "v0": np.zeros((2, 9)), "control": np.zeros((5, 9))},
+            "one robot",
+        ),
     ],
 )
 def test_arguments_are_checked(changed, words):

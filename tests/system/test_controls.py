@@ -33,7 +33,8 @@ def test_a_pd_control_is_its_formula(seed):
     times = np.cumsum(rng.random(k) + 0.01)
     rows = dict(zip(("q", "v", "torque"), rng.normal(size=(3, k, n)), strict=True))
     stiffness, damping, limit = rng.random((3, n))
-    control = mbvi.PDControl(rows["q"], stiffness, damping, v=rows["v"], torque=rows["torque"], times=times, limit=limit)
+    given = {"v": rows["v"], "torque": rows["torque"], "times": times, "limit": limit}
+    control = mbvi.PDControl(rows["q"], stiffness, damping, **given)
     q, v, t = rng.normal(size=n + extra + 1), rng.normal(size=n + extra), 1.5 * times[-1] * rng.random()
     at_t = {name: np.array([np.interp(t, times, column) for column in row.T]) for name, row in rows.items()}
     wanted = at_t["torque"] + stiffness * (at_t["q"] - q[-n:]) + damping * (at_t["v"] - v[-n:])
@@ -79,7 +80,7 @@ CONTROLS = {
     "trajectory": (
         lambda: mbvi.PDControl([[0.0, 0.4], [0.3, 0.9]], 15.0, 0.5, times=[0.0, 0.1]),
         lambda t, q, v: np.concatenate(
-            [np.zeros(6), 15.0 * (np.array([0.0, 0.4]) + min(t / 0.1, 1.0) * np.array([0.3, 0.5]) - q[-2:]) - 0.5 * v[-2:]]
+            [np.zeros(6), 15.0 * ([0.0, 0.4] + min(t / 0.1, 1.0) * np.array([0.3, 0.5]) - q[-2:]) - 0.5 * v[-2:]]
         ),
     ),
     "compiled": (lambda: mbvi.CompiledControl(swing, 9, 8), in_python),
@@ -93,9 +94,7 @@ def test_a_control_in_the_loop_acts_as_a_function_does(name, scheme):
     inside, outside = hopper(make()), hopper(function)
     assert is_compiled(inside, scheme)
     assert not is_compiled(outside, scheme)
-    runs = [
-        mbvi.simulate(problem, scheme, step=STEP, duration=0.15, progress=False) for problem in (inside, outside)
-    ]
+    runs = [mbvi.simulate(problem, scheme, step=STEP, duration=0.15, progress=False) for problem in (inside, outside)]
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-11)
     np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0, atol=1e-9)
     assert np.abs(runs[0].q - mbvi.simulate(hopper(None), scheme, step=STEP, duration=0.15).q).max() > 1e-3
