@@ -71,14 +71,16 @@ def lines(count: int, repeats: int, most_threads: int) -> list[str]:
 def section(count: int, repeats: int, threads: int) -> str:
     """Return the section of the page."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy", "numba", "mujoco"))
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     table = "\n".join(lines(count, repeats, threads))
     return f"""{TITLE}
 
     python benchmarks/rollout.py --write    # measures, and writes this section
 
 {count} runs of {STEPS} steps of the quadruped that stands on four feet, with other initial velocities each, by
-`mbvi.rollout` and by `mujoco.rollout`. Wall-clock time of the call over all steps, medians of {repeats} repeats, the engines in turns; {os.cpu_count()} cores,
-{platform.machine()}, Python {platform.python_version()}, {packages}. MuJoCo has no friction, as in the first table.
+`mbvi.rollout` and by `mujoco.rollout`. Wall-clock time of the call over all steps, medians of {repeats} repeats, the
+engines in turns; {machine}, {packages}.
+MuJoCo has no friction, as in the first table.
 
 | scheme | threads | mbvi [us per step] | MuJoCo [us per step] | ratio |
 |---|---|---|---|---|

@@ -1,6 +1,6 @@
 """Sampling-based control: torques with which the hopper jumps highest, found by the cross-entropy method.
 
-Every iteration draws torques about the best ones known, rolls all of them out at once, and keeps the best tenth.
+Every iteration draws torques about the best ones known, rolls all of them out at once, and keeps the best eighth.
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 import mbvi
 
 HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
-STEP, STEPS = 1e-3, 500
+STEP, STEPS = 1e-3, 350
 # torques are constant for so many steps; they act on the hip and on the knee
 HOLD, MOST = 50, 20.0
 # the base has no motor: along x, along z, pitch
@@ -39,7 +39,7 @@ def reward(q) -> np.ndarray:
     return z - 0.5 * np.abs(x) - 0.5 * np.abs(sine)
 
 
-def search(problem, samples=64, iterations=12, threads=2, seed=0) -> tuple[np.ndarray, list[float]]:
+def search(problem, samples=32, iterations=6, threads=2, seed=0) -> tuple[np.ndarray, list[float]]:
     """Return the best torques, shape (STEPS, 5), and the reward after each iteration."""
     rng = np.random.default_rng(seed)
     mean, spread = np.zeros((STEPS // HOLD, 2)), np.full((STEPS // HOLD, 2), 0.5 * MOST)
@@ -51,7 +51,7 @@ def search(problem, samples=64, iterations=12, threads=2, seed=0) -> tuple[np.nd
         knots[0] = best
         found = mbvi.rollout(problem, q0, v0, steps=STEPS, step=STEP, control=torques(knots), threads=threads)
         value = np.where(found.status == 0, reward(found.q), -np.inf)
-        order = np.argsort(-value)[: samples // 10]
+        order = np.argsort(-value)[: samples // 8]
         best, mean, spread = knots[order[0]], knots[order].mean(axis=0), knots[order].std(axis=0) + 0.2
         rewards.append(float(value[order[0]]))
     return torques(best[None])[0], rewards

@@ -17,7 +17,7 @@ from ..system.mechanism import Mechanism
 from ..system.system import Array
 from .accuracy import projector_of
 from .compiled_loop import CHUNK, Patience, kind_of_scheme, logged_step, loop_record, mechanism_step
-from .start import admitted, closes_none, initial_step
+from .start import admitted, closes_none, first_step
 from .step_loop import DONE, FULL, run_steps
 from .tunnelling import TunnellingGuard
 
@@ -122,7 +122,7 @@ class MechanismRun:
 
     def initial_step(self) -> Step:
         """Go to the initial state of the problem, and return it."""
-        self._last = found = initial_step(self.problem, self._projector)
+        self._last = found = first_step(self.problem, self._projector)
         self._go_on(found)
         return found
 

@@ -15,6 +15,11 @@ from ..system.system import Array
 def initial_step(problem: Problem, projector: Projector) -> Step:
     """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
     problem.system.start()
+    return first_step(problem, projector)
+
+
+def first_step(problem: Problem, projector: Projector) -> Step:
+    """Return what `initial_step` does, of a system that has been started before."""
     problem.constraints.renew()
     active = problem.constraints.active(problem.t0, problem.q0, problem.tolerance)
     # copies, because the problem's own arrays are read-only
