@@ -24,6 +24,7 @@ from .results import Diagnosis, Impact, Trajectory, load
 from .run.rollout import Rollouts, rollout
 from .run.rollout_job import RolloutStatus
 from .run.simulate import simulate, steps
+from .run.simulator import Simulator
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
 from .system import LagrangianSystem
@@ -65,6 +66,7 @@ __all__ = [
     "Rollouts",
     "Scene",
     "SchatzmanPaoli",
+    "Simulator",
     "SparsePCG",
     "StewartTrinkle",
     "Trajectory",

@@ -38,6 +38,8 @@ def example(name, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(mbvi, "simulate", found)
         patched.setattr(mbvi, "steps", found)
+        patched.setattr(mbvi, "Simulator", found)
+        patched.setattr(mbvi, "rollout", lambda problem, q0, v0, **options: found(problem, step=options["step"]))
         spec.loader.exec_module(module)
         with pytest.raises(Found) as error:
             module.main()

@@ -2,7 +2,7 @@
 
 from .addresses import call_address
 from .folder import cache_folder
-from .kernels import KERNELS, Kernel, compile_all, compile_kernel, kernel, plain_array, record, seconds_compiling
+from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
 
 __all__ = [
     "KERNELS",
@@ -10,7 +10,6 @@ __all__ = [
     "cache_folder",
     "call_address",
     "compile_all",
-    "compile_kernel",
     "kernel",
     "plain_array",
     "record",

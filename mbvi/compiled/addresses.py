@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 
+_KINDS: dict[type, Any] = {np.int32: ctypes.c_int, float: ctypes.c_double, np.float64: ctypes.c_double}
+
+
 class AddressCall:
     """Calls the C function at an address with integer arguments; its result is ignored.
 
@@ -15,10 +18,11 @@ class AddressCall:
     kept on disk.
     """
 
-    def __call__(self, function: int, *arguments: int | np.int32) -> None:
-        """Call the function; an argument of type int32 is a C int, others are 64-bit integers or pointers."""
-        kinds = [ctypes.c_int if isinstance(a, np.int32) else ctypes.c_int64 for a in arguments]
-        ctypes.CFUNCTYPE(None, *kinds)(int(function))(*(int(a) for a in arguments))
+    def __call__(self, function: int, *arguments: int | float | np.int32) -> None:
+        """Call the function; int32 stands for a C int, float for a double, others for 64-bit integers or pointers."""
+        kinds: list[Any] = [_KINDS.get(type(a), ctypes.c_int64) for a in arguments]
+        given = (float(a) if kind is ctypes.c_double else int(a) for kind, a in zip(kinds, arguments, strict=True))
+        ctypes.CFUNCTYPE(None, *kinds)(int(function))(*given)
 
     def callee(self) -> Any:
         """Return numba's form of it."""

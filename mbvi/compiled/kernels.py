@@ -159,12 +159,6 @@ def plain_array(values: np.ndarray) -> np.ndarray:
     return values if values.flags.carray and values.dtype == np.float64 else np.array(values, dtype=float, order="C")
 
 
-def compile_kernel(item: Callable[..., Any]) -> None:
-    """Compile a kernel now, before threads call it."""
-    assert isinstance(item, Kernel)
-    item.compiled()
-
-
 def compile_all() -> None:
     """Compile every kernel now, so that compiling is no part of a measurement that follows."""
     for item in KERNELS:

@@ -144,11 +144,15 @@ class AdmissibleSet(Rebuilt):
                 array[:] = saved
             family.kept = kept
 
-    def forget_kept(self) -> None:
-        """Let families forget kept contacts, other than those that they held at the first call of `renew`."""
-        if self._built is not None:
-            for family, (_, kept) in zip(self.families, self._built.families, strict=True):
-                family.kept = kept
+    @property
+    def kept(self) -> list[Any]:
+        """The contacts that families keep while nothing moves."""
+        return [family.kept for family in self.families]
+
+    @kept.setter
+    def kept(self, kept: list[Any]) -> None:
+        for family, one in zip(self.families, kept, strict=True):
+            family.kept = one
 
     def moved_by(self, system: System) -> AdmissibleSet:
         """Return the same constraints on a copy of the system, with caches of their own, as `renew` leaves them."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import kernel, record
-from ..geometry.shape_table import Shapes
+from ..geometry.shape_table import Shapes  # noqa: F401  (a signature names it)
 from ..geometry.support_points import Points, lowest, points_below, spread_below
 from ..system.articulated import row
 from ..system.mechanism import Mechanism, place
@@ -202,32 +202,3 @@ def active_rows(
             # a candidate without a row may be skipped: list the candidates again at the next query
             cache.clearance[k], family.listed[1] = -np.inf, 0
     return code
-
-
-@kernel("void(PairFamily, PairFamily)")
-def copy_pairs(here: PairFamily, there: PairFamily) -> None:
-    """Copy what queries change in a family of pairs."""
-    for i in range(len(here.clearance)):
-        there.clearance[i], there.candidates[i] = here.clearance[i], here.candidates[i]
-    for i in range(2):
-        there.listed[i] = here.listed[i]
-
-
-@kernel("void(MechanismConstraints, MechanismConstraints)")
-def copy_memory(here: MechanismConstraints, there: MechanismConstraints) -> None:
-    """Copy all that queries of the constraints change, and that later queries depend on."""
-    for k in range(here.cache.travel.shape[0]):
-        there.cache.clearance[k], there.cache.always[k] = here.cache.clearance[k], here.cache.always[k]
-        for i in range(here.cache.travel.shape[1]):
-            there.cache.travel[k, i] = here.cache.travel[k, i]
-    for i in range(len(here.cache.q)):
-        there.cache.q[i] = here.cache.q[i]
-    copy_pairs(here.walls, there.walls)
-    copy_pairs(here.pairs, there.pairs)
-    for i in range(len(here.points.start)):
-        there.points.start[i] = here.points.start[i]
-    one, other = Shapes(*here.shapes).start, Shapes(*there.shapes).start
-    for i in range(len(one)):
-        other[i, 0], other[i, 1] = one[i, 0], one[i, 1]
-        for c in range(3):
-            there.near.axis[i, c] = here.near.axis[i, c]

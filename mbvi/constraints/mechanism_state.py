@@ -90,24 +90,18 @@ class MechanismState:
                 room[: len(candidates.index)] = candidates.index
         return True
 
-    def copy(self) -> MechanismConstraints:
-        """Return copies of the arrays that `copy_memory` writes, beside the others."""
+    @property
+    def memory(self) -> list[Array]:
+        """The arrays that queries change, and that later queries depend on."""
         cache, _, points, walls, shapes, pairs, near = self.arrays
-        start = Shapes._fields.index("start")
-        return self.arrays._replace(
-            cache=_copied(cache, "travel", "clearance", "q", "always"), points=_copied(points, "start"),
-            walls=_copied(walls, "clearance", "candidates", "listed"),
-            shapes=(*shapes[:start], shapes[start].copy(), *shapes[start + 1 :]),
-            pairs=_copied(pairs, "clearance", "candidates", "listed"), near=_copied(near, "axis"),
-        )  # fmt: skip
+        return [
+            cache.travel, cache.clearance, cache.q, cache.always, walls.clearance, walls.candidates, walls.listed,
+            pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
+        ]  # fmt: skip
 
     def leave(self) -> None:
         """Copy the state back to the caches."""
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
-
-
-def _copied(record: Any, *fields: str) -> Any:
-    return record._replace(**{name: getattr(record, name).copy() for name in fields})
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:

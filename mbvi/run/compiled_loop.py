@@ -23,7 +23,7 @@ from .tunnelling import TunnellingGuard
 Array = np.ndarray
 
 # steps in one call of the kernel, so that bars and files go on
-_CHUNK = 2000
+CHUNK = 2000
 # rows of these for which there is room
 _ROWS = 40_000
 # after more than some calls in a row with no more than so many steps, up to so many calls are left out
@@ -53,13 +53,15 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
         system = problem.system
+        assert isinstance(system, ArticulatedSystem)
         self._state = MechanismState(problem.constraints)
-        self._step = mechanism_step(problem, scheme, projector.residual, system.mechanism(), self._state)
+        mechanism = system.mechanism()
+        assert mechanism is not None
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
-        # attempts that are left out, after several in which Python took nearly every step
-        self._wait = self._waits = 0
+        self._patience = Patience()
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
@@ -74,12 +76,11 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        if self._wait > 0 or not self._state.enter():
-            self._wait -= 1
+        if self._patience.waits() or not self._state.enter():
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
-        q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + _CHUNK) + 1, recorder.count
+        q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
         following, recorder.count, code = run_steps(
             self._step, self._log, self._kind, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
             count, self._limit, STILL * problem.length,
@@ -88,8 +89,7 @@ class CompiledLoop:
         self._state.leave()
         self._projector.take_back(memory.percussion, memory.start, memory.size)
         taken = following - 1 - done
-        self._waits = 0 if taken > _FEW else min(2 * self._waits + 1, _MOST_WAITS)
-        self._wait = self._waits if self._waits > _PATIENCE else 0
+        self._patience.took(taken)
         if taken:
             self._replay(done, taken)
             state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
@@ -115,19 +115,43 @@ class CompiledLoop:
         return self._log.number[part].copy(), self._log.rows[part, 8].copy()[None]
 
     def _logged(self, done: int, j: int) -> Step:
-        """Return a step from the log, with what the recorder needs of its rows; its state is left out."""
-        part = slice(*self._log.begin[j : j + 2].tolist())
-        rows, none = self._log.rows[part].copy(), self._problem.constraints.empty.jacobian
-        tangents = slip = None
-        if rows.shape[1] == ROUGH:
-            tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
-            slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
-        active = Rows(
-            self._log.number[part].copy(), rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
-            None, tangents,
-        )  # fmt: skip
         t = self._problem.t0 + (done + j) * self._h + self._h
-        return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
+        return logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+
+
+class Patience:
+    """How many steps Python takes where the loop leaves nearly every one to it: attempts cost time."""
+
+    def __init__(self) -> None:
+        self._wait = self._waits = 0
+
+    def waits(self) -> bool:
+        """Return whether the next step is Python's, and count it."""
+        self._wait -= 1
+        return self._wait >= 0
+
+    def took(self, steps: int) -> None:
+        """Learn how many steps the loop took in an attempt."""
+        self._waits = 0 if steps > _FEW else min(2 * self._waits + 1, _MOST_WAITS)
+        self._wait = self._waits if self._waits > _PATIENCE else 0
+
+
+def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:
+    """Return step j of a log, with what recorders and contacts need of its rows; its state is left out.
+
+    `none` is a Jacobian without rows.
+    """
+    part = slice(*log.begin[j : j + 2].tolist())
+    rows = log.rows[part].copy()
+    tangents = slip = None
+    if rows.shape[1] == ROUGH:
+        tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
+        slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
+    active = Rows(
+        log.number[part].copy(), rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
+        None, tangents,
+    )  # fmt: skip
+    return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
 
 
 def mechanism_step(
@@ -151,12 +175,11 @@ def mechanism_step(
 def loop_record(
     problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
 ) -> LoopRecord:
-    """Return the record of a loop that writes states to given arrays."""
-    rows = np.zeros((_ROWS, ROUGH if problem.constraints.frictional else PLAIN))
+    """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
+    width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
-        t, q, v, penetration, residual, np.zeros(_CHUNK + 1, np.int64), np.zeros(_CHUNK, bool),
-        np.zeros(len(rows), np.int64), rows, problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
-        guard.thickness,
+        t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
+        np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares, guard.thickness,
     )  # fmt: skip
 
 
@@ -190,6 +213,8 @@ def compiled_loop(
     kind, system = kind_of_scheme(scheme), problem.system
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.energy_cap or projector.accepted is not None or system.mechanism() is None:
+    if projector.energy_cap or projector.accepted is not None or not isinstance(system, ArticulatedSystem):
+        return None
+    if system.mechanism() is None:
         return None
     return CompiledLoop(problem, kind, scheme, projector, recorder, guard, h, every, total)

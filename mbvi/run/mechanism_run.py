@@ -6,6 +6,7 @@ from copy import copy
 
 import numpy as np
 
+from ..constraints import Rows
 from ..constraints.mechanism_state import MechanismState
 from ..problem import Problem
 from ..projection import Projector
@@ -13,10 +14,15 @@ from ..schemes import Scheme, Step
 from ..schemes.step import NO_RATES, STILL
 from ..system.articulated import ArticulatedSystem, Control
 from ..system.mechanism import Mechanism
+from ..system.system import Array
 from .accuracy import projector_of
-from .compiled_loop import kind_of_scheme, loop_record, mechanism_step
-from .start import initial_step
+from .compiled_loop import CHUNK, Patience, kind_of_scheme, logged_step, loop_record, mechanism_step
+from .start import admitted, closes_none, first_step
+from .step_loop import DONE, FULL, run_steps
 from .tunnelling import TunnellingGuard
+
+# no state is recorded
+_NEVER = 1 << 62
 
 
 class OwnProblem:
@@ -83,6 +89,8 @@ class MechanismRun:
 
     Attributes
     ----------
+    problem : Problem
+        The problem that is run now, of which some may share the system and the constraints.
     q, v : ndarray, shapes (nq,) and (nv,)
         The present state; the same arrays always.
     """
@@ -90,35 +98,84 @@ class MechanismRun:
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float, room: int) -> None:
         problem, kind = own.problem, kind_of_scheme(scheme)
         assert kind is not None and own.mechanism is not None
-        self.problem, self.scheme, self.kind, self.h = problem, scheme, kind, h
-        self.guard, self._state = TunnellingGuard(problem, scheme, h), own.state
-        self.still = STILL * problem.length
+        self.scheme, self._kind, self._h, self._state = scheme, kind, h, own.state
+        self._guard, self._still = TunnellingGuard(problem, scheme, h), STILL * problem.length
         self.start(problem)
-        self.step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state)
+        problem.system.start()
+        self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
-        self.log = loop_record(problem, self.guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
+        self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
+        # the last step, or its place in the log
+        self._last: Step | int = 0
 
     def start(self, problem: Problem) -> None:
-        """Begin another run, of the problem or of its `at`: nothing is known of its projections yet."""
-        self.problem = problem
-        self._projector: Projector = projector_of(problem, self.scheme, None, None, None)[0]
+        """Begin another run: nothing is known of its projections yet."""
+        self.problem, self._patience, self._since = problem, Patience(), 1
+        self._made: Projector | None = None
+
+    @property
+    def _projector(self) -> Projector:
+        """The projector of the run, made when Python needs it."""
+        if self._made is None:
+            self._made = projector_of(self.problem, self.scheme, None, None, None)[0]
+        return self._made
 
     def initial_step(self) -> Step:
-        """Return the initial state by Python, with the law applied where v0 is not in the tangent cone."""
-        found = initial_step(self.problem, self._projector)
+        """Go to the initial state of the problem, and return it."""
+        self._last = found = first_step(self.problem, self._projector)
         self._go_on(found)
         return found
 
-    def python_step(self, k: int) -> Step:
+    def begin_with(self, q: Array, v: Array, active: Rows) -> None:
+        """Go to an initial state of which the rows are known; what the constraints hold after their query is set."""
+        self.q[:], self.v[:], self._step.memory.size[:] = q, v, 0
+        if not closes_none(active, v):
+            self._state.leave()
+            self._go_on(admitted(self.problem, self._projector, q, v, active))
+
+    def take(self, first: int, end: int, q: Array, v: Array) -> int:
+        """Take steps from number `first` on, at most up to `end` - 1; return the number of the next.
+
+        They are recorded in q and v, shapes (end, nq) and (end, nv), unless these have one row.
+        """
+        if self._since < first or not self._patience.waits():
+            record, every, count = (self._log._replace(q=q, v=v), 1, first) if len(q) > 1 else (self._log, _NEVER, 0)
+            following, _, code = run_steps(
+                self._step, record, self._kind, self.q, self.v, self.problem.t0, self._h, first,
+                min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
+            )  # fmt: skip
+            if following > first:
+                self._last = following - 1 - first
+            taken, first = following - self._since, following
+            if code == DONE and taken < CHUNK:
+                return first
+            # `simulate` makes another attempt here
+            self._patience.took(taken)
+            self._since = first
+            if code in (DONE, FULL):
+                return first
+        self._last = new = self._python_step(first)
+        if len(q) > 1:
+            q[first], v[first] = new.q, new.v
+        self._since = first + 1
+        return first + 1
+
+    def last_step(self, t: float) -> Step:
+        """Return the last step, which ended at a time, with what contacts need of its rows."""
+        if isinstance(self._last, Step):
+            return self._last
+        return logged_step(self._log, self._last, t, self.problem.constraints.empty.jacobian)
+
+    def _python_step(self, k: int) -> Step:
         """Take step number k by Python."""
-        memory, problem = self.step.memory, self.problem
+        memory, problem, h = self._step.memory, self.problem, self._h
         self._state.leave()
         self._projector.take_back(memory.percussion, memory.start, memory.size)
-        t, q, v = problem.t0 + (k - 1) * self.h, self.q.copy(), self.v.copy()
-        new = self.scheme.step(problem, t, q, v, self.h, self._projector)
-        if not (v.dot(v) < self.guard.limit and new.v.dot(new.v) < self.guard.limit):
+        t, q, v = problem.t0 + (k - 1) * h, self.q.copy(), self.v.copy()
+        new = self.scheme.step(problem, t, q, v, h, self._projector)
+        if not (v.dot(v) < self._guard.limit and new.v.dot(new.v) < self._guard.limit):
             before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
-            *_, new = self.guard.followed(t, before, new, self.h, self._projector)
+            *_, new = self._guard.followed(t, before, new, h, self._projector)
         self._go_on(new)
         return new
 
@@ -126,5 +183,5 @@ class MechanismRun:
         """Let kernels go on from a state."""
         self.q[:], self.v[:] = step.q, step.v
         self._state.enter()
-        memory = self.step.memory
+        memory = self._step.memory
         self._projector.lend(memory.percussion, memory.start, memory.size)

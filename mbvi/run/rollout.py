@@ -88,7 +88,7 @@ def rollout(
     InputError
         If shapes do not fit, numbers of a control are not finite, or step, steps or threads is not positive. An invalid
         initial state fails its own rollout only: one that is not finite, has a quaternion that is not of unit length,
-        or a contact deeper than its bodies are thick.
+        or a contact deeper than the size of its bodies.
     UnsuitableError
         If the scheme chooses its own steps or cannot run the problem, or a control is given and the problem is more
         than one robot.

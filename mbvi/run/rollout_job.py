@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import threading
 from enum import IntEnum
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..arguments import LARGEST
-from ..compiled import compile_kernel
 from ..constraints import AdmissibleSet, Rows
-from ..constraints.mechanism_rows import copy_memory
-from ..constraints.mechanism_tables import MOST_ROWS
 from ..errors import DivergedError, InadmissibleStartError, InputError, MbviError, ProjectionError
 from ..problem import Problem
-from ..schemes import MoreauJean, Paoli, Scheme, Step
+from ..schemes import MoreauJean, Paoli, Scheme
 from ..system.controls import HeldTorque
 from ..system.system import Array
 from .mechanism_run import MechanismRun, OwnProblem
-from .rollout_loop import Batch, run_rollouts
 from .simulate import simulate
-from .step_loop import DONE
 
-# steps that a thread takes before it looks for an interrupt
-_MOST_STEPS = 20_000
 # parts of the rollouts for each thread, so that none has nothing to do for long
 _PARTS = 4
 # deviation of a norm from 1 above which `Problem.at` decides whether a quaternion is of unit length
@@ -99,18 +93,18 @@ class Job:
     def fail(self, i: int, done: int, error: Exception) -> None:
         """End a rollout of which the first states are known."""
         self.q[i, done:], self.v[i, done:] = np.nan, np.nan
-        self.status[i], self.errors[i] = _status_of(error), error
+        self.status[i], self.errors[i] = _status_of(error, done), error
 
     def run_by_simulate(self) -> None:
         """Run one rollout after the other by `simulate`."""
-        problem, thick = self.acting, thickness(self.acting)
+        problem, most = self.acting, deepest(self.acting)
         for i in np.flatnonzero(self.status == RolloutStatus.COMPLETE).tolist():
             start, control = problem.at(self.q0[i], self.v0[i], problem.t0), self.control
             if isinstance(control, HeldTorque):
                 control.begin(i, problem.t0, self.h, self.at_end)
             try:
                 start.constraints.renew()
-                check_depth(start, start.constraints.active(start.t0, start.q0, start.tolerance), thick)
+                check_depth(start, start.constraints.active(start.t0, start.q0, start.tolerance), most)
                 run = simulate(start, self.scheme, step=self.h, duration=self.steps * self.h, progress=False)
             except Exception as error:
                 before, done = getattr(error, "run", None), 0
@@ -124,11 +118,9 @@ class Job:
     def run_compiled(self, threads: int) -> bool:
         """Run all rollouts by the compiled loop; return False if that cannot be."""
         idle = _idle.setdefault(self.problem.constraints, [])
-        own = [idle.pop() if idle else OwnProblem(self.problem) for _ in range(min(threads, len(self.q0)))]
+        own = [idle.pop() if idle else OwnProblem(self.problem) for _ in range(max(1, min(threads, len(self.q0))))]
         if any(one.mechanism is None for one in own):
             return False
-        # the main thread compiles, since others could not hold interrupts back
-        compile_kernel(run_rollouts)
         workers, parts, failed = [_Worker(self, one) for one in own], iter(self._parts(len(own))), list[BaseException]()
 
         def work(worker: _Worker) -> None:
@@ -159,100 +151,89 @@ class Job:
     def _parts(self, threads: int) -> list[tuple[int, int]]:
         """Return the first rollout and that after the last of each part."""
         n = len(self.q0)
-        size = max(1, min(-(-n // (_PARTS * threads)), _MOST_STEPS // self.steps))
+        size = max(1, -(-n // (_PARTS * threads)))
         return [(first, min(first + size, n)) for first in range(0, n, size)]
+
+
+class _Begun(NamedTuple):
+    """What rollouts from one configuration begin with: rows there, and what the constraints hold after their query."""
+
+    q: bytes
+    rows: Rows
+    memory: list[Array]
+    kept: list[Any]
 
 
 class _Worker:
     """Computes rollouts on one thread."""
 
     def __init__(self, job: Job, own: OwnProblem) -> None:
-        self._job, self._thickness = job, thickness(own.problem)
+        self._job, self._deepest = job, deepest(own.problem)
         given, control = job.problem, job.control
         own.set_control(control.copy() if isinstance(control, HeldTorque) else control)
-        if isinstance(own.control, HeldTorque):
-            own.control.begin(0, given.t0, job.h, job.at_end)
         own.problem = own.problem.at(given.q0, given.v0, given.t0)
-        self._run = run = MechanismRun(own, job.scheme, job.h, job.steps + 1)
-        self._problem, self._state = own.problem, own.state
-        own.problem.constraints.renew()
-        # False in copies of problems: nothing is known of their distances, and rollouts begin in Python
-        self._known = own.state.enter()
-        nv, nq, least = len(run.v), len(run.q), float(self._thickness.min(initial=np.inf))
-        self._batch = Batch(
-            job.q0, job.v0, job.q, job.v, job.status == RolloutStatus.COMPLETE, run.q, run.v,
-            least if self._known else -np.inf, own.state.copy(), own.state.copy(), np.full(1, -1), np.zeros(nq),
-            np.zeros((MOST_ROWS, nv)),
-        )  # fmt: skip
-        # the rollout of which Python took the last step
-        self._rollout = -1
+        self._problem, self._control, self._memory = own.problem, own.control, own.state.memory
+        self._run = MechanismRun(own, job.scheme, job.h, job.steps + 1)
+        self._begun: _Begun | None = None
 
     def run(self, first: int, end: int) -> None:
         """Compute rollouts `first` to `end` - 1."""
-        run, job, i, k = self._run, self._job, first, 0
-        while i < end:
-            i, k, code = run_rollouts(
-                run.step, run.log, self._batch, run.kind, i, k, end, self._problem.t0, job.h, job.steps,
-                run.guard.limit, run.still,
-            )  # fmt: skip
-            if code == DONE:
-                return
-            k = self._by_python(i, k)
-            if k > job.steps:
-                i, k = i + 1, 0
+        for i in range(first, end):
+            if self._job.status[i] == RolloutStatus.COMPLETE:
+                done = [0]
+                try:
+                    self._roll(i, done)
+                except Exception as error:
+                    self._job.fail(i, done[0], error)
 
-    def _by_python(self, i: int, k: int) -> int:
-        """Take step k of a rollout, or bring it to its initial state if that is 0; return the next step."""
+    def _roll(self, i: int, done: list[int]) -> None:
+        """Compute one rollout; `done` receives how many states are known."""
         job, run = self._job, self._run
-        try:
-            if i != self._rollout:
-                self._rollout = i
-                run.start(self._problem.at(job.q0[i], job.v0[i], self._problem.t0))
-                self._problem.constraints.forget_kept()
-            new = run.python_step(k) if k else self._begin(i)
-        except Exception as error:
-            job.fail(i, k, error)
-            return job.steps + 1
-        job.q[i, k], job.v[i, k] = new.q, new.v
-        return k + 1
+        if isinstance(self._control, HeldTorque):
+            self._control.begin(i, self._problem.t0, job.h, job.at_end)
+        self._begin(i)
+        job.q[i, 0], job.v[i, 0], done[0] = run.q, run.v, 1
+        while done[0] <= job.steps:
+            done[0] = run.take(done[0], job.steps + 1, job.q[i], job.v[i])
 
-    def _begin(self, i: int) -> Step:
-        """Return the initial state; let other rollouts from the same configuration begin as this one."""
-        found, batch = self._run.initial_step(), self._batch
-        rows = found.active
-        check_depth(self._run.problem, rows, self._thickness)
-        m = len(rows.gap)
-        batch.rows[0] = -1
-        if m <= MOST_ROWS and found.v.tobytes() == self._job.v0[i].tobytes():
-            batch.rows[0], batch.begun_q[:] = m, found.q
-            batch.begun_J[:m] = rows.jacobian
-            copy_memory(self._state.arrays, batch.begun)
-        return found
+    def _begin(self, i: int) -> None:
+        """Go to the initial state of a rollout, as one before did if it began at the same configuration."""
+        run, begun, constraints = self._run, self._begun, self._problem.constraints
+        q, v = self._job.q0[i], self._job.v0[i]
+        run.start(self._problem)
+        if begun is not None and begun.q == q.tobytes():
+            for array, saved in zip(self._memory, begun.memory, strict=True):
+                array[:] = saved
+            constraints.kept = begun.kept
+            run.begin_with(q, v, begun.rows)
+            return
+        run.start(self._problem.at(q, v, self._problem.t0))
+        rows = run.initial_step().active
+        check_depth(run.problem, rows, self._deepest)
+        self._begun = _Begun(q.tobytes(), rows, [array.copy() for array in self._memory], constraints.kept)
 
 
-def thickness(problem: Problem) -> Array:
-    """Return the thickness of the bodies of each constraint [m], infinite where there is none."""
+def deepest(problem: Problem) -> Array:
+    """Return how deep each contact may be at the start [m]: as its bodies are thick, at most the scene's length."""
     each = [np.broadcast_to(family.thickness, (family.size,)) for family in problem.constraints.families]
-    return np.concatenate([np.zeros(0), *each])
+    return np.minimum(np.concatenate([np.zeros(0), *each]), problem.length)
 
 
-def check_depth(problem: Problem, rows: Rows, thick: Array) -> None:
-    """Raise `InadmissibleStartError` if a contact is deeper than its bodies are thick."""
+def check_depth(problem: Problem, rows: Rows, most: Array) -> None:
+    """Raise `InadmissibleStartError` if a contact is deeper than `deepest` allows."""
     depth = -rows.gap * problem.constraints.levers(rows.constraint)
-    buried = np.flatnonzero(depth > thick[rows.constraint])
+    buried = np.flatnonzero(depth > most[rows.constraint])
     if buried.size:
         name = problem.constraints.name(int(rows.constraint[buried[0]]))
         raise InadmissibleStartError(
-            f"{name} penetrates by {depth[buried[0]]:.6g}, more than the bodies are thick; move them apart"
+            f"{name} penetrates by {depth[buried[0]]:.6g}, more than the size of the bodies; move them apart"
         )
 
 
-def _status_of(error: Exception) -> RolloutStatus:
-    """Return how a rollout ended that an error ended."""
-    kinds = {
-        InputError: RolloutStatus.INVALID,
-        InadmissibleStartError: RolloutStatus.INVALID,
-        DivergedError: RolloutStatus.DIVERGED,
-        ProjectionError: RolloutStatus.UNSOLVED,
-    }
-    return next((status for kind, status in kinds.items() if isinstance(error, kind)), RolloutStatus.FAILED)
+def _status_of(error: Exception, done: int) -> RolloutStatus:
+    """Return how a rollout ended that an error ended, after some states."""
+    if done == 0 and isinstance(error, InputError | InadmissibleStartError):
+        return RolloutStatus.INVALID
+    if isinstance(error, DivergedError):
+        return RolloutStatus.DIVERGED
+    return RolloutStatus.UNSOLVED if isinstance(error, ProjectionError) else RolloutStatus.FAILED

@@ -266,10 +266,16 @@ def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], No
 
 def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> Iterator[Step]:
     """Yield the states after steps without end; see `steps`."""
-    state, guard, i = initial_step(problem, projector), TunnellingGuard(problem, scheme, h), 0
-    observe = _observed(guard, state)
+    state = initial_step(problem, projector)
     if state.percussion.any():
         yield state
+    yield from steps_from(problem, scheme, h, projector, state)
+
+
+def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector, state: Step) -> Iterator[Step]:
+    """Yield the states after steps from an initial state, without end."""
+    guard, i = TunnellingGuard(problem, scheme, h), 0
+    observe = _observed(guard, state)
     while True:
         parts, last_length = 0, h
         for new in guard.steps(problem.t0 + i * h, state, h, projector):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..arguments import integer, positive
 from ..constraints.contact import Contact
 from ..errors import UnsuitableError
@@ -12,14 +14,12 @@ from ..schemes import EventDriven, Scheme, Step
 from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
+from .accuracy import projector_of
 from .compiled_loop import is_compiled
 from .default_scheme import time_stepping
 from .mechanism_run import MechanismRun, OwnProblem
-from .simulate import check_problem, checked_for, walk
-from .step_loop import DONE, run_steps
-
-# no state is recorded
-_NEVER = 1 << 62
+from .simulate import check_problem, checked_for, steps_from
+from .start import initial_step
 
 
 class Simulator:
@@ -38,8 +38,6 @@ class Simulator:
     ----------
     q, v : ndarray, shapes (nq,) and (nv,)
         Present configuration and velocity, read-only; the same arrays are written at every step.
-    t : float
-        Time [s].
 
     Raises
     ------
@@ -96,9 +94,7 @@ class Simulator:
             On wrong shapes, numbers that are not finite, an unnormalised quaternion.
         """
         given = self._given
-        start = given.at(
-            given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t
-        )
+        start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
         self._stepper.begin(start)
         self._t0, self._done = start.t0, 0
         return self.q, self.v
@@ -133,11 +129,17 @@ class Simulator:
     @property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts with a percussion in the last step, as controls of a scene receive them."""
-        step = self._stepper.last_step(self._done)
+        step = self._stepper.last_step(self.t)
         rows = step.active
         h = self._h if self._done else 0.0
         return contacts_of_rows(
-            rows.constraint, step.percussion, rows.point, rows.normal, h, self._given.constraints.name, friction_of(step)
+            rows.constraint,
+            step.percussion,
+            rows.point,
+            rows.normal,
+            h,
+            self._given.constraints.name,
+            friction_of(step),
         )
 
 
@@ -150,16 +152,22 @@ class _PythonStepper:
 
     def begin(self, problem: Problem) -> None:
         """Go to the initial state of a problem."""
-        self._last, self._walk = walk(problem, self._scheme, self._h)
+        projector = projector_of(problem, self._scheme, None, None, None)[0]
+        self._t0, self._last = problem.t0, initial_step(problem, projector)
+        self._steps = steps_from(problem, self._scheme, self._h, projector, self._last)
         self.q[:], self.v[:] = self._last.q, self._last.v
 
     def take(self, first: int, end: int) -> int:
         """Take step `first`; return the number of the next."""
-        *_, self._last = next(self._walk)
-        self.q[:], self.v[:] = self._last.q, self._last.v
+        # a step may be followed by others, where it was shortened
+        last, enough = self._last, self._t0 + (first - 0.5e-6) * self._h
+        while last.t < enough:
+            last = next(self._steps)
+        self._last = last
+        self.q[:], self.v[:] = last.q, last.v
         return first + 1
 
-    def last_step(self, i: int) -> Step:
+    def last_step(self, t: float) -> Step:
         """Return the last step."""
         return self._last
 
@@ -168,32 +176,23 @@ class _CompiledStepper:
     """Steps of one mechanism, in compiled code."""
 
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float) -> None:
-        self._own, self._run = own, MechanismRun(own, scheme, h, 1)
+        self._own, self._run, self._h = own, MechanismRun(own, scheme, h, 1), h
         self.q, self.v = self._run.q, self._run.v
-        # the last step, where Python took it
-        self._last: Step | None = None
+        # no states are recorded
+        self._none = np.zeros((1, len(self.q))), np.zeros((1, len(self.v)))
 
     def begin(self, problem: Problem) -> None:
         """Go to the initial state of a problem."""
         self._run.start(self._own.problem.at(problem.q0, problem.v0, problem.t0))
-        self._last = self._run.initial_step()
+        self._run.initial_step()
 
     def take(self, first: int, end: int) -> int:
-        """Take steps up to `end` - 1, or one by Python; return the number of the next."""
-        run = self._run
-        following, _, code = run_steps(
-            run.step, run.log, run.kind, run.q, run.v, run.problem.t0, run.h, first, end, -1, _NEVER, 0,
-            run.guard.limit, run.still,
-        )  # fmt: skip
-        if code == DONE:
-            self._last = None
-            return following
-        self._last = run.python_step(following)
-        return following + 1
+        """Take some steps, at most up to `end` - 1; return the number of the next."""
+        return self._run.take(first, end, *self._none)
 
-    def last_step(self, i: int) -> Step:
-        """Return the last step, number i."""
-        return self._run.last_step(i) if self._last is None else self._last
+    def last_step(self, t: float) -> Step:
+        """Return the last step, which ended at t, with what contacts need of its rows."""
+        return self._run.last_step(t)
 
 
 def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:

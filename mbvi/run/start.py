@@ -4,24 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..constraints import Rows
 from ..problem import Problem
 from ..projection import FreeMotion, Projector
 from ..schemes import Step
 from ..schemes.step import law
+from ..system.system import Array
 
 
 def initial_step(problem: Problem, projector: Projector) -> Step:
     """Return the initial state, with the law (8) applied where v0 is not in T_K(q0)."""
     problem.system.start()
+    return first_step(problem, projector)
+
+
+def first_step(problem: Problem, projector: Projector) -> Step:
+    """Return what `initial_step` does, of a system that has been started before."""
     problem.constraints.renew()
+    active = problem.constraints.active(problem.t0, problem.q0, problem.tolerance)
     # copies, because the problem's own arrays are read-only
-    t, q, v = problem.t0, problem.q0.copy(), problem.v0.copy()
-    active = problem.constraints.active(t, q, problem.tolerance)
-    before = active.speeds(v)
-    rounding = 1e-12 * (abs(active.jacobian) @ np.abs(v))
-    if active.rate is not None:
-        rounding += 1e-12 * np.abs(active.rate)
-    if (before >= -rounding).all():
+    return admitted(problem, projector, problem.q0.copy(), problem.v0.copy(), active)
+
+
+def admitted(problem: Problem, projector: Projector, q: Array, v: Array, active: Rows) -> Step:
+    """Return a state as the initial one of a run, given its active rows."""
+    t = problem.t0
+    if closes_none(active, v):
+        before = active.speeds(v)
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
     v, rates, residual, slip, active = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
     return Step(t, q, v, active, rates, residual, slip)
+
+
+def closes_none(rows: Rows, v: Array) -> bool:
+    """Return whether no row closes at a velocity, shape (nv,), by more than rounding."""
+    rounding = 1e-12 * (abs(rows.jacobian) @ np.abs(v))
+    if rows.rate is not None:
+        rounding += 1e-12 * np.abs(rows.rate)
+    return bool((rows.speeds(v) >= -rounding).all())

@@ -150,14 +150,6 @@ class ArticulatedSystem(System):
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
         return type(self), (self.model, self.name, self.control)
 
-    def set_control(self, control: Control | None) -> None:
-        """Replace the control."""
-        if isinstance(control, LoopControl):
-            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
-        self.control, self.controlled = control, control is not None
-        # a control is called once in each step
-        self.velocity_dependent = control is None
-
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)
         # read-only, so that results computed for this array remain valid
@@ -173,6 +165,14 @@ class ArticulatedSystem(System):
         self._key = self._current = None
         self._update_kinematics()
         self._calls = None if reason_for_bindings() else array_of_calls(self.model, self._data)
+
+    def set_control(self, control: Control | None) -> None:
+        """Replace the control."""
+        if isinstance(control, LoopControl):
+            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
+        self.control, self.controlled = control, control is not None
+        # a control is called once in each step
+        self.velocity_dependent = control is None
 
     def notes(self) -> list[str]:
         reason = reason_for_bindings()

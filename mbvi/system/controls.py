@@ -86,7 +86,7 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
     n = control.torque.shape[1]
     place, rate = len(q) - n, len(v) - n
     if control.kind == HELD:
-        row = np.int64(np.floor((t - control.times[0]) / control.times[1]))
+        row: int = np.int64(np.floor((t - control.times[0]) / control.times[1]))  # type: ignore[assignment]
         row = control.held[0] + min(max(row, 0), control.held[1] - 1)
         for k in range(n):
             torque[rate + k] = control.torque[row, k]
@@ -134,12 +134,17 @@ class LoopControl:
 
 
 class ConstantTorque(LoopControl):
-    """Torques that do not change.
+    """Torques that do not change during a run, or that are set from outside between the steps of a `Simulator`.
 
     Parameters
     ----------
     torque : ndarray, shape (n,)
         Torques of the robot's last n velocities [N, N m].
+
+    Attributes
+    ----------
+    torque : ndarray, shape (n,)
+        The same; `control.torque[:] = ...` changes them.
 
     Raises
     ------
@@ -148,14 +153,15 @@ class ConstantTorque(LoopControl):
     """
 
     def __init__(self, torque: Array) -> None:
-        self.table = _tracking(array(torque, "torque", ("n",))[None])
+        self.table = _tracking(array(torque, "torque", ("n",))[None].copy())
+        self.torque = self.table.torque[0]
 
 
 class PDControl(LoopControl):
     """Proportional-derivative control of joints to given positions, or along a trajectory.
 
-    tau_k = torque_k + stiffness_k (q*_k - q_k) + damping_k (v*_k - v_k), between -limit_k and limit_k. Between the times
-    of a trajectory q*, v* and torque are linear in t; before the first and after the last they are constant.
+    tau_k = torque_k + stiffness_k (q*_k - q_k) + damping_k (v*_k - v_k), between -limit_k and limit_k. Between the
+    times of a trajectory q*, v* and torque are linear in t; before the first and after the last they are constant.
 
     Parameters
     ----------
@@ -171,6 +177,11 @@ class PDControl(LoopControl):
         Times of the trajectory, ascending [s].
     limit : float or ndarray, shape (n,), optional
         Largest torques [N m]; none by default.
+
+    Attributes
+    ----------
+    q, v, torque : ndarray, shape (k, n)
+        The same, with k = 1 without times; between the steps of a `Simulator` they may be written to.
 
     Raises
     ------
@@ -201,8 +212,9 @@ class PDControl(LoopControl):
         when = np.zeros(1) if times is None else array(times, "times", ("k",))
         if (np.diff(when) <= 0.0).any():
             raise InputError("times must ascend")
-        self.table = _tracking(rows[0], when)._replace(
-            q=place, v=rows[1], stiffness=gains[0], damping=gains[1], limit=most
+        self.q, self.v, self.torque = place.copy(), rows[1], rows[0]
+        self.table = _tracking(self.torque, when)._replace(
+            q=self.q, v=self.v, stiffness=gains[0], damping=gains[1], limit=most
         )
 
 

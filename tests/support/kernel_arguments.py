@@ -15,6 +15,7 @@ from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, H
 from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
+from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -872,6 +873,7 @@ def write_row(rng):
 
 ARGUMENTS = {
     **ADDRESS_ARGUMENTS,
+    **CONTROL_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from itertools import combinations
 from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from mujoco import rollout
 
 from ...arguments import Array
 from ...errors import InputError
@@ -94,6 +96,23 @@ class MuJoCoRobot:
             self.data.qfrc_applied[:] = self._to_mujoco @ control(k * h, q, v)
             mujoco.mj_step(self.model, self.data)
         return (time.process_time() - start) / (count - 1)
+
+    def rollouts(self, v0: Array, steps: int, threads: int) -> Callable[[], None]:
+        """Return a function that steps from the start at some velocities, shape (n, nv), by MuJoCo's own threads."""
+        kind, count = mujoco.mjtState.mjSTATE_FULLPHYSICS, len(v0)
+        states = np.empty((count, mujoco.mj_stateSize(self.model, kind)))
+        for state, v in zip(states, v0, strict=True):
+            self._reset()
+            self.data.qvel[:] = self._to_mujoco @ v
+            mujoco.mj_getState(self.model, self.data, state, kind)
+        torque, data = np.tile(self._torque, (count, steps, 1)), [mujoco.MjData(self.model) for _ in range(threads)]
+
+        def run() -> None:
+            with rollout.Rollout(nthread=threads if threads > 1 else 0) as rolling:
+                applied = mujoco.mjtState.mjSTATE_QFRC_APPLIED
+                rolling.rollout(self.model, data, states, torque, control_spec=applied)
+
+        return run
 
     def _reset(self) -> None:
         mujoco.mj_resetData(self.model, self.data)

@@ -252,6 +252,23 @@ def _steps(walk: Iterator[Any]) -> None:
         assert np.isfinite(next(walk).v).all()
 
 
+def _hoppers() -> tuple[Any, Any]:
+    problem = _controlled().build()
+    return np.tile(problem.q0, (2, 1)), np.tile(problem.v0, (2, 1))
+
+
+def _simulator() -> mbvi.Simulator:
+    return mbvi.Simulator(scene().build(), mbvi.Paoli(), step=1e-3)
+
+
+def _acts(control: Any) -> None:
+    _moves(_controlled(control).build())
+
+
+def _nothing(t: float, q: Any, v: Any, tau: Any) -> None:
+    pass
+
+
 def _system() -> mbvi.LagrangianSystem:
     return mbvi.LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.array([0.0, -9.81]), 2)
 
@@ -414,6 +431,33 @@ CALLS: dict[str, Call] = {
         },
         _steps,
     ),
+    "rollout": Call(
+        mbvi.rollout,
+        lambda: {
+            "problem": _controlled().build(), "q0": _hoppers()[0], "v0": _hoppers()[1], "steps": 2, "step": 1e-3,
+            "scheme": mbvi.Paoli(), "control": None, "threads": 2,
+        },
+        lambda found: found.status,
+    ),
+    "Simulator": Call(
+        mbvi.Simulator, lambda: {"problem": scene().build(), "scheme": mbvi.Paoli(), "step": 1e-3},
+        lambda made: made.step(2),
+    ),
+    "Simulator.reset": Call(
+        lambda **given: _simulator().reset(**given),
+        lambda: {"q": [5.0, 0.0, 1.0], "v": [0.0, 0.0, 0.0], "t": 0.5},
+    ),
+    "Simulator.step": Call(lambda **given: _simulator().step(**given), lambda: {"n": 2}),
+    "ConstantTorque": Call(mbvi.ConstantTorque, lambda: {"torque": [0.1, 0.2]}, _acts),
+    "PDControl": Call(
+        mbvi.PDControl,
+        lambda: {
+            "q": [[0.0, 0.1], [0.2, 0.3]], "stiffness": 2.0, "damping": [0.1, 0.2], "v": [0.0, 0.1],
+            "torque": [[0.0, 0.1], [0.2, 0.3]], "times": [0.0, 1.0], "limit": 3.0,
+        },
+        _acts,
+    ),
+    "CompiledControl": Call(mbvi.CompiledControl, lambda: {"control": _nothing, "nq": 9, "nv": 8}),
     "ProxQP": Call(mbvi.ProxQP, dict),
     "ActiveSet": Call(mbvi.ActiveSet, dict),
     "DualActiveSet": Call(mbvi.DualActiveSet, dict),
