@@ -924,7 +924,6 @@ ARGUMENTS = {
     "_whiten": back,
     "_unwhiten": back,
     "solve": solve,
-    "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
