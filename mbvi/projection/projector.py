@@ -238,6 +238,7 @@ class Projector:
         J: Array | csr_array,
         e: Array,
         contacts: Array | None = None,
+        opened: Array | None = None,
     ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
@@ -253,6 +254,8 @@ class Projector:
             Restitution of each.
         contacts : ndarray of int, shape (m,), optional
             As of `project`.
+        opened : ndarray, shape (m,), optional
+            Speeds at which rows that are open may close, 0 of others; see `newton_law`.
 
         Returns
         -------
@@ -263,14 +266,17 @@ class Projector:
         residual : float
             As of a `Projection`.
         """
-        m = len(e)
+        m, opened = len(e), _NONE if opened is None else opened
         if self._fused is not None and m <= MOST_FUSED and isinstance(J, np.ndarray):
-            found = self._fused.law(v, motion, J, e)
+            found = self._fused.law(v, motion, J, e, opened)
             if found is not None:
                 return found
         x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
+        lower = -e * rates[3]
+        if len(opened):
+            lower = np.where((opened > 0.0) & (rates[3] > -opened), np.minimum(lower, -opened), lower)
+        velocity, rates[0], residual = self._solve(x, motion.metric, J, lower, contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
 

@@ -90,7 +90,7 @@ def settle(s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: flo
     ----------
     s : MechanismStep
         With the step before position projection, and the rows that are known, those of `place_ahead`; `near` says which
-        of them are those of the law.
+        of them are those of the law, and `opened` at which speeds these may close.
     place_ahead, middle, v : ndarray
         Where the rows are known, where the law was applied, and the velocity before it.
     h : float
@@ -150,6 +150,7 @@ def settle_near(s: MechanismStep, known: RowBuffer, middle: Array, v: Array, h: 
         law[a] = room.owner[a] >= 0
         for r in range(4):
             rates[r, a] = s.rates[r * k + room.owner[a]] if law[a] else 0.0
+        room.change[a] = room.opened[room.owner[a]] if law[a] else 0.0
     number, point, J, lever = known.number[:m], known.point[:m], known.J[:m], known.lever[:m]
     gap, e, end, settled = known.gap[:m], known.e[:m], room.gap[:m], room.settled[:m]
     depth = find_sunk(
@@ -164,7 +165,7 @@ def settle_near(s: MechanismStep, known: RowBuffer, middle: Array, v: Array, h: 
     if depth > 0.0:
         solve(room.L, mech.parent, J, room.W[:m], room.A[:m])
         code, residual = settle_positions(
-            number, point, J, room.A[:m], room.W[:m], gap, lever, e, scales.squares, room.free, v, w, displacement, law,
+            number, point, J, room.A[:m], room.W[:m], gap, lever, e, room.change[:m], scales.squares, room.free, v, w, displacement, law,
             settled, rates, room.moved, room.tangent, h, half, scales.tolerance, reach, margin,
             0.0 if m <= FEW else 1e-3 * scales.residual,
         )  # fmt: skip
@@ -218,9 +219,8 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     retract(s.mechanism.calls, q, drift, end)
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
-        if frictional:
-            travel = largest_travel(scales.squares, drift)
-            near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
+        travel = largest_travel(scales.squares, drift)
+        near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
         margin = near_margin + 2.0 * largest_reach(scales.length)
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
@@ -259,7 +259,11 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     else:
         for a in range(count):
             s.rows.gap[a] -= change[a]
-        if frictional and write_closing_speeds(
+    if projects:
+        change = room.change[:count]
+        if bounces:
+            row_speeds(s.rows.J, v, half, change)
+        if write_closing_speeds(
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
@@ -271,6 +275,9 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     if bounces and some_closed(s, middle, h):
         return BOUNCES
     if projects and not frictional and not bounces:
+        if len(opened) == 0:
+            for a in range(count):
+                room.opened[a] = 0.0
         return settle(s, end, middle, v, h, margin)
     if projects and frictional and sinks(s, end, margin):
         return BOUNCES

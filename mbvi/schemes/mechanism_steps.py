@@ -213,7 +213,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, limit, s.v, rates)
+        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates)
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED

@@ -192,7 +192,8 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
     found = None
     displacement = problem.system.difference(known.q, step.q)
     if problem.constraints.travel(displacement) <= known.reach:
-        found = _settled_near(problem, applied, step, projector, known, displacement, np.flatnonzero(known.near))
+        place = np.flatnonzero(known.near)
+        found = _settled_near(problem, applied, step, projector, known, displacement, place, applied.opened)
     if found is None and displacement.any():
         # bodies move too far for gaps to be linear: the rows are taken at the end of the step
         applied = applied.kept()
@@ -202,13 +203,14 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
         if len(place) < len(step.active.gap) or not isinstance(known.rows.jacobian, np.ndarray):
             return None
         order = step._replace(rates=np.ascontiguousarray(step.rates[:, owner[place]]))
-        found = _settled_near(problem, applied, order, projector, known, np.zeros(len(displacement)), place)
+        opened = None if applied.opened is None else applied.opened[owner[place]]
+        found = _settled_near(problem, applied, order, projector, known, np.zeros(len(displacement)), place, opened)
     return found
 
 
 def _settled_near(
     problem: Problem, applied: Applied, step: Step, projector: Projector, known: KnownRows, displacement: Array,
-    place: Array,
+    place: Array, opened: Array | None,
 ) -> Step | None:  # fmt: skip
     """Return the same where the gaps of known rows are linear in a displacement.
 
@@ -220,13 +222,17 @@ def _settled_near(
         From where they are known to the end of the step.
     place : ndarray of int, shape (k,)
         Those of the law among them, in the order of the step's rates.
+    opened : ndarray, shape (k,), or None
+        Speeds at which those may close that are open.
     """
     number, gap, J, e, point, *_ = rows = known.rows
-    drift, law = step.t - applied.t, np.zeros(len(gap), bool)
+    drift, law, may_close = step.t - applied.t, np.zeros(len(gap), bool), np.zeros(len(gap))
     law[place] = True
+    if opened is not None:
+        may_close[place] = opened
     lever = np.ones(len(gap)) * problem.constraints.levers(number)
     gaps = LinearGaps(
-        number, point, J, gap, lever, e, problem.constraints.cache.squares, applied.v, applied.h, drift,
+        number, point, J, gap, lever, e, may_close, problem.constraints.cache.squares, applied.v, applied.h, drift,
         problem.tolerance, known.reach, known.margin,
     )  # fmt: skip
     found = projector.settle(applied.motion, gaps, step.v, displacement, law, step.rates)
