@@ -17,6 +17,7 @@ from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
@@ -876,6 +877,7 @@ def write_row(rng):
 
 ARGUMENTS = {
     **ADDRESS_ARGUMENTS,
+    **LOOP_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
@@ -991,7 +993,14 @@ IF_ACCEPTED = {
 }
 
 
+def seeds(name):
+    """Fewer for the kernels of the compiled loop, whose arguments cost a run."""
+    return SEEDS[:3] if name in LOOP_ARGUMENTS else SEEDS
+
+
 def arguments(item, seed):
+    if item.__name__ in LOOP_ARGUMENTS:
+        return LOOP_ARGUMENTS[item.__name__](np.random.default_rng(seed), seed)
     made = ARGUMENTS[item.__name__](np.random.default_rng(seed))
     # a copy of addresses would name the memory of the original
     return made if item.__name__ in ADDRESS_ARGUMENTS else copy.deepcopy(made)
@@ -1014,6 +1023,8 @@ def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
     if name in ADDRESS_ARGUMENTS:
         return results_by_address(name, arguments)
+    if name in LOOP_ARGUMENTS:
+        return [*(result if isinstance(result, tuple) else [result]), *(part for _, part in arrays_of(arguments))]
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None
     arguments = [part for one in arguments for part in (one[:end] if isinstance(one, tuple) else (one,))]
