@@ -115,7 +115,7 @@ class PairFamily(NamedTuple):
 
 
 @kernel("void(RowBuffer, i8, RowBuffer)")
-def append_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
+def copy_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
     """Append row a of some rows to others."""
     m, nv = others.size[0], rows.J.shape[1]
     others.number[m], others.gap[m], others.e[m] = rows.number[a], rows.gap[a], rows.e[a]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows
-from ..constraints.mechanism_tables import FOUND, RowBuffer, append_row
+from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import find_sunk
 from ..projection.fused_step import FEW
@@ -35,7 +35,7 @@ def take_near(rows: RowBuffer, reach: float, near_rows: RowBuffer, near: Array) 
     for a in range(rows.size[0]):
         near[a] = rows.lever[a] * rows.gap[a] <= reach
         if near[a]:
-            append_row(rows, a, near_rows)
+            copy_row(rows, a, near_rows)
     return near_rows.size[0]
 
 
@@ -64,11 +64,11 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
         for a in range(m):
             matched = matched or owner[a] == b
         if matched:
-            append_row(here, b, s.rows)
+            copy_row(here, b, s.rows)
     # a row without a counterpart in the middle keeps the gradient that it has at the end
     for a in range(m):
         if owner[a] < 0:
-            append_row(ahead, a, s.rows)
+            copy_row(ahead, a, s.rows)
     return FOUND
 
 
@@ -145,7 +145,7 @@ def settle(
     for a in range(m):
         same = same and law[a] == near[a]
         if law[a]:
-            append_row(known, a, s.rows)
+            copy_row(known, a, s.rows)
     k, i = s.rows.size[0], 0
     for a in range(m):
         if law[a]:
@@ -222,7 +222,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
             return BOUNCES
         s.ahead.size[0] = 0
         for a in range(count):
-            append_row(s.rows, a, s.ahead)
+            copy_row(s.rows, a, s.ahead)
         code = rows_in_the_middle(s, middle, change)
         if code != FOUND:
             return code

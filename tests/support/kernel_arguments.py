@@ -18,6 +18,7 @@ from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
@@ -874,6 +875,7 @@ def write_row(rng):
 ARGUMENTS = {
     **ADDRESS_ARGUMENTS,
     **CONTROL_ARGUMENTS,
+    **LOOP_ARGUMENTS,
     **DISTANCE_ARGUMENTS,
     **PATCH_ARGUMENTS,
     **CLOSED_FORM_ARGUMENTS,
@@ -926,7 +928,6 @@ ARGUMENTS = {
     "_whiten": back,
     "_unwhiten": back,
     "solve": solve,
-    "_add_scaled": lambda rng: (rng.normal(size=7), rng.random(), rng.normal(size=7)),
     "advance_by": advance_by,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
@@ -990,7 +991,14 @@ IF_ACCEPTED = {
 }
 
 
+def seeds(name):
+    """Fewer for the kernels of the compiled loop, whose arguments cost a run."""
+    return SEEDS[:3] if name in LOOP_ARGUMENTS else SEEDS
+
+
 def arguments(item, seed):
+    if item.__name__ in LOOP_ARGUMENTS:
+        return LOOP_ARGUMENTS[item.__name__](np.random.default_rng(seed), seed)
     made = ARGUMENTS[item.__name__](np.random.default_rng(seed))
     # a copy of addresses would name the memory of the original
     return made if item.__name__ in ADDRESS_ARGUMENTS else copy.deepcopy(made)
@@ -1013,6 +1021,8 @@ def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
     if name in ADDRESS_ARGUMENTS:
         return results_by_address(name, arguments)
+    if name in LOOP_ARGUMENTS:
+        return [*(result if isinstance(result, tuple) else [result]), *(part for _, part in arrays_of(arguments))]
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None
     arguments = [part for one in arguments for part in (one[:end] if isinstance(one, tuple) else (one,))]

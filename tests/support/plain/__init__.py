@@ -1,6 +1,6 @@
 """The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
 
-from support.plain.articulated import _add_scaled_plain, _bias_plain, row_plain, separation_plain
+from support.plain.articulated import _bias_plain, row_plain, separation_plain
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import first_of_lines_plain
@@ -37,7 +37,6 @@ from support.plain.turning import (
 from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 
 PLAIN = {
-    "_add_scaled": _add_scaled_plain,
     "pack_contacts": pack_contacts_plain,
     "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,

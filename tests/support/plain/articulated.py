@@ -20,11 +20,6 @@ def separation_plain(
         row_plain(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
-def _add_scaled_plain(v: Array, h: float, a: Array) -> None:
-    """Overwrite a by v + h a, both of shape (nv,)."""
-    a[:] = v + h * a
-
-
 def _bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     """Write the accelerations of points of moving bodies, shape (k, 3), in the world."""
     spin = twists[:, 3:]

@@ -1,0 +1,216 @@
+"""Arguments of the kernels of the compiled loop: those of one of their calls within a run of a small robot.
+
+The run goes by the interpreter down to the kernel in question. The arrays are those of the run itself, in which others
+hold addresses, so that they cannot be copied: arguments that are wanted twice are those of two equal runs.
+"""
+
+import pickle
+import warnings
+from functools import cache
+from types import FunctionType
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.compiled import Kernel
+from mbvi.run import compiled_loop, step_loop
+from mbvi.system import controls
+from support.paths import ROBOTS
+
+STEP, DURATION = 1e-3, 0.2
+PAOLI, MOREAU, CENTERED, DEFAULT = (
+    mbvi.Paoli(), mbvi.MoreauJean(theta=0.7), mbvi.Centered(), mbvi.Centered(project_positions=True),
+)  # fmt: skip
+
+
+class _Caught(Exception):
+    """Ends a run at the call whose arguments it bears."""
+
+
+def interpreted(item, wanted, catch):
+    """Return what calls `catch` in place of a wanted kernel, and is run by Python down to there."""
+    if item.__name__ == wanted:
+        return catch
+    others = {name: value for name, value in item._named().items() if isinstance(value, Kernel)}
+    down = {name: interpreted(value, wanted, catch) for name, value in others.items()}
+    if all(down[name] is others[name] for name in down):
+        return item
+    return FunctionType(item.loops.__code__, {**item.loops.__globals__, **down}, item.__name__)
+
+
+def arguments_of_call(number, wanted, problem, scheme):
+    """Return the arguments of the call with a number, counted from 0, of a kernel within a run."""
+    left = number
+
+    def catch(*arguments):
+        nonlocal left
+        if left == 0:
+            raise _Caught(arguments)
+        left -= 1
+        return item(*arguments)
+
+    item = next(one for one in LOOP_KERNELS if one.__name__ == wanted)
+    with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
+        warnings.simplefilter("ignore", mbvi.MbviWarning)
+        patched.setattr(compiled_loop, "run_steps", interpreted(step_loop.run_steps, wanted, catch))
+        mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
+    for record in caught.value.args[0]:
+        if isinstance(record, step_loop.LoopRecord):
+            # not yet written
+            for room in record[:3]:
+                room[:] = 0.0
+    return caught.value.args[0]
+
+
+def _kernels_below(item, found):
+    for other in item._named().values():
+        if isinstance(other, Kernel) and other not in found:
+            found.append(other)
+            _kernels_below(other, found)
+    return found
+
+
+LOOP_KERNELS = [step_loop.run_steps, *_kernels_below(step_loop.run_steps, [])]
+
+
+def arrays_of(value, path=()):
+    """Yield the arrays in records with their places, but none with addresses and no scratch."""
+    if isinstance(value, np.ndarray):
+        yield path, value
+    elif isinstance(value, tuple):
+        names = getattr(value, "_fields", [""] * len(value))
+        for k, (name, part) in enumerate(zip(names, value, strict=True)):
+            if name not in ("calls", "address", "out", "found"):
+                yield from arrays_of(part, (*path, k))
+
+
+def replaced(value, path, other):
+    """Return the same with another array in one place."""
+    if not path:
+        return other
+    parts = list(value)
+    parts[path[0]] = replaced(parts[path[0]], path[1:], other)
+    return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+
+
+def hopper(e, mu):
+    """It lands, with its knee at a limit, within some twenty steps."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.475), joints={"knee": 0.4}, velocity={"hip": -1.0})
+    return scene.build()
+
+
+def quadruped(e, mu):
+    """Its front legs meet, and its feet land, within some sixty steps."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(
+        ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.44), velocity={"FL_hip_joint": -4.0, "FR_hip_joint": 4.0}
+    )
+    return scene.build()
+
+
+def on_block(e, mu):
+    """The trunk of the quadruped, which is a box, falls onto a box."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_box((0.2, 0.1, 0.1), position=(0.05, 0, 0.33), fixed=True, name="block")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.45), velocity={"FL_calf_joint": -3.0})
+    return scene.build()
+
+
+@cache
+def _pickled(scene, material):
+    return pickle.dumps(scene(*material))
+
+
+def _call(wanted, scheme, scene, material, number):
+    return arguments_of_call(number, wanted, pickle.loads(_pickled(scene, material)), scheme)
+
+
+# e and mu
+RIGID, BOUNCY, ROUGH, MIXED = (0.0, 0.0), (0.5, 0.0), (0.0, 0.6), (0.5, 0.6)
+# for each seed the scheme, the scene with its e and mu, and the number of the call
+CALLS = {
+    "run_steps": [(PAOLI, hopper, BOUNCY, 0), (DEFAULT, quadruped, RIGID, 0), (MOREAU, hopper, ROUGH, 0)],
+    "log_rows": [(PAOLI, hopper, BOUNCY, 2), (PAOLI, quadruped, ROUGH, 5), (CENTERED, hopper, ROUGH, 60)],
+    "paoli_step": [(PAOLI, hopper, BOUNCY, 42), (PAOLI, quadruped, ROUGH, 70), (PAOLI, hopper, ROUGH, 41)],
+    "moreau_jean_step": [(MOREAU, hopper, BOUNCY, 41), (MOREAU, quadruped, RIGID, 70), (MOREAU, hopper, ROUGH, 42)],
+    "centered_step": [(DEFAULT, hopper, RIGID, 41), (DEFAULT, quadruped, ROUGH, 70), (CENTERED, hopper, MIXED, 41)],
+    "fly": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, on_block, RIGID, 5), (CENTERED, quadruped, RIGID, 5)],
+    "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],
+    "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
+    "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 45), (CENTERED, hopper, ROUGH, 5)],
+    "half_space_contacts": [(PAOLI, hopper, RIGID, 99), (DEFAULT, quadruped, ROUGH, 90), (CENTERED, hopper, ROUGH, 3)],
+    "append_tangents": [(PAOLI, hopper, ROUGH, 150), (PAOLI, quadruped, ROUGH, 200), (CENTERED, quadruped, ROUGH, 20)],
+    "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
+    "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
+    "measured_from_axes": [(DEFAULT, on_block, RIGID, n) for n in (0, 1, 2)],
+    "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
+    "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
+    "copy_row": [(CENTERED, hopper, BOUNCY, 5), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 5)],
+    "row_speeds": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 5), (CENTERED, quadruped, ROUGH, 3)],
+    "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
+    "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
+    "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
+    "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 60)],
+    "settle_near": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 60), (DEFAULT, on_block, RIGID, 0)],
+    "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
+    "sinks": [(DEFAULT, hopper, ROUGH, 1), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, hopper, ROUGH, 20)],
+    "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
+}  # fmt: skip
+
+
+def _within_a_run(wanted):
+    return lambda rng, seed: _call(wanted, *CALLS[wanted][seed])
+
+
+def may_pass(rng, seed):
+    constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
+    # at the first two no pair is farther apart than it travels, at the last some are
+    scale = 10.0 ** rng.uniform(0.0, 3.0)
+    return constraints, scale * v, scale * w, log, 1e-9
+
+
+def clearance_of(rng, seed):
+    constraints = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)[0]
+    return constraints, int(rng.integers(len(constraints.pairs.clearance)))
+
+
+def _trajectory(rng):
+    """A table of torques and gains on the last joints of a robot that has nv velocities and one coordinate more."""
+    n, k = int(rng.integers(1, 5)), int(rng.integers(1, 6))
+    table = controls.PDControl(
+        rng.normal(size=(k, n)), rng.choice([0.0, 5.0], n), rng.choice([0.0, 2.0], n), v=rng.normal(size=(k, n)),
+        torque=rng.normal(size=(k, n)), times=np.sort(rng.random(k)), limit=3.0 * rng.random(n),
+    ).table  # fmt: skip
+    return table, n + int(rng.integers(0, 7))
+
+
+def write_torque(rng, seed):
+    table, nv = _trajectory(rng)
+    q, v = rng.normal(size=nv + 1), rng.normal(size=nv)
+    if seed == 2:
+        table = controls.no_control(nv)
+    return table, 1.2 * rng.random() - 0.1, q, v, np.full(nv, np.nan)
+
+
+def between(rng, seed):
+    table, _ = _trajectory(rng)
+    k, n = table.q.shape
+    # at the last row there is no way to the next
+    row = int(rng.integers(k))
+    share = 0.0 if row == k - 1 else rng.choice([0.0, rng.random()])
+    return table.q, row, int(rng.integers(n)), float(share)
+
+
+LOOP_ARGUMENTS = {
+    **{name: _within_a_run(name) for name in CALLS},
+    "may_pass": may_pass,
+    "clearance_of": clearance_of,
+    "largest_reach": lambda rng, seed: (rng.random(),),
+    "write_torque": write_torque,
+    "bracket": lambda rng, seed: (_trajectory(rng)[0].times, float(rng.choice([-1.0, rng.random(), 2.0]))),
+    "between": between,
+}
