@@ -1,0 +1,323 @@
+"""Runs by the compiled loop are those of the Python step."""
+
+import pickle
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi.run.accuracy import projector_of
+from mbvi.run.recorder import Recorder
+from mbvi.run.tunnelling import TunnellingGuard
+from mbvi.schemes import Step
+from mbvi.schemes.step import NO_RATES
+from mbvi.studies.published_robots import published_robot
+from support.loop_arguments import hopper, on_block, quadruped
+from support.paths import ROBOTS
+from support.robot_problems import OWN, problem_of
+
+# the package's `simulate` is the function
+SIMULATE = sys.modules["mbvi.run.simulate"]
+STEP = 1e-3
+SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+pytestmark = pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
+
+
+def copied(problem):
+    return pickle.loads(pickle.dumps(problem))
+
+
+@pytest.fixture
+def loops(monkeypatch):
+    """The loops of the runs of a test."""
+    made, build = [], SIMULATE.compiled_loop
+
+    def keep(*arguments):
+        made.append(build(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(SIMULATE, "compiled_loop", keep)
+    return made
+
+
+def by_python(monkeypatch, problem, scheme, **options):
+    """Run a copy of a problem without the loop."""
+    with monkeypatch.context() as patched:
+        patched.setattr(SIMULATE, "compiled_loop", lambda *_: None)
+        return mbvi.simulate(copied(problem), scheme, progress=False, **options)
+
+
+def same_bytes(run, other):
+    for name in ("t", "q", "v", "residual"):
+        np.testing.assert_array_equal(getattr(run, name), getattr(other, name), err_msg=name)
+    np.testing.assert_array_equal(run.penetration(), other.penetration())
+    assert len(run.impacts) == len(other.impacts)
+    for one, two in zip(run.impacts, other.impacts, strict=True):
+        for name, value in vars(two).items():
+            np.testing.assert_array_equal(getattr(one, name), value, err_msg=name)
+    assert run.notes == other.notes
+    assert run.complete == other.complete
+
+
+# one step
+
+
+def steps_of_the_loop(problem, scheme, run):
+    """Yield the state after one step of the loop from each state of a run, None where it leaves the step to Python."""
+    count = len(run.t) - 1
+    problem.system.start()
+    projector, _ = projector_of(problem, scheme, None, None, None)
+    recorder, guard = Recorder(problem, 2, scheme.timing), TunnellingGuard(problem, scheme, STEP)
+    loop = SIMULATE.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
+    none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
+    for i in range(count):
+        # a run leaves out attempts of the loop after several that took few steps
+        loop._wait = loop._waits = 0
+        state, done, _ = loop.run(Step(run.t[i], run.q[i], run.v[i], none, NO_RATES, 0.0), i, i + 1)
+        yield state if done == i + 1 else None
+
+
+def share_that_agrees(problem, scheme, steps):
+    """Compare single steps from the states of a run; return the share of those that the loop takes."""
+    with pytest.MonkeyPatch.context() as patched:
+        run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
+    other, taken = copied(problem), 0
+    other.system.start()
+    projector, _ = projector_of(other, scheme, None, None, None)
+    for i, state in enumerate(steps_of_the_loop(copied(problem), scheme, run)):
+        step = scheme.step(other, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
+        if state is not None:
+            scale = 1e-12 * max(1.0, np.abs(step.q).max(), np.abs(step.v).max())
+            np.testing.assert_allclose(state.q, step.q, rtol=0.0, atol=scale, err_msg=f"step {i}")
+            np.testing.assert_allclose(state.v, step.v, rtol=0.0, atol=scale, err_msg=f"step {i}")
+            assert state.active.constraint.tolist() == step.active.constraint.tolist()
+            np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12)
+            most = np.abs(step.rates).max(initial=1.0)
+            np.testing.assert_allclose(state.rates, step.rates, rtol=0.0, atol=1e-11 * most)
+            taken += 1
+    return taken / (len(run.t) - 1)
+
+
+@each_scheme
+@pytest.mark.parametrize("name", ["double_pendulum", "hopper", "quadruped"])
+def test_a_step_is_that_of_the_scheme(name, scheme):
+    share = share_that_agrees(problem_of(name, "fall", 0.0), scheme, 200)
+    assert share == 1.0 if scheme != SCHEMES[-1] or name == "double_pendulum" else share > 0.95
+
+
+@each_scheme
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", [quadruped, hopper])
+def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
+    assert share_that_agrees(scene(0.5, mu), scheme, 150) > 0.8
+
+
+@pytest.mark.slow
+@each_scheme
+@pytest.mark.parametrize("name", OWN)
+def test_a_thousand_steps_are_those_of_the_scheme(name, scheme):
+    assert share_that_agrees(problem_of(name, "limits", 0.5), scheme, 1000) > 0.0
+
+
+@pytest.mark.slow
+@each_scheme
+@pytest.mark.parametrize("name", ["go2", "g1", "talos", "panda", "solo12", "anymal", "ur5"])
+def test_a_thousand_steps_of_a_published_robot_are_those_of_the_scheme(name, scheme):
+    problem = problem_of("ur5", "fall", 0.0) if name == "ur5" else published_robot(name, 0.02)
+    assert share_that_agrees(problem, scheme, 1000) > 0.0
+
+
+# whole runs
+
+
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("scene", [quadruped, hopper])
+def test_a_run_has_the_bytes_of_the_python_step(scene, e, mu, every, loops, monkeypatch):
+    problem = scene(e, mu)
+    # the last step is shortened
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.1503, every=every, progress=False)
+    assert loops[0] is not None
+    assert loops[0].codes[0] > 0
+    assert run.impacts
+    same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.1503, every=every))
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "arm", "biped"])
+def test_a_run_at_joint_limits_has_the_bytes_of_the_python_step(name, loops, monkeypatch):
+    problem = problem_of(name, "limits", 0.5)
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.3, progress=False)
+    assert loops[0].codes[0] > 0
+    assert run.impacts or name == "double_pendulum"
+    same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.3))
+
+
+@each_scheme
+def test_a_run_of_any_scheme_is_close_to_that_of_the_python_step(scheme, monkeypatch):
+    problem = quadruped(0.0, 0.0)
+    run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.1, progress=False)
+    other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.1)
+    np.testing.assert_allclose(run.q, other.q, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(run.v, other.v, rtol=0.0, atol=1e-9)
+    assert [one.constraints for one in run.impacts] == [one.constraints for one in other.impacts]
+
+
+# steps that are left to Python
+
+
+def test_the_loop_goes_on_after_pairs_that_coal_measures(loops, monkeypatch):
+    problem = on_block(0.0, 0.0)
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.2, progress=False)
+    left, done = loops[0].codes[2], loops[0].codes[0]
+    assert left > 0
+    assert done > 0
+    same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.2))
+
+
+def sole(tmp_path, count):
+    """A body of boxes, each of which stands on a floor with four corners."""
+    places = (f'<origin xyz="{0.1 * (k % 8)} {0.1 * (k // 8)} 0"/>' for k in range(count))
+    boxes = "".join(
+        f'<collision>{place}<geometry><box size="0.05 0.05 0.05"/></geometry></collision>' for place in places
+    )
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    path = tmp_path / "sole.urdf"
+    path.write_text(f'<robot name="sole"><link name="base">{inertia}{boxes}</link></robot>')
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(path, position=(0, 0, 0.03))
+    # all corners, also those between others
+    return scene.build(reduce=())
+
+
+@pytest.mark.parametrize("count", [32, 40])
+def test_the_loop_goes_on_after_steps_with_too_many_rows(count, tmp_path, loops, monkeypatch):
+    problem = sole(tmp_path, count)
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.1, progress=False)
+    assert run.impacts
+    assert (loops[0].codes[1] > 0) == (count > 32)
+    same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.1))
+
+
+def moving(problem, speed):
+    v0 = problem.v0.copy()
+    v0[2] = speed
+    return mbvi.Problem(
+        problem.system, problem.constraints.constraints, problem.q0, v0, restitution=problem.restitution,
+        length=problem.length, scene=problem.scene,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", SCHEMES[:3], ids=repr)
+def test_a_swift_body_passes_through_nothing(scheme, loops, monkeypatch):
+    problem = moving(on_block(0.5, 0.0), -300.0)
+    run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.02, progress=False)
+    assert loops[0].codes[5] > 0
+    assert "would have passed through another" in run.notes[-1]
+    other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.02)
+    np.testing.assert_allclose(run.q, other.q, rtol=1e-9, atol=1e-9)
+    assert run.notes == other.notes
+
+
+def test_a_run_that_diverges_ends_with_the_same_error(monkeypatch):
+    control = mbvi.PDControl(np.zeros(2), 1e9, 1e9)
+    scene = mbvi.Scene()
+    scene.add_urdf(
+        ROBOTS / "double_pendulum/double_pendulum.urdf", base="fixed", control=control, velocity={"elbow": 1.0}
+    )
+    problem = scene.build()
+    with pytest.raises(mbvi.MbviError) as found:
+        mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=1.0, progress=False)
+    with pytest.raises(type(found.value)) as expected:
+        by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=1.0)
+    assert str(found.value) == str(expected.value)
+    np.testing.assert_array_equal(found.value.run.q, expected.value.run.q)
+
+
+def test_an_interrupted_run_keeps_what_was_done():
+    problem = problem_of("double_pendulum", "fall", 0.5)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught:
+            mbvi.simulate(copied(problem), mbvi.Paoli(), step=1e-5, duration=100.0, every=100, progress=False)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    run = caught.value.run
+    assert not run.complete
+    assert len(run.t) > 10
+    whole = mbvi.simulate(copied(problem), mbvi.Paoli(), step=1e-5, duration=run.t[-1], every=100, progress=False)
+    np.testing.assert_array_equal(run.q[:10], whole.q[:10])
+
+
+# notes, files and bars
+
+
+def test_a_file_and_a_bar_are_those_of_the_run(tmp_path, monkeypatch, capsys):
+    problem, path = quadruped(0.5, 0.6), tmp_path / "run.h5"
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.15, out=path, progress=True)
+    assert "150/150" in capsys.readouterr().err
+    same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.15))
+    loaded = mbvi.load(path)
+    np.testing.assert_array_equal(loaded.q, run.q)
+    assert loaded.notes == run.notes
+    assert [one.time for one in loaded.impacts] == [one.time for one in run.impacts]
+
+
+# where there is no loop
+
+
+def two_hoppers():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for x in (0.0, 2.0):
+        scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(x, 0, 0.5), name=f"hopper {x:g}")
+    return scene.build()
+
+
+def controlled():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.5), control=lambda t, q, v: np.zeros(len(v)))
+    return scene.build()
+
+
+REFUSED = {
+    "another scheme": (lambda: hopper(0.5, 0.0), mbvi.StewartTrinkle(), {}),
+    "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
+    "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
+    "a control in Python": (controlled, mbvi.Paoli(), {}),
+    "recorded contacts": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"record": "contacts"}),
+    "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.ActiveSet()}),
+    "two mechanisms": (two_hoppers, mbvi.Paoli(), {}),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_other_runs_go_by_the_python_step(case, loops):
+    build, scheme, options = REFUSED[case]
+    run = mbvi.simulate(build(), scheme, step=STEP, duration=0.2, progress=False, **options)
+    assert loops == [None]
+    assert run.complete
+    assert run.impacts
+
+
+def test_without_calls_by_address_the_run_is_the_same_and_says_so(loops, monkeypatch):
+    problem = quadruped(0.5, 0.6)
+    run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.15, progress=False)
+    monkeypatch.setattr("mbvi.system.articulated.reason_for_bindings", lambda: "another library")
+    other = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.15, progress=False)
+    assert loops[0] is not None
+    assert loops[1] is None
+    np.testing.assert_array_equal(run.q, other.q)
+    np.testing.assert_array_equal(run.v, other.v)
+    assert other.notes == (*run.notes, "Pinocchio was called through its Python bindings: another library")
