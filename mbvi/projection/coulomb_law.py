@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiled import kernel
 from .coulomb import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
-from .coulomb_contact import coulomb_defect, sweep_contacts
+from .coulomb_contact import closing_order, coulomb_defect, sweep_contacts
 from .coulomb_newton import OPEN, find_cases, resume_newton, tangential_scale
 from .metric import Array
 
@@ -143,7 +143,9 @@ def coulomb_law(
         return np.inf, False
     unique = False
     if m > MOST_CONTACTS:
-        sweep_contacts(G, b, mu, _MOST_SWEEPS, limit, p)
+        order = np.empty(m, np.int64)
+        closing_order(b, order)
+        sweep_contacts(G, b, mu, order, _MOST_SWEEPS, limit, p)
     else:
         independent = independent_rows(G, mu)
         unique = independent and couples_weakly(G, mu)

@@ -11,7 +11,7 @@ from .metric import Array
 OPEN, STICK, SLIP = 0, 1, 2
 # added to the diagonal of G in derivatives only: rows may depend on each other
 SHIFT = 1e-10
-_MOST_HALVINGS = 12
+_MOST_HALVINGS = 4
 # share of the slope by which the line search must lower the squared error
 _DECREASE = 1e-4
 

@@ -51,9 +51,15 @@ def solve_contact(rng):
     return G, a, *b[3 * a : 3 * a + 3], mu[a], np.full(3, np.nan)
 
 
+def closing_order(rng):
+    m = int(rng.integers(1, 6))
+    # some close equally fast
+    return np.round(rng.normal(size=3 * m)), np.zeros(m, np.int64)
+
+
 def sweep_contacts(rng):
     G, b, mu, p, *_ = state(rng)
-    return G, b, mu, 20, 1e-9, p
+    return G, b, mu, rng.permutation(len(mu)), 20, 1e-9, p
 
 
 def tangential_scale(rng):
@@ -107,6 +113,10 @@ def resume_newton(rng):
 def attempt(rng):
     G, b, mu = law(rng, 2)
     return G, b, mu, 1e-10, np.zeros(len(b))
+
+
+def proximal_newton(rng):
+    return attempt(rng)
 
 
 def regular(rng):
@@ -185,9 +195,24 @@ def write_closing_speeds(rng):
     return gap, rng.choice([1.0, 0.3], size=k), rng.choice([0.0, 1e-7], size=k), 1e-3, 1e-9, np.full(k, np.nan)
 
 
+def sweeps_and_newton(rng):
+    G, b, mu, limit, p = attempt(rng)
+    return G, b, mu, 3, limit, p
+
+
+def hold_rigid(rng):
+    G, b, mu, p, _, _, case = state(rng)
+    return G, b, mu, case, rng.random() < 0.5, 1e-10, p
+
+
+def stiffen(rng):
+    G, b, mu, limit, p = attempt(rng)
+    return G, b, mu, False, limit, p
+
+
 def improve_coulomb(rng):
     G, b, mu, limit, p = attempt(rng)
-    return G, b, mu, 1.0, limit, p
+    return G, b, mu, False, 1.0, limit, p.copy(), p
 
 
 COULOMB_ARGUMENTS = {
@@ -197,6 +222,7 @@ COULOMB_ARGUMENTS = {
         contact_velocities,
         find_slip,
         solve_contact,
+        closing_order,
         sweep_contacts,
         tangential_scale,
         find_cases,
@@ -206,6 +232,10 @@ COULOMB_ARGUMENTS = {
         newton_coulomb,
         hold_cases,
         resume_newton,
+        proximal_newton,
+        sweeps_and_newton,
+        hold_rigid,
+        stiffen,
         improve_coulomb,
         solve_compliant,
         solve_coulomb,
@@ -219,4 +249,4 @@ COULOMB_ARGUMENTS = {
         wide_speeds,
         write_closing_speeds,
     )
-} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen"), attempt)
+}
