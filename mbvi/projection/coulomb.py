@@ -19,7 +19,7 @@ from .coulomb_newton import (
     resume_newton,
     tangential_scale,
 )
-from .coulomb_rescue import COMPLIANCE, ROUNDS, hold_rigid, improve_coulomb, proximal_newton, sweeps_and_newton
+from .coulomb_rescue import COMPLIANCE, hold_rigid, improve_coulomb, proximal_newton, sweeps_and_newton
 from .metric import Array
 
 # contacts up to which the answer is one whatever their order; beyond, sweeps begin with the contacts as they come
@@ -94,7 +94,7 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
         if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, p) > _CLOSE:
             for i in range(n):
                 p[i] = 0.0
-            if sweeps_and_newton(H, b, mu, ROUNDS, _CLOSE, p) > _CLOSE:
+            if sweeps_and_newton(H, b, mu, _CLOSE, p) > _CLOSE:
                 proximal_newton(H, b, mu, _CLOSE, p)
     contact_velocities(H, b, p, u)
     tangential_scale(H, scale)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
+from .coulomb_quick import MOST_NEWTON, quick_coulomb
 from .coulomb_rescue import proximal_newton
-from .coulomb_sweeps import accelerated_contacts, proximal_contacts
+from .coulomb_sweeps import accelerated_contacts, contacts_residual, proximal_contacts
 from .metric import Array
 from .sparse_islands import sort_by_island
 
@@ -14,6 +15,8 @@ from .sparse_islands import sort_by_island
 _SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
 # most contacts that Newton's method solves where sweeps do not
 _MOST_DENSE = 200
+# the residual of exact solutions, relative to the largest velocity
+_EXACT = 1e-10
 
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[:,::1])")
@@ -45,15 +48,20 @@ def solve_contacts(
 
     The arguments are those of `coulomb_sweeps.accelerated_contacts`.
     """
+    n, largest = len(b), 0.0
+    for i in range(n):
+        largest = max(largest, abs(b[i]))
+    if len(mu) <= MOST_NEWTON and _EXACT * largest <= target:
+        G = np.empty((n, n))
+        delassus_of(blocks, columns, starts, z, G)
+        if quick_coulomb(G, b, mu, _EXACT, p) <= _EXACT:
+            return contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n))
     residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
     if residual > target:
         residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, _PROXIMAL_SWEEPS, z, p)
     if residual > target and len(mu) <= _MOST_DENSE:
-        n, largest = len(b), 0.0
         G = np.empty((n, n))
         delassus_of(blocks, columns, starts, z, G)
-        for i in range(n):
-            largest = max(largest, abs(b[i]))
         residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
     return residual
 

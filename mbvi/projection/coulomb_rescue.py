@@ -11,7 +11,7 @@ from .metric import Array
 
 # compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
 # factor between
-COMPLIANCE, _RIGID, _STIFFER = 1e-4, 1e-9, 0.1
+COMPLIANCE, RIGID, _STIFFER = 1e-4, 1e-9, 0.1
 # returned where percussions grow without bound as compliance falls
 UNBOUNDED = -1.0
 # residual of the problems within an iteration
@@ -21,7 +21,7 @@ _WEIGHT, _LESS, _LEAST, _MOST_PROXIMAL = 1.0, 0.3, 1e-9, 40
 # sweeps of the first round, their factor from round to round; Newton steps after each, and errors remembered in them
 _FIRST_SWEEPS, _MORE_SWEEPS, _STEPS, _REMEMBERED = 3, 3, 60, 3
 # rounds of sweeps
-ROUNDS = 7
+_ROUNDS = 7
 _HELD_STEPS, _POLISHING_SWEEPS = 30, 300
 # percussions that grow by such a factor in so many steps of compliance have no limit
 _GROWTH, _MOST_GROWTHS = 5.0, 3
@@ -64,21 +64,16 @@ def proximal_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> fl
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1])")
-def sweeps_and_newton(G: Array, b: Array, mu: Array, rounds: int, limit: float, p: Array) -> float:
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
+def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
     """Improve percussions by ever more sweeps, each time with Newton's method after them; return the residual.
 
-    The other arguments are those of `newton_coulomb`; p is the start and receives the best found.
-
-    Parameters
-    ----------
-    rounds : int
-        Most rounds; each has three times as many sweeps as the one before.
+    The arguments are those of `newton_coulomb`; p is the start and receives the best found.
     """
     trial, swept, order = np.empty(len(b)), p.copy(), np.empty(len(mu), np.int64)
     closing_order(b, order)
     best, sweeps = np.inf, _FIRST_SWEEPS
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         best = keep_better(swept, sweep_contacts(G, b, mu, order, sweeps, limit, swept), best, p)
         if best <= limit:
             break
@@ -129,12 +124,12 @@ def stiffen(G: Array, b: Array, mu: Array, independent: bool, limit: float, p: A
     H, u, scale, case = G.copy(), np.empty(n), np.empty(m), np.empty(m, np.int64)
     soft, trial, best, compliance = p.copy(), np.empty(n), np.inf, COMPLIANCE
     size, growths = np.inf, 0
-    while compliance > _RIGID and best > _SOLVED:
+    while compliance > RIGID and best > _SOLVED:
         compliance *= _STIFFER
         for i in range(n):
             H[i, i] = G[i, i] + compliance
         if newton_coulomb(H, b, mu, _STEPS, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
-            sweeps_and_newton(H, b, mu, ROUNDS, _CLOSE, soft)
+            sweeps_and_newton(H, b, mu, _CLOSE, soft)
         contact_velocities(H, b, soft, u)
         tangential_scale(H, scale)
         find_cases(u, soft, mu, scale, case)
@@ -183,7 +178,7 @@ def improve_coulomb(
             if found == UNBOUNDED:
                 break
         elif attempt == 4:
-            found = sweeps_and_newton(G, b, mu, ROUNDS, limit, trial)
+            found = sweeps_and_newton(G, b, mu, limit, trial)
         else:
             found = proximal_newton(G, b, mu, limit, trial)
         residual = keep_better(trial, found, residual, p)

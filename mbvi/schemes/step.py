@@ -117,11 +117,11 @@ def law(
     """
     if rows.rate is None and rows.tangents is None:
         return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
-    found = projector.frictional_law(free_motion, rows, opened) if rows.tangents is not None else None
+    found = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None else None
     if found is not None:
         return AppliedLaw(*found, rows)
     x, before = free_motion.free, rows.speeds(v)
-    e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
+    e = None if opened is not None else projector.friction.capped_restitution(x, free_motion.metric, rows, before)
     if e is not None:
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)

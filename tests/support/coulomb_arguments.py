@@ -115,10 +115,6 @@ def attempt(rng):
     return G, b, mu, 1e-10, np.zeros(len(b))
 
 
-def proximal_newton(rng):
-    return attempt(rng)
-
-
 def regular(rng):
     """A law whose rows are independent."""
     G, b, mu = law(rng, 2)
@@ -171,6 +167,29 @@ def apply_percussions(rng):
     return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
 
 
+def clip_to_cones(rng):
+    m = int(rng.integers(1, 5))
+    return rng.choice([0.0, 0.2, 0.8], size=m), rng.normal(size=3 * m)
+
+
+def free_speeds(rng):
+    J, _ = rows(rng)
+    n, nv = J.shape
+    return J, rng.normal(size=nv), rng.normal(size=n), np.full((3, n), np.nan)
+
+
+def scale_speeds(rng):
+    n = 6
+    scale = rng.choice([0.0, 0.5, 2.0], size=n // 3)
+    return rng.normal(size=(3, n)), rng.normal(size=n), scale, rng.random(), np.full(n, np.nan)
+
+
+def solve_scaled(rng):
+    G, b, mu = regular(rng)
+    soft = rng.random() * np.linalg.norm(b) * in_cone(rng, np.maximum(mu, 1e-3))
+    return G, b, mu, int(rng.integers(3)), 1e-12, soft, soft.copy()
+
+
 def coulomb_law(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
@@ -193,11 +212,6 @@ def write_closing_speeds(rng):
     k = 5
     gap = rng.choice([-1e-9, 0.0, 1e-9, 1e-6], size=k)
     return gap, rng.choice([1.0, 0.3], size=k), rng.choice([0.0, 1e-7], size=k), 1e-3, 1e-9, np.full(k, np.nan)
-
-
-def sweeps_and_newton(rng):
-    G, b, mu, limit, p = attempt(rng)
-    return G, b, mu, 3, limit, p
 
 
 def hold_rigid(rng):
@@ -232,8 +246,6 @@ COULOMB_ARGUMENTS = {
         newton_coulomb,
         hold_cases,
         resume_newton,
-        proximal_newton,
-        sweeps_and_newton,
         hold_rigid,
         stiffen,
         improve_coulomb,
@@ -244,9 +256,13 @@ COULOMB_ARGUMENTS = {
         keep_better,
         delassus,
         apply_percussions,
+        clip_to_cones,
+        free_speeds,
+        scale_speeds,
+        solve_scaled,
         coulomb_law,
         interleave,
         wide_speeds,
         write_closing_speeds,
     )
-}
+} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "quick_coulomb"), attempt)
