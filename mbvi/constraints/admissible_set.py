@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..projection.friction import LARGEST_FRICTION
 from ..system import System
 from ..system.sparse_rows import dense
 from .cache import ClearanceCache
@@ -207,6 +208,7 @@ class AdmissibleSet(Rebuilt):
         if np.isnan(family.friction).any():
             mu = np.where(np.isnan(mu), self._mu[f], mu)
         if mu.any():
+            mu = np.minimum(mu, LARGEST_FRICTION)
             plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
             self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)

@@ -11,13 +11,12 @@ from .coulomb_newton import SHIFT, find_cases, newton_coulomb, resume_newton, ta
 from .coulomb_rescue import COMPLIANCE, RIGID, hold_rigid, keep_better
 from .metric import Array
 
-# contacts up to which it is tried; up to the lesser number it may also begin anew, and fail twice
+# contacts up to which it is tried, and up to which it begins anew where it fails from the last percussions
 MOST_NEWTON, _MOST_RESTARTED = 128, 64
-_MOST_FAILURES = 1
 # residual of compliant problems
 _CLOSE = 1e-12
-# Newton steps from nothing, from the answer with more compliance, and from the last answer of fewer and more contacts
-_STEPS, _STIFFER_STEPS, _RESUMED_STEPS, _FEW_STEPS = 30, 40, 6, 3
+# Newton steps from nothing, from the answer with more compliance, and from the last answer
+_STEPS, _STIFFER_STEPS, _RESUMED_STEPS = 30, 40, 5
 
 
 @kernel("void(f8[::1], f8[::1])")
@@ -51,9 +50,12 @@ def quick_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
     soft, trial, found, started = p.copy(), np.empty(n), np.inf, False
     for i in range(n):
         started = started or p[i] != 0.0
-    started = started and couples_weakly(G, mu)
-    failures = -_MOST_FAILURES if m <= _MOST_RESTARTED else 0
-    compliance = COMPLIANCE
+    # where it may begin anew it may also fail once
+    failures, compliance = 0 if started and m > _MOST_RESTARTED else -1, COMPLIANCE
+    if started and not couples_weakly(G, mu):
+        started = False
+        for i in range(n):
+            soft[i] = 0.0
     while compliance > RIGID:
         for i in range(n):
             H[i, i] = G[i, i] + compliance
@@ -61,12 +63,12 @@ def quick_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
             found = newton_coulomb(H, b, mu, _STIFFER_STEPS, _CLOSE, 1e-2 * SHIFT, 3, soft)
         else:
             if started:
-                found = resume_newton(H, b, mu, _RESUMED_STEPS if m <= _MOST_RESTARTED else _FEW_STEPS, _CLOSE, soft)
-            # written so that a NaN is refused too
-            if not found <= _CLOSE and (not started or m <= _MOST_RESTARTED):
+                found = resume_newton(H, b, mu, _RESUMED_STEPS, _CLOSE, soft)
+            if not started or (m <= _MOST_RESTARTED and not found <= _CLOSE):
                 for i in range(n):
                     soft[i] = 0.0
                 found = newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, soft)
+        # written so that a NaN fails too
         failures += not found <= _CLOSE
         if failures > 0:
             break

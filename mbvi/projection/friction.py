@@ -15,6 +15,8 @@ from .frictional_step import frictional_tree_law
 from .metric import Array, Metric
 from .tree import TreeFreeMotion, TreeMetric, solve
 
+# friction above this counts as this: nothing that bears slips then, and the rounding of mu |u_t| stays small
+LARGEST_FRICTION = 100.0
 # the residual that is aimed at
 _AIM = 1e-12
 

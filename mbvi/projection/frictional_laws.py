@@ -112,8 +112,8 @@ class FrictionalLaws:
             return found
         keys = contact_keys(rows.constraint)
         J = csr_array(vstack([csr_array(rows.jacobian), csr_array(tangents.jacobian)], format="csr"))
-        J, start = J[_interleaved(m)], self._last.of_rows(keys)
-        many = project_frictional_sparse(x, metric, J, bounds.ravel(), tangents.friction, residual, start, rate)
+        J, (start, known) = J[_interleaved(m)], self._last.of_contacts(keys)
+        many = project_frictional_sparse(x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
         return many
 
