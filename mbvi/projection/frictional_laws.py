@@ -6,8 +6,10 @@ from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
+from scipy.sparse.csgraph import connected_components
 
 from ..compiled import plain_array
+from ..errors import ProjectionError
 from .coulomb import MOST_CONTACTS
 from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
@@ -73,18 +75,29 @@ class FrictionalLaws:
         The relative residual above which few contacts raise.
     energy_cap : bool
         Whether `capped_restitution` limits e.
+
+    Attributes
+    ----------
+    yielding : ndarray of bool, shape (k,), or None
+        Which contacts of the last `project` had their bounds lowered; None if none had.
+    jams : int
+        In how many laws there were such contacts.
     """
 
     def __init__(self, residual: float, energy_cap: bool) -> None:
         self._residual, self._energy_cap = residual, energy_cap
         self._last, self._start = LastPercussions(), NO_START
+        self.yielding: Array | None = None
+        self.jams = 0
 
     def project(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
     ) -> FrictionalProjection | Projection:
         """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
 
-        Of few contacts also their velocities.
+        Of few contacts also their velocities. Bodies that jam may have no velocity with which contacts part as fast as
+        `lower` demands. Among them contacts are only kept from closing then (`yielding`), for which there is one where
+        walls are at rest.
 
         Parameters
         ----------
@@ -98,21 +111,57 @@ class FrictionalLaws:
             Least normal rates.
         residual, rate : float
             The relative residual above which more contacts raise, and the error of velocities that they may have.
+
+        Raises
+        ------
+        ProjectionError
+            If the law is not solved with the lower bounds either.
         """
+        self.yielding = None
+        try:
+            return self._project(x, metric, rows, lower, residual, rate)
+        except ProjectionError:
+            still = np.zeros(len(lower)) if rows.rate is None else -rows.rate
+            parting = lower > still
+            if not parting.any():
+                raise
+            self.yielding, self.jams = parting & self._jammed(x, metric, rows, lower, residual, rate), self.jams + 1
+            return self._project(x, metric, rows, np.where(self.yielding, still, lower), residual, rate)
+
+    def _jammed(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> Array:
+        """Return which contacts belong to bodies for which the law is not solved, shape (k,)."""
+        assert rows.tangents is not None
+        J = _contact_rows(rows)
+        W = abs(metric.whiten_rows(J))
+        count, label = connected_components(W @ W.T, directed=False)
+        bounds, mu = _bounds(rows, lower), rows.tangents.friction
+        jammed = np.full(len(lower), count == 1)
+        for island in range(count if count > 1 else 0):
+            some = label[::3] == island
+            try:
+                project_frictional_sparse(
+                    x, metric, J[np.repeat(some, 3)], bounds[some].ravel(), mu[some], residual, rate=rate
+                )
+            except ProjectionError:
+                jammed |= some
+        return jammed
+
+    def _project(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return what `project` returns, with the bounds as they are."""
         tangents, m = rows.tangents, len(lower)
         assert tangents is not None
-        bounds = np.zeros((m, 3))
-        bounds[:, 0] = lower
-        if tangents.rate is not None:
-            bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
+        bounds = _bounds(rows, lower)
         if _are_few(m, len(x)):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
             found = project_frictional(x, metric, J, bounds.ravel(), mu, self._residual, self._start)
             self._start = FrictionalStart(found.start, found.unique)
             return found
         keys = contact_keys(rows.constraint)
-        J = csr_array(vstack([csr_array(rows.jacobian), csr_array(tangents.jacobian)], format="csr"))
-        J, (start, known) = J[_interleaved(m)], self._last.of_contacts(keys)
+        J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         many = project_frictional_sparse(x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
         return many
@@ -199,6 +248,19 @@ def _full(rows: Array | csr_array) -> Array:
     return rows if isinstance(rows, np.ndarray) else rows.toarray()
 
 
-def _interleaved(m: int) -> Array:
-    """Return the order of 3 m rows that puts the tangents of each contact behind its normal; tangents come last."""
-    return np.stack([np.arange(m), m + 2 * np.arange(m), m + 2 * np.arange(m) + 1], axis=1).ravel()
+def _bounds(rows: FrictionalRows, lower: Array) -> Array:
+    """Return the bounds of normals and the rates of tangents at which contacts stick, shape (k, 3)."""
+    bounds = np.zeros((len(lower), 3))
+    bounds[:, 0] = lower
+    if rows.tangents is not None and rows.tangents.rate is not None:
+        bounds[:, 1:] = -rows.tangents.rate.reshape(-1, 2)
+    return bounds
+
+
+def _contact_rows(rows: FrictionalRows) -> csr_array:
+    """Return sparse rows of contacts, each normal followed by its tangents, shape (3 k, nv)."""
+    assert rows.tangents is not None
+    m = rows.jacobian.shape[0]
+    order = np.stack([np.arange(m), m + 2 * np.arange(m), m + 2 * np.arange(m) + 1], axis=1).ravel()
+    both = vstack([csr_array(rows.jacobian), csr_array(rows.tangents.jacobian)], format="csr")
+    return csr_array(both)[order]

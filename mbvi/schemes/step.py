@@ -126,6 +126,9 @@ def law(
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
+    yielding = projector.friction.yielding
+    if yielding is not None and rows.tangents is not None and rows.tangents.friction.any():
+        rows = rows._replace(restitution=np.where(yielding, 0.0, rows.restitution))
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
     return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
 
