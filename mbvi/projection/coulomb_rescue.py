@@ -12,6 +12,8 @@ from .metric import Array
 # compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
 # factor between
 COMPLIANCE, RIGID, _STIFFER = 1e-4, 1e-9, 0.1
+# the largest compliance
+_SOFT = 1.0
 # returned where percussions grow without bound as compliance falls
 UNBOUNDED = -1.0
 # residual of the problems within an iteration
@@ -105,8 +107,8 @@ def hold_rigid(G: Array, b: Array, mu: Array, case: Array, independent: bool, li
     return residual
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8[::1])")
-def stiffen(G: Array, b: Array, mu: Array, independent: bool, limit: float, p: Array) -> float:
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1])")
+def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float, limit: float, p: Array) -> float:
     """Follow the answer of compliant contacts as they get stiffer; write the best found and return its residual.
 
     Where percussions grow as compliance falls, as where the law has no solution, this ends with `UNBOUNDED`.
@@ -117,12 +119,14 @@ def stiffen(G: Array, b: Array, mu: Array, independent: bool, limit: float, p: A
         As of `newton_coulomb`.
     independent : bool
         Whether rows are independent.
+    compliance : float
+        That of the contacts whose percussions p holds.
     p : ndarray, shape (n,)
-        Percussions of contacts with COMPLIANCE; receives the best found.
+        See `compliance`; receives the best found.
     """
     n, m = len(b), len(mu)
     H, u, scale, case = G.copy(), np.empty(n), np.empty(m), np.empty(m, np.int64)
-    soft, trial, best, compliance = p.copy(), np.empty(n), np.inf, COMPLIANCE
+    soft, trial, best = p.copy(), np.empty(n), np.inf
     size, growths = np.inf, 0
     while compliance > RIGID and best > _SOLVED:
         compliance *= _STIFFER
@@ -138,7 +142,7 @@ def stiffen(G: Array, b: Array, mu: Array, independent: bool, limit: float, p: A
         last, size = size, 0.0
         for i in range(n):
             size = max(size, abs(soft[i]))
-        growths = growths + 1 if size > _GROWTH * last else 0
+        growths = growths + 1 if compliance < COMPLIANCE and size > _GROWTH * last else 0
         if growths == _MOST_GROWTHS:
             return UNBOUNDED
     return best
@@ -174,7 +178,12 @@ def improve_coulomb(
             closing_order(b, order)
             found = sweep_contacts(G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
         elif attempt == 3:
-            found = stiffen(G, b, mu, independent, limit, trial)
+            found = stiffen(G, b, mu, independent, COMPLIANCE, limit, trial)
+            if found == UNBOUNDED:
+                # very compliant contacts may be those of another answer
+                for i in range(len(p)):
+                    trial[i] = 0.0
+                found = stiffen(G, b, mu, independent, _SOFT, limit, trial)
             if found == UNBOUNDED:
                 break
         elif attempt == 4:

@@ -221,7 +221,7 @@ def hold_rigid(rng):
 
 def stiffen(rng):
     G, b, mu, limit, p = attempt(rng)
-    return G, b, mu, False, limit, p
+    return G, b, mu, False, 1e-2, limit, p
 
 
 def improve_coulomb(rng):
