@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiled import kernel
 from .coulomb_quick import MOST_NEWTON, quick_coulomb
-from .coulomb_rescue import proximal_newton
+from .coulomb_rescue import proximal_newton, sweeps_and_newton
 from .coulomb_sweeps import accelerated_contacts, contacts_residual, proximal_contacts
 from .metric import Array
 from .sparse_islands import sort_by_island
@@ -79,6 +79,8 @@ def solve_contacts(
         G = np.empty((n, n))
         delassus_of(blocks, columns, starts, z, G)
         residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
+        if residual > target:
+            residual = largest * sweeps_and_newton(G, b, mu, 0.5 * target / largest, p)
     return residual
 
 
