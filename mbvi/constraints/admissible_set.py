@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..projection.friction import LARGEST_FRICTION
 from ..system import System
 from ..system.sparse_rows import dense
 from .cache import ClearanceCache
@@ -252,6 +253,7 @@ class AdmissibleSet(Rebuilt):
         own = rows.constraint - self._starts[f]
         mu = self.friction_of(f, own)
         if mu.any():
+            mu = np.minimum(mu, LARGEST_FRICTION)
             plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
             self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)

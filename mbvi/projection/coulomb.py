@@ -19,21 +19,17 @@ from .coulomb_newton import (
     resume_newton,
     tangential_scale,
 )
-from .coulomb_rescue import improve_coulomb, proximal_newton
+from .coulomb_rescue import COMPLIANCE, hold_rigid, improve_coulomb, proximal_newton, sweeps_and_newton
 from .metric import Array
 
 # contacts up to which the answer is one whatever their order; beyond, sweeps begin with the contacts as they come
 MOST_CONTACTS = 32
-# compliance of every contact, relative to its own G_nn
-COMPLIANCE = 1e-4
 # the compliant problem is solved to this residual, and polished
 _CLOSE, _POLISHING_STEPS = 1e-12, 3
-# Newton steps from nothing, from the last answer, and with the cases held
-_STEPS, _RESUMED_STEPS, _HELD_STEPS = 15, 6, 30
+# Newton steps from nothing, and from the last answer
+_STEPS, _RESUMED_STEPS = 15, 6
 # rows whose elimination leaves a lesser part of their G_nn count as dependent
 _REGULAR = 1e-9
-# shift of dependent rows: less of the rounding gets into percussions that the velocity does not depend on
-_HELD_SHIFT = 1e-7
 # up to this mu, and this mu |G_nt|, an answer may be taken from a start near it: see docs/mathematics.md
 _NARROW, _WEAK = 0.8, 0.75
 
@@ -98,8 +94,8 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
         if newton_coulomb(H, b, mu, _STEPS, _CLOSE, SHIFT, 3, p) > _CLOSE:
             for i in range(n):
                 p[i] = 0.0
-            residual = proximal_newton(H, b, mu, _CLOSE, p)
-            improve_coulomb(H, b, mu, residual, _CLOSE, p)
+            if sweeps_and_newton(H, b, mu, _CLOSE, p) > _CLOSE:
+                proximal_newton(H, b, mu, _CLOSE, p)
     contact_velocities(H, b, p, u)
     tangential_scale(H, scale)
     find_cases(u, p, mu, scale, case)
@@ -138,11 +134,7 @@ def solve_coulomb(
         hold_cases(H, b, mu, case, _POLISHING_STEPS, 1e-3 * _CLOSE, SHIFT, start)
     for i in range(n):
         p[i] = start[i]
-    shift = 0.0 if independent else _HELD_SHIFT
-    residual = hold_cases(G, b, mu, case, _HELD_STEPS, 0.1 * limit, shift, p)
-    while residual > 0.1 * limit and shift > 1e-3 * SHIFT:
-        shift *= 0.1
-        residual = hold_cases(G, b, mu, case, _HELD_STEPS, 0.1 * limit, shift, p)
+    residual = hold_rigid(G, b, mu, case, independent, 0.1 * limit, p)
     if residual > limit:
-        residual = improve_coulomb(G, b, mu, residual, limit, p)
+        residual = improve_coulomb(G, b, mu, independent, residual, limit, start, p)
     return residual

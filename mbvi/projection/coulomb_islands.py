@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from .coulomb_rescue import proximal_newton
-from .coulomb_sweeps import accelerated_contacts, proximal_contacts
+from .coulomb_quick import MOST_NEWTON, quick_coulomb
+from .coulomb_rescue import proximal_newton, sweeps_and_newton
+from .coulomb_sweeps import accelerated_contacts, contacts_residual, proximal_contacts
 from .metric import Array
 from .sparse_islands import sort_by_island
 
@@ -14,6 +15,11 @@ from .sparse_islands import sort_by_island
 _SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
 # most contacts that Newton's method solves where sweeps do not
 _MOST_DENSE = 200
+# Newton's method is tried on contacts that are new, and on those whose last percussions fit up to this residual, as at
+# rest: the contacts of bodies that tumble are hard, and the accuracy of sweeps will do for them
+_AT_REST = 3e-3
+# the residual of exact solutions, relative to the largest velocity
+_EXACT = 1e-10
 
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[:,::1])")
@@ -37,31 +43,51 @@ def delassus_of(blocks: Array, columns: Array, starts: Array, z: Array, G: Array
             z[columns[k]] = 0.0
 
 
-@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1])")
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
 def solve_contacts(
-    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, target: float, z: Array, p: Array
-) -> float:
-    """Bring `coulomb_defect` down to the target by sweeps, of few contacts else by Newton; return what was reached.
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, known: int, target: float,
+    z: Array, p: Array,
+) -> float:  # fmt: skip
+    """Bring `coulomb_defect` down to the target; return what was reached.
 
-    The arguments are those of `coulomb_sweeps.accelerated_contacts`.
+    Where all contacts are known or none is, and they are not too many, Newton's method is tried first: contacts that
+    stay the same have the sets of the last step, unlike those of bodies that tumble. Sweeps follow, and for few
+    contacts the proximal form of Newton's method.
+
+    Parameters
+    ----------
+    blocks, columns, starts, local, b, mu, target, z, p
+        As of `coulomb_sweeps.accelerated_contacts`.
+    known : int
+        How many contacts were there in the last problem.
     """
+    n, largest = len(b), 0.0
+    for i in range(n):
+        largest = max(largest, abs(b[i]))
+    attempted = len(mu) <= MOST_NEWTON and (known == 0 or known == len(mu)) and _EXACT * largest <= target
+    if attempted and known > 0:
+        attempted = contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n)) <= _AT_REST * largest
+    if attempted:
+        G = np.empty((n, n))
+        delassus_of(blocks, columns, starts, z, G)
+        if quick_coulomb(G, b, mu, _EXACT, p) <= _EXACT:
+            return contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n))
     residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
     if residual > target:
         residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, _PROXIMAL_SWEEPS, z, p)
     if residual > target and len(mu) <= _MOST_DENSE:
-        n, largest = len(b), 0.0
         G = np.empty((n, n))
         delassus_of(blocks, columns, starts, z, G)
-        for i in range(n):
-            largest = max(largest, abs(b[i]))
         residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
+        if residual > target:
+            residual = largest * sweeps_and_newton(G, b, mu, 0.5 * target / largest, p)
     return residual
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1])")
+@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], b1[::1], i8[::1], i8, f8, f8[::1])")
 def solve_contact_islands(
-    blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, label: Array, count: int,
-    target: float, p: Array,
+    blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, known: Array,
+    label: Array, count: int, target: float, p: Array,
 ) -> None:  # fmt: skip
     """Solve the contacts of each island by `solve_contacts`.
 
@@ -71,6 +97,8 @@ def solve_contact_islands(
         As of `coulomb_sweeps.sweep_blocks`.
     n : int
         Columns in all.
+    known : ndarray of bool, shape (m,)
+        Which contacts were there in the last problem.
     label : ndarray of int, shape (m,)
         The island of each contact; -1 of one that moves no body, and gets no percussion.
     count : int
@@ -84,7 +112,10 @@ def solve_contact_islands(
     first, order, place_in_island = np.empty(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
     sort_by_island(label, first, order, place_in_island)
     if count == 1 and first[1] == m:
-        solve_contacts(blocks, columns, starts, local, b, mu, target, np.empty(n), p)
+        many = 0
+        for a in range(m):
+            many += known[a]
+        solve_contacts(blocks, columns, starts, local, b, mu, many, target, np.empty(n), p)
         return
     own_blocks, own_columns = np.empty(3 * entries_in_all), np.empty(entries_in_all, np.uint32)
     own_starts, own_local, own_mu = np.empty(m + 1, np.uint32), np.empty((m, local.shape[1])), np.empty(m)
@@ -93,10 +124,11 @@ def solve_contact_islands(
         if label[a] < 0:
             p[3 * a] = p[3 * a + 1] = p[3 * a + 2] = 0.0
     for island in range(count):
-        begin, size, width, entries = first[island], first[island + 1] - first[island], 0, 0
+        begin, size, width, entries, many = first[island], first[island + 1] - first[island], 0, 0, 0
         own_starts[0] = 0
         for i in range(size):
             a = order[begin + i]
+            many += known[a]
             for k in range(starts[a], starts[a + 1]):
                 if place[columns[k]] < 0:
                     place[columns[k]] = width
@@ -112,7 +144,7 @@ def solve_contact_islands(
                 own_local[i, k] = local[a, k]
         solve_contacts(
             own_blocks[: 3 * entries], own_columns[:entries], own_starts[: size + 1], own_local[:size],
-            own_b[: 3 * size], own_mu[:size], target, own_z[:width], own_p[: 3 * size],
+            own_b[: 3 * size], own_mu[:size], many, target, own_z[:width], own_p[: 3 * size],
         )  # fmt: skip
         for i in range(size):
             for row in range(3):

@@ -6,8 +6,9 @@ import numpy as np
 
 from ..compiled import kernel
 from .coulomb import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
-from .coulomb_contact import coulomb_defect, sweep_contacts
+from .coulomb_contact import closing_order, coulomb_defect, sweep_contacts
 from .coulomb_newton import OPEN, find_cases, resume_newton, tangential_scale
+from .coulomb_quick import MOST_NEWTON, quick_coulomb
 from .metric import Array
 
 # what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
@@ -72,6 +73,75 @@ def apply_percussions(
     return coulomb_defect(u, p, mu)
 
 
+@kernel("Tuple((b1, f8))(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
+def free_speeds(J: Array, x: Array, lower: Array, table: Array) -> tuple[bool, float]:
+    """Write zero percussions and twice J x; return whether some contact closes, and the largest terms that cancel.
+
+    The arguments are those of `coulomb_law`.
+    """
+    n, nv = J.shape
+    closing, cancelled = False, 0.0
+    for i in range(n):
+        speed, terms = 0.0, 0.0
+        for k in range(nv):
+            speed += J[i, k] * x[k]
+            terms += abs(J[i, k] * x[k])
+        table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
+        cancelled = max(cancelled, terms)
+        # a speed within rounding of the terms that cancel in it closes nothing
+        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms)
+    return closing, cancelled
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
+def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, b: Array) -> float:
+    """Write the scaled velocities J x - lower, shape (n,); return the largest scaled speed.
+
+    It is inf where a contact that moves nothing demands a positive rate. The arguments are those of `coulomb_law` and
+    `free_speeds`.
+    """
+    largest = 0.0
+    for i in range(len(b)):
+        s = scale[i // 3]
+        if i % 3 == 0 and s == 0.0 and lower[i] > 0.0:
+            return np.inf
+        b[i] = (table[1, i] - lower[i]) * s
+        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), 1e-9 * cancelled * s)
+    return largest
+
+
+@kernel("b1(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
+def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
+    """Write percussions p of the law for scaled rows; return whether they are known to be unique.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        As of `coulomb.solve_coulomb`.
+    known : int
+        As of `coulomb_law`.
+    soft, p : ndarray, shape (n,)
+        Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
+        compliant contacts.
+    """
+    m = len(mu)
+    if m > MOST_CONTACTS:
+        if m > MOST_NEWTON or not quick_coulomb(G, b, mu, limit, p) <= limit:
+            order = np.empty(m, np.int64)
+            closing_order(b, order)
+            sweep_contacts(G, b, mu, order, _MOST_SWEEPS, limit, p)
+        return False
+    weak, independent = couples_weakly(G, mu), independent_rows(G, mu)
+    unique = independent and weak
+    residual = np.inf
+    if unique and known == UNIQUE:
+        residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
+    # written so that a NaN is refused too
+    if not residual <= limit:
+        solve_coulomb(G, b, mu, limit, independent, weak and known == COMPLIANT, soft, p)
+    return unique
+
+
 @kernel(
     "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
 )
@@ -111,16 +181,7 @@ def coulomb_law(
     """
     n, nv = J.shape
     m = n // 3
-    closing, cancelled = False, 0.0
-    for i in range(n):
-        speed, terms = 0.0, 0.0
-        for k in range(nv):
-            speed += J[i, k] * x[k]
-            terms += abs(J[i, k] * x[k])
-        table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
-        cancelled = max(cancelled, terms)
-        # a speed within rounding of the terms that cancel in it closes nothing
-        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms)
+    closing, cancelled = free_speeds(J, x, lower, table)
     if not closing:
         for k in range(nv):
             w[k] = x[k]
@@ -130,27 +191,14 @@ def coulomb_law(
     G, scale, tangential = np.empty((n, n)), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     delassus(J, A, G, scale)
-    known = known if m <= MOST_CONTACTS and couples_weakly(G, mu) else NOTHING
-    largest, contradicted = 0.0, False
+    largest = scale_speeds(table, lower, scale, cancelled, b)
+    if largest == np.inf:
+        return np.inf, False
     for i in range(n):
         s = scale[i // 3]
-        b[i] = (table[1, i] - lower[i]) * s
-        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), 1e-9 * cancelled * s)
         p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
         soft[i] = p[i]
-        contradicted = contradicted or (i % 3 == 0 and s == 0.0 and lower[i] > 0.0)
-    if contradicted:
-        return np.inf, False
-    unique = False
-    if m > MOST_CONTACTS:
-        sweep_contacts(G, b, mu, _MOST_SWEEPS, limit, p)
-    else:
-        independent = independent_rows(G, mu)
-        unique = independent and couples_weakly(G, mu)
-        residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p) if unique and known == UNIQUE else np.inf
-        # written so that a NaN is refused too
-        if not residual <= limit:
-            solve_coulomb(G, b, mu, limit, independent, known == COMPLIANT, soft, p)
+    unique = solve_scaled(G, b, mu, known, limit, soft, p)
     residual = apply_percussions(J, A, x, lower, mu, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
     find_cases(u, p, mu, tangential, case)

@@ -11,7 +11,7 @@ from .metric import Array
 OPEN, STICK, SLIP = 0, 1, 2
 # added to the diagonal of G in derivatives only: rows may depend on each other
 SHIFT = 1e-10
-_MOST_HALVINGS = 12
+_MOST_HALVINGS = 4
 # share of the slope by which the line search must lower the squared error
 _DECREASE = 1e-4
 
@@ -65,6 +65,12 @@ def case_error(u: Array, p: Array, mu: Array, scale: Array, case: Array, error: 
 @kernel("b1(f8[:,::1], f8[::1], i8)")
 def solve_linear(A: Array, y: Array, n: int) -> bool:
     """Overwrite n entries of y by A^-1 y, and A by its factors; False if A is singular."""
+    # behind the last entry of each row that is not zero: contacts of different bodies are not coupled
+    end = np.empty(n, np.int64)
+    for i in range(n):
+        end[i] = n
+        while end[i] > 0 and A[i, end[i] - 1] == 0.0:
+            end[i] -= 1
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
@@ -75,16 +81,18 @@ def solve_linear(A: Array, y: Array, n: int) -> bool:
             return False
         if pivot != k:
             y[k], y[pivot] = y[pivot], y[k]
+            end[k], end[pivot] = end[pivot], end[k]
             for j in range(k, n):
                 A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
             if factor != 0.0:
                 y[i] -= factor * y[k]
-                for j in range(k + 1, n):
+                end[i] = max(end[i], end[k])
+                for j in range(k + 1, end[k]):
                     A[i, j] -= factor * A[k, j]
     for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
+        for j in range(k + 1, end[k]):
             y[k] -= A[k, j] * y[j]
         y[k] /= A[k, k]
     return True

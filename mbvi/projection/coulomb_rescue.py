@@ -5,19 +5,32 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import kernel
-from .coulomb_contact import contact_velocities, coulomb_defect, sweep_contacts
+from .coulomb_contact import closing_order, contact_velocities, coulomb_defect, sweep_contacts
 from .coulomb_newton import SHIFT, find_cases, hold_cases, newton_coulomb, tangential_scale
 from .metric import Array
 
+# compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
+# factor between
+COMPLIANCE, RIGID, _STIFFER = 1e-4, 1e-9, 0.1
+# the largest compliance
+_SOFT = 1.0
+# returned where percussions grow without bound as compliance falls
+UNBOUNDED = -1.0
 # residual of the problems within an iteration
 _CLOSE = 1e-12
 # proximal point iteration: first weight, its factor, least weight, most iterations
 _WEIGHT, _LESS, _LEAST, _MOST_PROXIMAL = 1.0, 0.3, 1e-9, 40
-# rounds of sweeps, and how many
-_ROUNDS, _FIRST_SWEEPS, _MOST_SWEEPS = 8, 3, 2000
-# from compliant to rigid contacts: first and last compliance, and the factor between
-_SOFT, _RIGID, _STIFFER = 0.1, 1e-13, 0.7
-_HELD_STEPS = 30
+# sweeps of the first round, their factor from round to round; Newton steps after each, and errors remembered in them
+_FIRST_SWEEPS, _MORE_SWEEPS, _STEPS, _REMEMBERED = 3, 3, 60, 3
+# rounds of sweeps
+_ROUNDS = 7
+_HELD_STEPS, _POLISHING_SWEEPS = 30, 300
+# percussions that grow by such a factor in so many steps of compliance have no limit
+_GROWTH, _MOST_GROWTHS = 5.0, 3
+# a residual up to this is a solution, of which last digits are left to cheap methods
+_SOLVED = 1e-9
+# shift of dependent rows: less of the rounding gets into percussions that the velocity does not depend on
+_HELD_SHIFT = 1e-7
 
 
 @kernel("f8(f8[::1], f8, f8, f8[::1])")
@@ -59,64 +72,123 @@ def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> 
 
     The arguments are those of `newton_coulomb`; p is the start and receives the best found.
     """
-    trial, swept = np.empty(len(b)), p.copy()
+    trial, swept, order = np.empty(len(b)), p.copy(), np.empty(len(mu), np.int64)
+    closing_order(b, order)
     best, sweeps = np.inf, _FIRST_SWEEPS
-    for attempt in range(_ROUNDS):
-        best = keep_better(swept, sweep_contacts(G, b, mu, sweeps, limit, swept), best, p)
+    for _ in range(_ROUNDS):
+        best = keep_better(swept, sweep_contacts(G, b, mu, order, sweeps, limit, swept), best, p)
         if best <= limit:
             break
         keep_better(swept, 0.0, 1.0, trial)
-        shift, remembered = SHIFT if attempt % 2 == 0 else 1e3 * SHIFT, 1 if attempt < 2 else 5
-        residual = newton_coulomb(G, b, mu, 10 + 10 * attempt, limit, shift, remembered, trial)
+        residual = newton_coulomb(G, b, mu, _STEPS, limit, SHIFT, _REMEMBERED, trial)
         best = keep_better(trial, residual, best, p)
         if best <= limit:
             break
-        sweeps = min(3 * sweeps, _MOST_SWEEPS)
+        sweeps *= _MORE_SWEEPS
     return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
-def stiffen(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
-    """Follow the answer from compliant contacts to rigid ones; write it to p and return the residual.
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8[::1], b1, f8, f8[::1])")
+def hold_rigid(G: Array, b: Array, mu: Array, case: Array, independent: bool, limit: float, p: Array) -> float:
+    """Solve the equations of given cases, of dependent rows with ever smaller shifts; return the residual.
 
-    The arguments are those of `newton_coulomb`.
+    Parameters
+    ----------
+    G, b, mu, case, limit, p
+        As of `hold_cases`.
+    independent : bool
+        Whether rows are independent.
+    """
+    shift = 0.0 if independent else _HELD_SHIFT
+    residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+    while residual > limit and shift > 1e-3 * SHIFT:
+        shift *= 0.1
+        residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+    return residual
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1])")
+def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float, limit: float, p: Array) -> float:
+    """Follow the answer of compliant contacts as they get stiffer; write the best found and return its residual.
+
+    Where percussions grow as compliance falls, as where the law has no solution, this ends with `UNBOUNDED`.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        As of `newton_coulomb`.
+    independent : bool
+        Whether rows are independent.
+    compliance : float
+        That of the contacts whose percussions p holds.
+    p : ndarray, shape (n,)
+        See `compliance`; receives the best found.
     """
     n, m = len(b), len(mu)
     H, u, scale, case = G.copy(), np.empty(n), np.empty(m), np.empty(m, np.int64)
-    for i in range(n):
-        p[i] = 0.0
-    compliance = _SOFT
-    while compliance > _RIGID:
+    soft, trial, best = p.copy(), np.empty(n), np.inf
+    size, growths = np.inf, 0
+    while compliance > RIGID and best > _SOLVED:
+        compliance *= _STIFFER
         for i in range(n):
             H[i, i] = G[i, i] + compliance
-        if newton_coulomb(H, b, mu, 40, _CLOSE, 1e-2 * SHIFT, 3, p) > 1e-8:
-            proximal_newton(H, b, mu, _CLOSE, p)
-        compliance *= _STIFFER
-    contact_velocities(G, b, p, u)
-    tangential_scale(G, scale)
-    find_cases(u, p, mu, scale, case)
-    return hold_cases(G, b, mu, case, _HELD_STEPS, limit, SHIFT, p)
+        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
+            sweeps_and_newton(H, b, mu, _CLOSE, soft)
+        contact_velocities(H, b, soft, u)
+        tangential_scale(H, scale)
+        find_cases(u, soft, mu, scale, case)
+        keep_better(soft, 0.0, 1.0, trial)
+        best = keep_better(trial, hold_rigid(G, b, mu, case, independent, limit, trial), best, p)
+        last, size = size, 0.0
+        for i in range(n):
+            size = max(size, abs(soft[i]))
+        growths = growths + 1 if compliance < COMPLIANCE and size > _GROWTH * last else 0
+        if growths == _MOST_GROWTHS:
+            return UNBOUNDED
+    return best
 
 
-@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8, f8[::1])")
-def improve_coulomb(G: Array, b: Array, mu: Array, residual: float, limit: float, p: Array) -> float:
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1], f8[::1])")
+def improve_coulomb(
+    G: Array, b: Array, mu: Array, independent: bool, residual: float, limit: float, soft: Array, p: Array
+) -> float:
     """Improve percussions of a given residual by one method after the other; return the residual reached.
 
-    The other arguments are those of `newton_coulomb`; p is the start and receives the best found.
+    Parameters
+    ----------
+    G, b, mu, limit
+        As of `newton_coulomb`.
+    independent : bool
+        Whether rows are independent.
+    residual : float
+        That of p.
+    soft : ndarray, shape (n,)
+        Percussions of contacts with COMPLIANCE.
+    p : ndarray, shape (n,)
+        The start, which receives the best found.
     """
-    trial = np.empty(len(b))
-    for attempt in range(5):
-        if residual <= limit:
+    trial, order = np.empty(len(b)), np.empty(len(mu), np.int64)
+    for attempt in range(6):
+        if residual <= limit or (attempt > 2 and residual <= _SOLVED):
             break
-        keep_better(p, 0.0, 1.0, trial)
-        if attempt < 2:
-            found = newton_coulomb(G, b, mu, 15, limit, 1e3 * SHIFT if attempt == 0 else SHIFT, 3, trial)
-        elif attempt == 2:
-            found = proximal_newton(G, b, mu, limit, trial)
+        keep_better(soft if attempt == 3 else p, 0.0, 1.0, trial)
+        if attempt == 0 or attempt == 2:
+            found = newton_coulomb(G, b, mu, _STEPS, limit, 1e3 * SHIFT if attempt == 0 else SHIFT, _REMEMBERED, trial)
+        elif attempt == 1:
+            closing_order(b, order)
+            found = sweep_contacts(G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
         elif attempt == 3:
-            found = stiffen(G, b, mu, limit, trial)
-        else:
-            # sweeps depend on the order of the contacts: they come last
+            found = stiffen(G, b, mu, independent, COMPLIANCE, limit, trial)
+            if found == UNBOUNDED:
+                # very compliant contacts may be those of another answer
+                for i in range(len(p)):
+                    trial[i] = 0.0
+                found = stiffen(G, b, mu, independent, _SOFT, limit, trial)
+            if found == UNBOUNDED:
+                break
+        elif attempt == 4:
             found = sweeps_and_newton(G, b, mu, limit, trial)
+        else:
+            found = proximal_newton(G, b, mu, limit, trial)
         residual = keep_better(trial, found, residual, p)
     return residual

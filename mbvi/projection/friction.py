@@ -13,13 +13,12 @@ from .coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from .existence import existence_margin
 from .frictional_step import frictional_tree_law
 from .metric import Array, Metric
-from .scaled_qp import ROUNDING, Projection
 from .tree import TreeFreeMotion, TreeMetric, solve
 
+# friction above this counts as this: nothing that bears slips then, and the rounding of mu |u_t| stays small
+LARGEST_FRICTION = 100.0
 # the residual that is aimed at
 AIM = 1e-12
-# rounds in which contacts join those that bear load
-_MOST_ROUNDS = 10
 
 
 class FrictionalProjection(NamedTuple):
@@ -166,45 +165,6 @@ def project_frictional(
     if not found <= residual:
         raise _failure(found, residual, metric, {"x": x, "J": J, "lower": bound, "friction": friction})
     return FrictionalProjection(w, table[0], table[1], table[2], found, case, unique, first)
-
-
-def bearing_contacts(
-    x: Array, metric: Metric, J: Array, lower: Array, friction: Array, residual: float
-) -> Projection | None:
-    """Return the same for many contacts of which few bear load; None where more than 32 may, or the law is not solved.
-
-    The contacts that x closes are solved for, and those that their answer closes join them until none is left.
-
-    Parameters
-    ----------
-    x, metric, J, friction, residual
-        As of `project_frictional`.
-    lower : ndarray, shape (m, 3)
-        The bounds, contact by contact.
-    """
-    normal, w, working = J[::3], x, np.zeros(len(friction), bool)
-    for _ in range(_MOST_ROUNDS):
-        rounding = ROUNDING * (np.abs(normal) @ np.abs(w) + np.abs(lower[:, 0]))
-        closing = ~working & (normal @ w < lower[:, 0] - rounding)
-        if not closing.any():
-            break
-        working |= closing
-        index = np.flatnonzero(working)
-        if len(index) > MOST_CONTACTS:
-            return None
-        own = J.reshape(-1, 3, len(x))[index].reshape(-1, len(x))
-        try:
-            found = project_frictional(x, metric, own, lower[index].ravel(), friction[index], residual)
-        except ProjectionError:
-            return None
-        w = found.velocity
-    else:
-        return None
-    if w is x:
-        return Projection(x, np.zeros(len(J)), 0.0)
-    percussion = np.zeros((len(friction), 3))
-    percussion[index] = found.percussion.reshape(-1, 3)
-    return Projection(w, percussion.ravel(), found.residual)
 
 
 def _solved(metric: Metric, J: Array) -> Array:

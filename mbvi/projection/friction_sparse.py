@@ -27,6 +27,7 @@ def project_frictional_sparse(
     friction: Array,
     residual: float = 1e-3,
     start: Array | None = None,
+    known: Array | None = None,
     rate: float = np.inf,
 ) -> Projection:
     """Return the velocity w that Coulomb's law gives for sparse rows, with M (w - x) = J' p.
@@ -50,6 +51,8 @@ def project_frictional_sparse(
         The relative residual above which this raises.
     start : ndarray, shape (3 m,), optional
         Percussions to start from, as of a `Projection`.
+    known : ndarray of bool, shape (m,), optional
+        Which contacts the start is of; all by default.
     rate : float
         Error of velocities that is allowed [m/s]: the residual is smaller where that is needed.
 
@@ -83,7 +86,9 @@ def project_frictional_sparse(
     b, target = _turned(speeds, local, 1.0).ravel(), _MARGIN * residual * largest
     label = np.empty(m, np.int64)
     count = islands(columns, starts, len(x), np.diff(starts.astype(np.int64)) > 0, label)
-    solve_contact_islands(blocks, columns, starts, len(x), local, b, mu, label, count, target, p)
+    if known is None:
+        known = np.full(m, start is not None)
+    solve_contact_islands(blocks, columns, starts, len(x), local, b, mu, known, label, count, target, p)
     combine_contacts(blocks, columns, starts, p, z)
     scaled = _turned(_by_contact(p), local, -1.0)
     w = x + metric.unwhiten(z)

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array, issparse
 
 from ..arguments import array, shown
 from ..errors import InputError
-from .friction import project_frictional
+from .friction import LARGEST_FRICTION, project_frictional
 from .metric import Array, Metric, as_metric
 from .projector import Projector
 from .scaled_qp import Projection
@@ -33,8 +33,9 @@ def project(
     lower : float or ndarray, shape (m,)
         Least rate of each constraint [m/s, rad/s]; 0 gives the projection onto the tangent cone.
     friction : float or ndarray, shape (k,), optional
-        Coefficients of Coulomb friction of k contacts. J is then dense and has three rows for each: its normal and two
-        tangents of unit length, orthogonal to each other; `lower` has one entry a contact and acts on normals.
+        Coefficients of Coulomb friction of k contacts; above 100 they count as 100. J is then dense and has three rows
+        for each: its normal and two tangents of unit length, orthogonal to each other; `lower` has one entry a contact
+        and acts on normals.
 
     Returns
     -------
@@ -136,7 +137,7 @@ def _checked_contacts(
     bound = array(bound, name)
     if bound.shape not in ((), (m,)):
         raise InputError(f"{name} has shape {bound.shape}; it must be one number or one a contact, ({m},)")
-    return x, J, np.broadcast_to(bound, m), np.array(np.broadcast_to(mu, m))
+    return x, J, np.broadcast_to(bound, m), np.array(np.broadcast_to(np.minimum(mu, LARGEST_FRICTION), m))
 
 
 def _checked(x: Array, J: Array, bound: Array | float, name: str) -> tuple[Array, Array, Array]:

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 
 from ..arguments import shown
-from ..compiled import plain_array
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
-from .coulomb import MOST_CONTACTS
 from .dual_active_set import DualActiveSet, dual_active_set
-from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
-from .friction import (
-    NO_START,
-    FrictionalProjection,
-    FrictionalStart,
-    bearing_contacts,
-    law_of_contacts,
-    project_frictional,
-)
-from .friction_sparse import project_frictional_sparse
+from .friction import FrictionalProjection
+from .frictional_laws import FrictionalLaws, FrictionalRows
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric
 from .proxqp import ProxQP
@@ -46,52 +36,7 @@ _MOST_RESIDUAL = 1e-2
 # Where rows depend on each other, speeds that a residual leaves are up to ten times as large
 _OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 
-# entries of the rows of few contacts up to which they are solved as dense ones
-_MOST_DENSE = 2_000_000
-
-_NONE = np.zeros(0)
-
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
-
-
-class FrictionalRows(Protocol):
-    """What the projection needs of rows with tangents, which `constraints.Rows` has."""
-
-    @property
-    def constraint(self) -> Array:
-        """The constraint of each row, shape (k,)."""
-
-    @property
-    def jacobian(self) -> Array | csr_array:
-        """Gradients, shape (k, nv)."""
-
-    @property
-    def restitution(self) -> Array:
-        """Restitution, shape (k,)."""
-
-    @property
-    def rate(self) -> Array | None:
-        """Rates of gaps at v = 0, shape (k,)."""
-
-    @property
-    def tangents(self) -> TangentRows | None:
-        """Their tangents."""
-
-
-class TangentRows(Protocol):
-    """What it needs of tangents, which `constraints.Tangents` has."""
-
-    @property
-    def friction(self) -> Array:
-        """Coefficients, shape (k,)."""
-
-    @property
-    def jacobian(self) -> Array | csr_array:
-        """Gradients, shape (2 k, nv)."""
-
-    @property
-    def rate(self) -> Array | None:
-        """Rates at v = 0, shape (2 k,)."""
 
 
 class AcceptedDepth(NamedTuple):
@@ -144,12 +89,15 @@ class Projector:
     accepted : AcceptedDepth, optional
         Replaces the residual in projections of sparse rows that give the length of their step.
     friction_residual : float, optional
-        The relative residual of Coulomb's law for more than 32 contacts; `residual` by default.
+        The relative residual of Coulomb's law where more than 32 contacts are not solved exactly; `residual` by
+        default.
     energy_cap : bool
-        Whether `capped_restitution` limits e.
+        Whether restitution is limited so that no impact with friction gains energy.
 
     Attributes
     ----------
+    friction : FrictionalLaws
+        Coulomb's law for rows with tangents.
     strictest, loosest : float
         The least and the largest residual that followed from the accepted depth; inf and 0 before the first.
     """
@@ -162,10 +110,8 @@ class Projector:
         friction_residual: float | None = None,
         energy_cap: bool = False,
     ) -> None:
-        self.energy_cap = energy_cap
+        self.friction = FrictionalLaws(residual, energy_cap)
         self.friction_residual = residual if friction_residual is None else friction_residual
-        self._last_frictional = LastPercussions()
-        self._frictional_start = NO_START
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
         # speed of the bodies over that of a step of free fall
@@ -277,105 +223,14 @@ class Projector:
     def frictional(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, h: float | None = None
     ) -> FrictionalProjection | Projection:
-        """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+        """Return the velocity of Coulomb's law with J w >= lower on normals; see `FrictionalLaws.project`.
 
-        Of few contacts also their velocities.
-
-        Parameters
-        ----------
-        rows : Rows
-            Rows with tangents.
-        x, metric, lower, h
-            As of `project`.
+        The arguments are those of `project`, but for the rows, which have tangents.
         """
-        tangents, m = rows.tangents, len(lower)
-        assert tangents is not None
-        bounds = np.zeros((m, 3))
-        bounds[:, 0] = lower
-        if tangents.rate is not None:
-            bounds[:, 1:] = -tangents.rate.reshape(-1, 2)
-        if _are_few(m, len(x)):
-            J, start = _wide(rows.jacobian, tangents), self._frictional_start
-            found = project_frictional(x, metric, J, bounds.ravel(), tangents.friction, self.residual, start)
-            self._frictional_start = FrictionalStart(found.start, found.unique)
-            return found
-        if isinstance(rows.jacobian, np.ndarray):
-            few = bearing_contacts(x, metric, _wide(rows.jacobian, tangents), bounds, tangents.friction, self.residual)
-            if few is not None:
-                return few
-        return self._many_frictional(x, metric, rows, bounds.ravel(), h)
-
-    def frictional_law(
-        self, motion: FreeMotion | TreeFreeMotion, rows: FrictionalRows, opened: Array | None
-    ) -> tuple[Array, Array, float, Array] | None:
-        """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
-
-        They are as of `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
-        has friction, where e is capped, or where the residual is too large.
-
-        Parameters
-        ----------
-        motion : TreeFreeMotion
-            The free motion; None is returned for others.
-        rows : Rows
-            Rows with tangents.
-        opened : ndarray, shape (k,), or None
-            Speeds at which rows that are open may close, 0 of others.
-        """
-        tangents, J, m = rows.tangents, rows.jacobian, len(rows.restitution)
-        if type(motion) is not TreeFreeMotion or tangents is None or not isinstance(J, np.ndarray):
-            return None
-        T = tangents.jacobian
-        if m > MOST_CONTACTS or self.energy_cap or not isinstance(T, np.ndarray):
-            return None
-        drift = _NONE if rows.rate is None and tangents.rate is None else _drift(rows, tangents).ravel()
-        e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
-        J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
-        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self._frictional_start, self.residual)
-        if found is None:
-            return None
-        self._frictional_start = found[4]
-        return found[:4]
-
-    def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
-        """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
-
-        None where e is not capped, where rows have no friction or do not bounce, or for more than 32 contacts.
-
-        Parameters
-        ----------
-        before : ndarray, shape (k,)
-            Rates of their gaps before [m/s].
-        x, metric, rows
-            As of `frictional`.
-        """
-        e, tangents = rows.restitution, rows.tangents
-        if not self.energy_cap or tangents is None or not tangents.friction.any() or not e.any():
-            return None
-        if not _are_few(len(e), len(x)):
-            return None
-        rate = _drift(rows, tangents)
-        J = _wide(rows.jacobian, tangents)
-        return capped_restitution(
-            x, metric, J, before - rate[:, 0], e, tangents.friction, rate.ravel(), self.residual
-        ).e
-
-    def _many_frictional(
-        self, x: Array, metric: Metric, rows: FrictionalRows, bounds: Array, h: float | None
-    ) -> Projection:
-        """Return the same of many contacts, started from their last percussions."""
-        tangents, keys = rows.tangents, contact_keys(rows.constraint)
-        assert tangents is not None
-        J = csr_array(vstack([csr_array(rows.jacobian), csr_array(tangents.jacobian)], format="csr"))
-        J = J[interleaved(len(keys))]
         residual, rate = self.friction_residual, np.inf
         if self.accepted is not None and h is not None:
-            residual, rate = self.accepted.largest_residual, _SHARE * self.accepted.depth / h
-            residual = self._at_speed(residual)
-        start = self._last_frictional.of_rows(keys)
-        found = project_frictional_sparse(x, metric, J, bounds, tangents.friction, residual, start, rate)
-        self._last_frictional.keep(found.percussion.reshape(-1, 3), keys)
-        return found
+            residual, rate = self._at_speed(self.accepted.largest_residual), _SHARE * self.accepted.depth / h
+        return self.friction.project(x, metric, rows, lower, residual, rate)
 
     def settle(
         self,
@@ -477,37 +332,6 @@ def _contradictory(qp: ScaledQP, found: Candidate | None) -> bool:
         if size <= 1e-6 * terms and lower @ found.u > 1e-6 * np.abs(lower) @ found.u:
             return True
     return len(qp.d) <= _MOST_CHECKED and dual_active_set(qp.columns, qp.d) is None
-
-
-def _are_few(contacts: int, nv: int) -> bool:
-    """Return whether contacts with friction are solved as dense rows."""
-    return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
-
-
-def _drift(rows: FrictionalRows, tangents: TangentRows) -> Array:
-    """Return the rates of contacts at v = 0, each normal followed by its tangents, shape (m, 3)."""
-    rate = np.zeros((len(rows.restitution), 3))
-    if rows.rate is not None:
-        rate[:, 0] = rows.rate
-    if tangents.rate is not None:
-        rate[:, 1:] = tangents.rate.reshape(-1, 2)
-    return rate
-
-
-def _wide(J: Array | csr_array, tangents: TangentRows) -> Array:
-    """Return dense rows of contacts, each normal followed by its tangents, shape (3 m, nv)."""
-    wide = np.empty((J.shape[0], 3, J.shape[1]))
-    wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(len(wide), 2, -1)
-    return wide.reshape(-1, J.shape[1])
-
-
-def _full(rows: Array | csr_array) -> Array:
-    return rows if isinstance(rows, np.ndarray) else rows.toarray()
-
-
-def interleaved(m: int) -> Array:
-    """Return the order of 3 m rows that puts the tangents of each contact behind its normal; tangents come last."""
-    return np.stack([np.arange(m), m + 2 * np.arange(m), m + 2 * np.arange(m) + 1], axis=1).ravel()
 
 
 def checked_solver(solver: ChosenSolver | None) -> ChosenSolver | None:

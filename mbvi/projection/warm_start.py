@@ -42,13 +42,14 @@ class LastPercussions:
         place[place == len(self.keys)] = 0
         return np.where(self.keys[place] == keys, self.percussion[place], 0.0)
 
-    def of_rows(self, keys: Array) -> Array | None:
-        """Return the last percussions of contacts with three each, shape (3 m,); None if there are none."""
+    def of_contacts(self, keys: Array) -> tuple[Array, Array]:
+        """Return the last percussions of contacts with three each, shape (3 m,), and which of them are known."""
         if self.keys is None or not len(self.keys):
-            return None
+            return np.zeros(3 * len(keys)), np.zeros(len(keys), bool)
         place = np.searchsorted(self.keys, keys)
         place[place == len(self.keys)] = 0
-        return np.where((self.keys[place] == keys)[:, None], self.percussion[place], 0.0).ravel()
+        known = self.keys[place] == keys
+        return np.where(known[:, None], self.percussion[place], 0.0).ravel(), known
 
     def keep(self, percussion: Array, keys: Array | None) -> None:
         """Keep the percussions of rows with these keys, or without any."""

@@ -57,10 +57,16 @@ def projector_of(
 
 
 def residual_note(projector: Projector) -> list[str]:
-    """Return a note that states the residuals that followed from the accepted depth, or none."""
-    if projector.loosest == 0.0:
-        return []
-    return [f"the accepted depth gave residuals of {projector.strictest:.1e} to {projector.loosest:.1e}"]
+    """Return notes that state the residuals that followed from the accepted depth, and how often bodies jammed."""
+    notes = []
+    if projector.loosest > 0.0:
+        notes.append(f"the accepted depth gave residuals of {projector.strictest:.1e} to {projector.loosest:.1e}")
+    if projector.friction.jams:
+        notes.append(
+            f"bodies jammed {projector.friction.jams} times: Coulomb's law was not solved with the restitution or the "
+            "correction of penetration that was asked for, and was solved without them"
+        )
+    return notes
 
 
 def smallest_size(problem: Problem) -> float:

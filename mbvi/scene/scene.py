@@ -307,7 +307,7 @@ class Scene(Walls, Grains, Actions):
         first, second : str
             Names; settings go before each other as those of e do.
         mu : float
-            Coefficient of Coulomb friction, at least 0.
+            Coefficient of Coulomb friction, at least 0. Above 100 it counts as 100: nothing that bears slips then.
 
         Raises
         ------

@@ -117,15 +117,18 @@ def law(
     """
     if rows.rate is None and rows.tangents is None:
         return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
-    found = projector.frictional_law(free_motion, rows, opened) if rows.tangents is not None else None
+    found = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None else None
     if found is not None:
         return AppliedLaw(*found, rows)
     x, before = free_motion.free, rows.speeds(v)
-    e = None if opened is not None else projector.capped_restitution(x, free_motion.metric, rows, before)
+    e = None if opened is not None else projector.friction.capped_restitution(x, free_motion.metric, rows, before)
     if e is not None:
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
+    yielding = projector.friction.yielding
+    if yielding is not None and rows.tangents is not None and rows.tangents.friction.any():
+        rows = rows._replace(restitution=np.where(yielding, 0.0, rows.restitution))
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
     return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
 

@@ -91,12 +91,12 @@ def test_an_inelastic_impact_never_gains_energy(seed):
     assert w @ M @ w <= (1.0 + 1e-12) * (v @ M @ v)
 
 
-@given(seed=st.integers(0, 100_000))
+@given(seed=st.integers(0, 100_000), many=st.booleans())
 @settings(max_examples=25, deadline=None)
-def test_neither_the_order_of_contacts_nor_their_tangents_change_the_velocity(seed):
+def test_neither_the_order_of_contacts_nor_their_tangents_change_the_velocity(seed, many):
     """Of stacks, where percussions are not unique and several velocities satisfy the law."""
     rng = np.random.default_rng(seed)
-    M, J = stack(range(int(rng.integers(1, 4))))
+    M, J = stack(range(9 if many else int(rng.integers(1, 4))))
     m = len(J) // 3
     v, mu = rng.normal(size=J.shape[1]), rng.choice([0.1, 0.3, 0.5], size=m)
     other, order = J.copy(), rng.permutation(m)

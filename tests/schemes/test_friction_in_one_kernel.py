@@ -45,7 +45,7 @@ def test_the_kernel_gives_the_law_in_numpy(e, wall):
         opened = closing_speeds(problem, rows, STEP)
         tree = problem.system.free_motion(t, q, v, STEP)
         found = law(Projector(), v, tree, rows, opened)
-        assert Projector().frictional_law(tree, rows, opened) is not None
+        assert Projector().friction.law(tree, rows, opened) is not None
         plain = law(Projector(), v, FreeMotion(tree.free, tree.metric), rows, opened)
         for a, b in zip(found[:-1], plain[:-1], strict=True):
             np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * max(1.0, np.abs(b).max()))
@@ -60,8 +60,8 @@ def test_rows_of_joint_limits_alone_have_no_law_of_friction():
     without = take(rows, rows.tangents.friction == 0.0)
     assert 0 < len(without.gap) < len(rows.gap) <= 32
     tree = problem.system.free_motion(0.0, problem.q0, problem.v0, STEP)
-    assert Projector().frictional_law(tree, without, None) is None
-    assert Projector().frictional_law(tree, rows, None) is not None
+    assert Projector().friction.law(tree, without, None) is None
+    assert Projector().friction.law(tree, rows, None) is not None
 
 
 @pytest.mark.parametrize("scheme", [SCHEME, mbvi.Paoli(project_positions=True)], ids=repr)

@@ -276,3 +276,21 @@ def test_the_law_at_the_start_takes_the_accuracy_of_the_run():
     start = next(mbvi.steps(scene.build(), mbvi.StewartTrinkle(), step=2e-3))
     assert start.t == 0.0 and len(start.active.gap) > 100
     assert 1e-6 < start.residual <= 1e-3
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True), mbvi.StewartTrinkle()])
+@pytest.mark.parametrize("slope", [1.0, 20.0])
+def test_a_box_with_immense_friction_never_slips(scheme, slope):
+    """On a floor of any slope it stays where it is; after a fall it rolls over its edges, and comes to rest."""
+    angle = np.arctan(slope)
+    scene = mbvi.Scene(gravity=(9.81 * np.sin(angle), 0, -9.81 * np.cos(angle)), friction=1e6)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((2.0, 0.3, 0.02), 1.0, position=(0, 0, 0.01))
+    problem = scene.build()
+    run = mbvi.simulate(problem, scheme, step=1e-3, duration=0.05)
+    assert np.abs(run.q - problem.q0).max() <= 1e-12
+    scene = mbvi.Scene(friction=1e6)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_box((0.2, 0.3, 0.1), 1.0, position=(0, 0, 0.3), velocity=(1, 0.5, 0), angular_velocity=(3, 2, 1))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.6)
+    assert run.residual.max() <= 1e-7

@@ -51,9 +51,15 @@ def solve_contact(rng):
     return G, a, *b[3 * a : 3 * a + 3], mu[a], np.full(3, np.nan)
 
 
+def closing_order(rng):
+    m = int(rng.integers(1, 6))
+    # some close equally fast
+    return np.round(rng.normal(size=3 * m)), np.zeros(m, np.int64)
+
+
 def sweep_contacts(rng):
     G, b, mu, p, *_ = state(rng)
-    return G, b, mu, 20, 1e-9, p
+    return G, b, mu, rng.permutation(len(mu)), 20, 1e-9, p
 
 
 def tangential_scale(rng):
@@ -161,6 +167,29 @@ def apply_percussions(rng):
     return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
 
 
+def clip_to_cones(rng):
+    m = int(rng.integers(1, 5))
+    return rng.choice([0.0, 0.2, 0.8], size=m), rng.normal(size=3 * m)
+
+
+def free_speeds(rng):
+    J, _ = rows(rng)
+    n, nv = J.shape
+    return J, rng.normal(size=nv), rng.normal(size=n), np.full((3, n), np.nan)
+
+
+def scale_speeds(rng):
+    n = 6
+    scale = rng.choice([0.0, 0.5, 2.0], size=n // 3)
+    return rng.normal(size=(3, n)), rng.normal(size=n), scale, rng.random(), np.full(n, np.nan)
+
+
+def solve_scaled(rng):
+    G, b, mu = regular(rng)
+    soft = rng.random() * np.linalg.norm(b) * in_cone(rng, np.maximum(mu, 1e-3))
+    return G, b, mu, int(rng.integers(3)), 1e-12, soft, soft.copy()
+
+
 def coulomb_law(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
@@ -185,9 +214,19 @@ def write_closing_speeds(rng):
     return gap, rng.choice([1.0, 0.3], size=k), rng.choice([0.0, 1e-7], size=k), 1e-3, 1e-9, np.full(k, np.nan)
 
 
+def hold_rigid(rng):
+    G, b, mu, p, _, _, case = state(rng)
+    return G, b, mu, case, rng.random() < 0.5, 1e-10, p
+
+
+def stiffen(rng):
+    G, b, mu, limit, p = attempt(rng)
+    return G, b, mu, False, 1e-2, limit, p
+
+
 def improve_coulomb(rng):
     G, b, mu, limit, p = attempt(rng)
-    return G, b, mu, 1.0, limit, p
+    return G, b, mu, False, 1.0, limit, p.copy(), p
 
 
 COULOMB_ARGUMENTS = {
@@ -197,6 +236,7 @@ COULOMB_ARGUMENTS = {
         contact_velocities,
         find_slip,
         solve_contact,
+        closing_order,
         sweep_contacts,
         tangential_scale,
         find_cases,
@@ -206,6 +246,8 @@ COULOMB_ARGUMENTS = {
         newton_coulomb,
         hold_cases,
         resume_newton,
+        hold_rigid,
+        stiffen,
         improve_coulomb,
         solve_compliant,
         solve_coulomb,
@@ -214,9 +256,13 @@ COULOMB_ARGUMENTS = {
         keep_better,
         delassus,
         apply_percussions,
+        clip_to_cones,
+        free_speeds,
+        scale_speeds,
+        solve_scaled,
         coulomb_law,
         interleave,
         wide_speeds,
         write_closing_speeds,
     )
-} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "stiffen"), attempt)
+} | dict.fromkeys(("proximal_newton", "sweeps_and_newton", "quick_coulomb"), attempt)
