@@ -29,5 +29,21 @@ def kernels():
 
 
 @pytest.fixture
+def command(capfd, tmp_path, monkeypatch):
+    """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""
+    from mbvi.cli.main import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as leave:
+            main([str(a) for a in arguments])
+        text = capfd.readouterr()
+        return leave.value.code, text.out, text.err
+
+    return call
+
+
+@pytest.fixture
 def rng():
     return np.random.default_rng(20_000)
