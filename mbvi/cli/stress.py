@@ -107,7 +107,8 @@ def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
     own, others = [cell for cell in cells if cell.own], [cell for cell in cells if not cell.own]
     drawn = {"stress": own}
     if others:
-        drawn["stress_engines"] = [cell for cell in own if cell.scheme in ("default", "EventDriven")] + others
+        scenes, beside = {cell.scene for cell in others}, ("default", "EventDriven")
+        drawn["stress_engines"] = [c for c in own if c.scheme in beside and c.scene in scenes] + others
     found = []
     for name, some in drawn.items():
         files = [out / f"{name}.png", out / f"{name}.svg"]
