@@ -8,7 +8,7 @@ import mbvi
 from mbvi import reference
 from mbvi.studies.chart.errors import errors, fitted_order, path_errors, worst_errors
 from mbvi.studies.chart.graphs import graph_distance
-from support.orders import STEPS
+from support.orders import STEPS, runs
 from support.references import CASES, every_case
 
 # the distance of graphs scatters more than the other errors
@@ -25,7 +25,7 @@ OTHERS = [
 @every_case
 def test_paolis_scheme_is_of_order_one(case):
     """Configurations uniformly, velocities in L1 and by the distance of their graphs."""
-    found = np.array([worst_errors(case, mbvi.Paoli(), h) for h in MORE_STEPS])
+    found = np.array([worst_errors(case, mbvi.Paoli(), h, runs=runs(case)) for h in MORE_STEPS])
     orders = [fitted_order(MORE_STEPS, of_one) for of_one in found.T]
     if (case.name, case.problem.restitution[0]) == ("tumbling body", 0.0):
         # the first corner slides and is off the floor in every other step: where the second lands in such a one, the

@@ -5,12 +5,9 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.studies.chart.errors import RUNS as RUNS_WITH_IMPACTS
 from mbvi.studies.chart.errors import fitted_order, path_errors, worst_errors
-from support.orders import STEPS
+from support.orders import STEPS, runs
 
-# runs with different phases of the start in a step, where no impact feels them
-RUNS = 3
 PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC = (
     mbvi.Paoli(),
     mbvi.MoreauJean(),
@@ -53,8 +50,7 @@ def pairs(schemes, names):
 )
 def test_schemes_are_of_order_one(scheme, case):
     """Configurations uniformly, and velocities in L1."""
-    runs = RUNS_WITH_IMPACTS if len(case.impacts) else RUNS
-    found = np.array([worst_errors(case, scheme, h, path_errors, runs) for h in STEPS])
+    found = np.array([worst_errors(case, scheme, h, path_errors, runs(case)) for h in STEPS])
     assert min(fitted_order(STEPS, of_one) for of_one in found.T) >= 0.9
     assert found[-1, 0] < 0.02
 
