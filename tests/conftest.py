@@ -17,6 +17,13 @@ settings.register_profile("mbvi", derandomize=True, deadline=None, max_examples=
 settings.load_profile("mbvi")
 
 
+def pytest_collection_modifyitems(items):
+    """Let the longest tests start first, so that no worker is left with one at the end."""
+    marks = ((item, item.get_closest_marker("slow")) for item in items)
+    seconds = {item: mark.kwargs.get("seconds", 0) if mark else 0 for item, mark in marks}
+    items.sort(key=lambda item: -seconds[item])
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
