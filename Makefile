@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= auto
 
-.PHONY: demo check test test-slow faults clean
+.PHONY: demo check test test-slow test-all faults clean
 
 # write a replay to out/
 demo: $(VENV)/installed
@@ -16,6 +16,10 @@ test: $(VENV)/installed-test
 # the tests that take more than a few seconds each
 test-slow: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest --numprocesses $(WORKERS) --dist worksteal -m slow
+
+# both: tests are collected, and kernels loaded, once
+test-all: $(VENV)/installed-test
+	$(VENV)/bin/python -m pytest --numprocesses $(WORKERS) --dist worksteal -m ""
 
 # ruff and mypy
 check: $(VENV)/installed-test

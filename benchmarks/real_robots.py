@@ -25,20 +25,30 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 import argparse  # noqa: E402
-import platform  # noqa: E402
 import time  # noqa: E402
-import warnings  # noqa: E402
 from collections.abc import Callable, Iterator  # noqa: E402
 from contextlib import ExitStack, contextmanager  # noqa: E402
-from importlib.metadata import version  # noqa: E402
 from itertools import islice  # noqa: E402
-from pathlib import Path  # noqa: E402
 from typing import Any, NamedTuple  # noqa: E402
 from unittest import mock  # noqa: E402
 
 import numpy as np  # noqa: E402
 from robot_cases import again  # noqa: E402
 from standing_robots import PD, STANCES, standing  # noqa: E402
+from turns import (  # noqa: E402
+    DURATION,
+    HEADS,
+    PAGE,
+    SCHEMES,
+    STEP,
+    machine,
+    run_time,
+    simulated,
+    table,
+    times,
+    timing_cells,
+    write_section,
+)
 
 import mbvi  # noqa: E402
 from mbvi.compiled import compile_all  # noqa: E402
@@ -47,11 +57,8 @@ from mbvi.projection import Projector  # noqa: E402
 from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
 from mbvi.studies.published_robots import PUBLISHED, published_robot  # noqa: E402
 
-PAGE, TITLE = Path(__file__).parents[1] / "docs/performance.md", "## Published robots"
-STEP, DURATION, HEIGHT = 1e-3, 1.0, 0.02
-_ENGINES = "MuJoCo [us per step] | Paoli [us per step] | ratio | default [us per step] | ratio"
-# no scheme named is the default at a given step
-SCHEMES: dict[str, mbvi.schemes.Scheme | None] = {"Paoli": mbvi.Paoli(), "default": None}
+TITLE = "## Published robots"
+HEIGHT = 0.02
 
 
 class Counted:
@@ -88,14 +95,6 @@ class Counts(NamedTuple):
     depth: float
 
 
-class Times(NamedTuple):
-    """Times of one step of MuJoCo and of each scheme [s], and the ratios to MuJoCo."""
-
-    mujoco: float
-    schemes: dict[str, float]
-    ratios: dict[str, float]
-
-
 @contextmanager
 def counting() -> Iterator[tuple[Counted, Counted]]:
     """Count contact searches and projections while the context lasts."""
@@ -123,56 +122,12 @@ def counts(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme | None) -> Counts:
     return Counts(float(rows), searches.calls / n, projections.calls / n, *parts, float(run.penetration().max()))
 
 
-def simulated(
-    problem: mbvi.Problem, scheme: mbvi.schemes.Scheme | None, duration: float, step: float | None
-) -> mbvi.Trajectory:
-    """Return a run without its warnings, which are in its notes."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mbvi.MbviWarning)
-        return mbvi.simulate(problem, scheme, step=step, duration=duration, progress=False)
-
-
-def run_time(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme | None, duration: float, step: float | None) -> float:
-    """Return the CPU time of a run of a fresh problem [s]."""
-    problem = again(problem)
-    start = time.process_time()
-    simulated(problem, scheme, duration, step)
-    return time.process_time() - start
-
-
-def times(problem: mbvi.Problem, peer: Callable[[int], float], repeats: int) -> Times:
-    """Time MuJoCo and each scheme in turns."""
-    count = round(DURATION / STEP)
-    # what is compiled or loaded at first use is not timed
-    peer(count)
-    for scheme in SCHEMES.values():
-        run_time(problem, scheme, 0.1, STEP)
-    theirs, ours = np.empty(repeats), {name: np.empty((repeats, 2)) for name in SCHEMES}
-    for k in range(repeats):
-        theirs[k] = peer(count)
-        for name, scheme in SCHEMES.items():
-            ours[name][k] = [run_time(problem, scheme, duration, STEP) for duration in (STEP, DURATION)]
-    # the median of the set-up, whose scatter would hide steps
-    steps = {name: (t[:, 1] - np.median(t[:, 0])) / (count - 1) for name, t in ours.items()}
-    return Times(
-        float(np.median(theirs)),
-        {name: float(np.median(t)) for name, t in steps.items()},
-        {name: float(np.median(t / theirs)) for name, t in steps.items()},
-    )
-
-
 def chosen(problem: mbvi.Problem, repeats: int) -> tuple[float, str]:
     """Return the CPU time of a simulated second where no step is named [s], and the scheme and step chosen."""
     run = simulated(again(problem), None, DURATION, None)
     spent = float(np.median([run_time(problem, None, DURATION, None) for _ in range(repeats)]))
     lifts = ", positions projected" if getattr(run.record.scheme, "project_positions", False) else ""
     return spent / DURATION, run.scheme + lifts + (f", h = {run.step:.2g} s" if run.step else "")
-
-
-def timing_cells(found: Times) -> str:
-    """Return the cells of one line that compare the engines."""
-    ours = " | ".join(f"{1e6 * found.schemes[name]:.0f} | {found.ratios[name]:.1f}" for name in SCHEMES)
-    return f"{1e6 * found.mujoco:.0f} | {ours}"
 
 
 def falling_lines(name: str, repeats: int) -> tuple[str, list[str], str]:
@@ -221,20 +176,6 @@ def control_cost(control: PD) -> float:
     return (time.process_time() - start) / count
 
 
-def machine() -> str:
-    """Return processor and versions."""
-    info, name = Path("/proc/cpuinfo"), platform.machine()
-    lines = info.read_text().splitlines() if info.is_file() else []
-    name += "".join([", " + line.partition(":")[2].strip() for line in lines if line.startswith("model name")][:1])
-    numerics = ", ".join(f"{package} {version(package)}" for package in ("pin", "coal", "numpy", "numba", "mujoco"))
-    return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}, {numerics}"
-
-
-def table(heads: str, lines: list[str]) -> str:
-    """Return a Markdown table."""
-    return "\n".join([f"| {heads} |", "|" + "---|" * (heads.count(" | ") + 1), *lines])
-
-
 def section(names: list[str], repeats: int) -> str:
     """Return the section of the page."""
     falling = [falling_lines(name, repeats) for name in names]
@@ -252,7 +193,7 @@ def section(names: list[str], repeats: int) -> str:
         "    python benchmarks/real_robots.py --write    # measures, and writes this section",
         "Robots of example-robot-data with the hulls of their own meshes, reduced as `add_urdf` does by default.",
         table("setting | value", [f"| {key} | {value} |" for key, value in settings.items()]),
-        table(f"falling robot | {_ENGINES} | no step [s CPU per s] | its choice", [one[0] for one in falling]),
+        table(f"falling robot | {HEADS} | no step [s CPU per s] | its choice", [one[0] for one in falling]),
         "Active rows, contact searches (queries of the admissible set) and projections are means over all steps.\n"
         "The depth is the deepest of the run, of contacts and limits.",
         table(
@@ -264,7 +205,7 @@ def section(names: list[str], repeats: int) -> str:
     ]
     if stood:
         cost = 1e6 * control_cost(standing(stood[0], STEP)[1])
-        heads = f"standing robot | {_ENGINES} | rows | searches | projections | depth [mm, mrad] | sunk [mm]"
+        heads = f"standing robot | {HEADS} | rows | searches | projections | depth [mm, mrad] | sunk [mm]"
         parts += [
             "The same robots gliding on their feet under a PD control written in Python, which both engines call at\n"
             f"every step; a call costs {cost:.1f} us. Counts, and how far the base sinks in the run, are those of the\n"
@@ -289,11 +230,7 @@ def main() -> None:
     text = section(arguments.robot or list(PUBLISHED), arguments.repeats)
     print(text)
     if arguments.write:
-        before, found, rest = PAGE.read_text().partition(TITLE + "\n")
-        if not found:
-            raise SystemExit(f"{PAGE} has no section {TITLE!r}")
-        _, heading, after = rest.partition("\n## ")
-        PAGE.write_text(before + text + heading + after)
+        write_section(TITLE, text)
 
 
 if __name__ == "__main__":

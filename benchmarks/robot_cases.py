@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
+from standing_robots import PD
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts
@@ -124,6 +125,14 @@ def talos() -> tuple[mbvi.Problem, Array]:
     return _held(*_robot(_floor(), file, 38, True, position=(0.0, 0.0, 1.3), joints=legs | arms))
 
 
+def pushed(mu: float) -> tuple[mbvi.Problem, PD]:
+    """Stand on four feet under a PD control with a push: it sways on its feet, or glides without friction."""
+    still, torque = four_feet()
+    control, scene = PD(still.q0[7:], torque[6:], np.full(12, 80.0), np.full(12, 1.0)), _floor(mu)
+    scene.add_urdf(_OWN / "quadruped" / "quadruped.urdf", control=control, position=(0.0, 0.0, 1.0))
+    return scene.build(reduce=()).at(still.q0, still.v0), control
+
+
 def _every_leg(hip: float, thigh: float, calf: float) -> dict[str, float]:
     """Return the same for each leg, by joint; a positive hip turns its leg outwards on either side."""
     return {
@@ -140,8 +149,8 @@ _FLAIL = _every_leg(-4.0, 0.0, 0.0) | {
 }
 
 
-def _floor() -> mbvi.Scene:
-    scene = mbvi.Scene(restitution=0.0)
+def _floor(mu: float = 0.0) -> mbvi.Scene:
+    scene = mbvi.Scene(restitution=0.0, friction=mu)
     scene.add_halfspace(normal=(0.0, 0.0, 1.0), offset=0.0)
     return scene
 

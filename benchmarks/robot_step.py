@@ -6,6 +6,8 @@ The robots step at h = 1e-3 s through `mbvi.simulate` with `Paoli()`, recording 
     python benchmarks/robot_step.py                 # the table
     python benchmarks/robot_step.py --profile       # and mbvi's time by layer
     python benchmarks/robot_step.py --case feet     # only cases whose name contains it
+    python benchmarks/robot_step.py --friction      # a quadruped with friction and without
+    python benchmarks/robot_step.py --write         # the same, and writes the section of docs/performance.md
 
 The cases are in `robot_cases.py`. Robots that stand are held by constant torques that balance gravity, and glide over
 the floor at 0.1 m/s: a robot at rest would repeat the same q, and caches per q would answer. MuJoCo gets the same
@@ -17,6 +19,10 @@ two differ where bodies strike: mbvi's impact is over within a step, MuJoCo's sp
 thirteen. A stand under constant torques is unstable. It holds in mbvi; in MuJoCo the floor gives way a little and sets
 it moving, on two feet so far that the joints fly by the end, while the rows stay as they are. Talos stands on eight
 dependent rows (of rank six), the kneeling quadruped on eight independent ones.
+
+With --friction the quadruped stands on four feet under a PD control written in Python, which both engines call at
+every step, with and without friction. It is pushed: with friction it sways on its feet, without it glides. MuJoCo has
+its elliptic cone.
 
 A time is (n steps - 1 step) / (n - 1), which removes set-up and first call. It is CPU time, because on a busy machine
 the longer run would wait more often. Times are medians over the repeats; the ratio is that of runs next to each other.
@@ -43,9 +49,22 @@ from itertools import islice  # noqa: E402
 
 import numpy as np  # noqa: E402
 from layers import LAYERS, layers  # noqa: E402
-from robot_cases import CASES, Case, again  # noqa: E402
+from robot_cases import CASES, Case, again, pushed  # noqa: E402
+from turns import (  # noqa: E402
+    DURATION,
+    HEADS,
+    PAGE,
+    STEP,
+    machine,
+    simulated,
+    table,
+    times,
+    timing_cells,
+    write_section,
+)
 
 import mbvi  # noqa: E402
+from mbvi.compiled import compile_all  # noqa: E402
 
 try:
     import mujoco
@@ -56,7 +75,7 @@ else:
 
 Array = np.ndarray
 
-STEP = 1e-3
+TITLE, FRICTION = "## Friction", 0.7
 
 
 def mbvi_rows(case: Case, count: int) -> float:
@@ -108,6 +127,32 @@ def profile(case: Case, count: int, repeats: int) -> str:
     return f"{case.name:34}{shares}{spent.sum():9.1f}"
 
 
+def friction_section(repeats: int) -> str:
+    """Return the section of the page on friction."""
+    lines = []
+    for mu in (0.0, FRICTION):
+        problem, control = pushed(mu)
+        peer = MuJoCoRobot(problem, np.zeros(problem.system.nv), STEP)
+        found = times(problem, partial(peer.time_controlled, control), repeats)
+        fallen = abs(simulated(again(problem), None, DURATION, STEP).q[-1, 2] - problem.q0[2])
+        lines.append(f"| {f'mu = {mu:g}' if mu else 'none'} | {timing_cells(found)} | {1e3 * fallen:.2g} |")
+    settings = {
+        "motion": "a quadruped (18 dof) stands on four feet and is pushed: it sways with friction, and glides without",
+        "control": "PD control of the joints in Python, which both engines call at every step",
+        "mbvi": f"`simulate` of {DURATION:g} s at h = {STEP:g} s, recording included",
+        "MuJoCo": "elliptic cone, Euler, default solver",
+        "time": f"CPU time, medians of {repeats} repeats, the engines in turns",
+        "machine": machine(),
+    }
+    parts = [
+        TITLE,
+        "    python benchmarks/robot_step.py --write    # measures, and writes this section",
+        table("setting | value", [f"| {key} | {value} |" for key, value in settings.items()]),
+        table(f"friction | {HEADS} | sunk [mm]", lines),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
 def header(count: int, repeats: int) -> str:
     """Return machine and versions."""
     peer = f"mujoco {mujoco.__version__}" if mujoco is not None else "no mujoco"
@@ -127,10 +172,21 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=21, help="runs of each engine per case")
     parser.add_argument("--case", default="", metavar="TEXT", help="only the cases whose name contains this")
     parser.add_argument("--profile", action="store_true", help="print mbvi's time by layer")
+    parser.add_argument("--friction", action="store_true", help="time a quadruped with friction and without")
+    parser.add_argument("--write", action="store_true", help=f"the same, and write it to docs/{PAGE.name}")
     arguments = parser.parse_args()
     count, repeats = arguments.steps, arguments.repeats
     if count < 2 or repeats < 1:
         parser.error("at least 2 steps and 1 repeat are asked for")
+    if arguments.friction or arguments.write:
+        if mujoco is None:
+            parser.error("MuJoCo is not installed: pip install mujoco")
+        compile_all()
+        text = friction_section(repeats)
+        print(text)
+        if arguments.write:
+            write_section(TITLE, text)
+        return
     names = [name for name in CASES if arguments.case.lower() in name.lower()]
     if not names:
         parser.error(f"no case has {arguments.case!r} in its name; there are {', '.join(CASES)}")

@@ -1,6 +1,6 @@
 """Boxes with friction are poured into a container and come to rest; smooth boxes would slide on for ever.
 
-`python examples/boxes_at_rest.py rest.html 1000 3` pours 1000 boxes for 3 s and writes the replay too.
+`python examples/boxes_at_rest.py rest.html 500 3` pours 500 boxes for 3 s and writes the replay too.
 """
 
 import sys

@@ -17,6 +17,13 @@ settings.register_profile("mbvi", derandomize=True, deadline=None, max_examples=
 settings.load_profile("mbvi")
 
 
+def pytest_collection_modifyitems(items):
+    """Let the longest tests start first, so that no worker is left with one at the end."""
+    marks = ((item, item.get_closest_marker("slow")) for item in items)
+    seconds = {item: mark.kwargs.get("seconds", 0) if mark else 0 for item, mark in marks}
+    items.sort(key=lambda item: -seconds[item])
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernels():
     """Compile before the first test, so that what is said about it does not mix with what a test reads."""
@@ -26,6 +33,22 @@ def kernels():
     first = worker * len(KERNELS) // workers
     for kernel in (*KERNELS[first:], *KERNELS[:first]):
         kernel.compiled()
+
+
+@pytest.fixture
+def command(capfd, tmp_path, monkeypatch):
+    """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""
+    from mbvi.cli.main import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as leave:
+            main([str(a) for a in arguments])
+        text = capfd.readouterr()
+        return leave.value.code, text.out, text.err
+
+    return call
 
 
 @pytest.fixture

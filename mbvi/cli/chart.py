@@ -11,8 +11,7 @@ import typer
 from ..arguments import positive
 from ..errors import InputError
 from ..studies.pictures import check_pictures
-from .friction import FRICTION, chart_friction
-from .piles import chart_piles
+from .scene_chart import FRICTION, chart_scenes
 from .scheme_names import SchemeName
 
 if TYPE_CHECKING:
@@ -78,9 +77,7 @@ def chart(
     if problems and problems[0] in (*PICTURES, FRICTION):
         if schemes:
             raise InputError(f"{problems[0]} has schemes of its own: leave out --schemes")
-        spent = _PILE_BUDGET if budget is None else positive(budget, "budget")
-        make = chart_friction if problems[0] == FRICTION else chart_piles
-        make(problems, peers, spent, out)
+        chart_scenes(problems, peers, _PILE_BUDGET if budget is None else positive(budget, "budget"), out)
         return
     if budget is not None:
         raise InputError("--budget is an option of piles and friction")

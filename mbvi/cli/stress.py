@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import platform
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,11 +34,15 @@ def stress(
         bool, typer.Option("--long", help="Add the scenes that need minutes, and steps from 1e-6 to 0.5 s.")
     ] = False,
     peers: Annotated[bool, typer.Option("--peers", help="Add the other engines that are installed.")] = False,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep the results of the other scenes that DIR/stress.json holds.")
+    ] = False,
     listed: Annotated[bool, typer.Option("--list", help="Print the scenes and exit.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("out/stress"),
 ) -> None:
     """Run the scenes where methods fail, over schemes and steps."""
     # imported here because it is slow: scenes compute their exact solutions
+    from ..studies.stress.files import read_cells, replaced, write_cells
     from ..studies.stress.sweep import SCHEMES, sweep
 
     chosen = _chosen(scenes or [], long or listed)
@@ -50,10 +51,11 @@ def stress(
             print(f"{scene.name}: {scene.number}; held up to {scene.held:g}, failed beyond {scene.failed:g}")
         return
     check_pictures(out)
+    kept = read_cells(out / "stress.json", budget) if keep else []
     steps = [_STEP_FACTOR * h for h in step or (_LONG_STEPS if long else _STEPS)]
     tolerances = tolerance or _TOLERANCES
     total = len(chosen) * (len(SCHEMES) * len(steps) + len(tolerances))
-    cells = []
+    cells: list[Cell] = []
     with tqdm(total=total, unit="run") as bar:
         for cell in sweep(chosen, steps, tolerances, budget):
             cells.append(cell)
@@ -61,7 +63,8 @@ def stress(
             bar.update()
     if peers:
         cells += _peers(chosen, steps, budget)
-    (out / "stress.json").write_text(json.dumps(_file_contents(chosen, cells, budget), indent=1))
+    cells = replaced(kept, chosen, cells)
+    write_cells(cells, budget, out / "stress.json")
     pictures = _pictures(cells, out)
     _print(cells)
     print(f"wrote {out / 'stress.json'}, {', '.join(map(str, pictures))}")
@@ -100,29 +103,18 @@ def _peers(scenes: Sequence[StressScene], steps: Sequence[float], budget: float)
 def _pictures(cells: Sequence[Cell], out: Path) -> list[Path]:
     """Draw the map of schemes, and that of other engines beside the default scheme; return the files."""
     from ..studies.stress.picture import draw
-    from ..studies.stress.sweep import SCHEMES
 
-    own = [cell for cell in cells if cell.scheme in (*SCHEMES, "EventDriven")]
-    others = [cell for cell in cells if cell not in own]
+    own, others = [cell for cell in cells if cell.own], [cell for cell in cells if not cell.own]
     drawn = {"stress": own}
     if others:
-        drawn["stress_engines"] = [cell for cell in own if cell.scheme in ("default", "EventDriven")] + others
+        scenes, beside = {cell.scene for cell in others}, ("default", "EventDriven")
+        drawn["stress_engines"] = [c for c in own if c.scheme in beside and c.scene in scenes] + others
     found = []
     for name, some in drawn.items():
         files = [out / f"{name}.png", out / f"{name}.svg"]
         draw(some, files)
         found += files
     return found
-
-
-def _file_contents(scenes: Sequence[StressScene], cells: Sequence[Cell], budget: float) -> dict[str, object]:
-    """Return the contents of the file; infinite numbers are null, because JSON has none."""
-    about = [
-        {"name": s.name, "number": s.number, "held": s.held, "failed": s.failed, "duration": s.duration} for s in scenes
-    ]
-    rows = [asdict(cell) | {"value": cell.value if cell.value < float("inf") else None} for cell in cells]
-    return {"machine": f"{platform.machine()}, Python {platform.python_version()}", "budget": budget,
-            "scenes": about, "cells": rows}  # fmt: skip
 
 
 def _print(cells: Sequence[Cell]) -> None:

@@ -253,7 +253,6 @@ class AdmissibleSet(Rebuilt):
         own = rows.constraint - self._starts[f]
         mu = self.friction_of(f, own)
         if mu.any():
-            mu = np.minimum(mu, LARGEST_FRICTION)
             plain = self.system.single_mechanism and type(family).tangents is ConstraintFamily.tangents
             self._single = _SingleFamily(rows.constraint, family, own, mu, family.bodies_of(own) if plain else None)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)
@@ -263,7 +262,9 @@ class AdmissibleSet(Rebuilt):
         """Return the coefficients of friction of some constraints of family number f, shape (k,)."""
         family = self.families[f]
         mu = family.friction_of(own)
-        return np.where(np.isnan(mu), self._mu[f], mu) if np.isnan(family.friction).any() else mu
+        if np.isnan(family.friction).any():
+            mu = np.where(np.isnan(mu), self._mu[f], mu)
+        return np.minimum(mu, LARGEST_FRICTION)
 
     @staticmethod
     def _refuse(name: str, mu: float) -> None:

@@ -86,7 +86,7 @@ class FrictionalLaws:
 
     def __init__(self, residual: float, energy_cap: bool) -> None:
         self._residual, self._energy_cap = residual, energy_cap
-        self._last, self._start = LastPercussions(), NO_START
+        self._last, self.start = LastPercussions(), NO_START
         self.yielding: Array | None = None
         self.jams = 0
 
@@ -157,8 +157,8 @@ class FrictionalLaws:
         bounds = _bounds(rows, lower)
         if _are_few(m, len(x)):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
-            found = project_frictional(x, metric, J, bounds.ravel(), mu, self._residual, self._start)
-            self._start = FrictionalStart(found.start, found.unique)
+            found = project_frictional(x, metric, J, bounds.ravel(), mu, self._residual, self.start)
+            self.start = FrictionalStart(found.start, found.unique)
             return found
         keys = contact_keys(rows.constraint)
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
@@ -192,10 +192,10 @@ class FrictionalLaws:
         drift = _NONE if rows.rate is None and tangents.rate is None else _drift(rows, tangents).ravel()
         e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
         J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
-        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self._start, self._residual)
+        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self.start, self._residual)
         if found is None:
             return None
-        self._start = found[4]
+        self.start = found[4]
         return found[:4]
 
     def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:

@@ -124,7 +124,7 @@ class Projector:
 
         The last entry of `size`, shape (3,), is whether the start is unique.
         """
-        last, (first, unique) = self._last.percussion, self._frictional_start
+        last, (first, unique) = self._last.percussion, self.friction.start
         # longer ones are of no use where the rows are few
         size[:] = len(last) * (len(last) <= len(percussion)), len(first) * (len(first) <= len(start)), unique
         percussion[: size[0]], start[: size[1]] = last[: size[0]], first[: size[1]]
@@ -132,7 +132,7 @@ class Projector:
     def take_back(self, percussion: Array, start: Array, size: Array) -> None:
         """Read the same."""
         self._last.percussion, self._last.keys = percussion[: size[0]].copy(), None
-        self._frictional_start = FrictionalStart(start[: size[1]].copy(), bool(size[2]))
+        self.friction.start = FrictionalStart(start[: size[1]].copy(), bool(size[2]))
 
     def begin(self, v: Array, free: Array) -> None:
         """Begin a step with the speeds v of bodies, which forces alone lead to `free`.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arguments import finite, integer, not_negative, positive, vector
+from ..geometry.rotations import compose
 from ..problem import Problem
 from ..scene import Scene
 from .rough_plane import G, Stretch, stretches
@@ -118,7 +119,7 @@ def ball_with_spin(
     starts, states = [], []
     flight = float(np.sqrt(2.0 * height / G))
     for k in range(number + 1):
-        state = partial(_flying, start, centre, v, turn, w)
+        state = _flight(start, centre, v, turn, w)
         starts.append(start)
         states.append(state)
         if k == number:
@@ -162,8 +163,17 @@ def _rolling(line: Stretch, turn: Stretch, t: float) -> State:
     return q, np.array([speed, 0.0, 0.0, 0.0, spin, 0.0])
 
 
-def _flying(start: float, centre: Array, velocity: Array, turn: Rotation, spin: Array, t: float) -> State:
-    s, fall = t - start, np.array([0.0, 0.0, -G])
-    now = Rotation.from_rotvec(s * spin) * turn
-    q = np.concatenate([centre + s * (velocity + 0.5 * s * fall), now.as_quat()])
-    return q, np.concatenate([velocity + s * fall, now.inv().apply(spin)])
+def _flight(start: float, centre: Array, velocity: Array, turn: Rotation, spin: Array) -> Callable[[float], State]:
+    """Return the motion of a ball that flies with constant spin, from a time on."""
+    fall, rate = np.array([0.0, 0.0, -G]), float(np.linalg.norm(spin))
+    # the spin is constant in the axes of the ball, too
+    first, own = turn.as_quat(), turn.inv().apply(spin)
+    quarter = compose(np.append(spin / rate, 0.0)[None], first[None])[0] if rate else first
+
+    def state(t: float) -> State:
+        s = t - start
+        half = 0.5 * s * rate
+        q = np.concatenate([centre + s * (velocity + 0.5 * s * fall), np.cos(half) * first + np.sin(half) * quarter])
+        return q, np.concatenate([velocity + s * fall, own])
+
+    return state

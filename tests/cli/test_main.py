@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.cli.main import main
 from mbvi.cli.scheme_names import SchemeName
 from mbvi.cli.solver_names import SolverName
 from mbvi.studies.shipped import robot_path
@@ -24,34 +23,22 @@ ARM = ROBOTS / "arm/arm.urdf"
 NAMES = sorted(p.name for p in ROBOTS.iterdir())
 
 
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leave:
-            main([str(a) for a in arguments])
-        text = capfd.readouterr()
-        return leave.value.code, text.out, text.err
-
-    return call
-
-
 def lowest_gap(problem):
     floor = next(c for c in problem.constraints.constraints if isinstance(c, mbvi.constraints.HalfSpaceContacts))
     return floor.gap(0.0, problem.q0).min()
 
 
-def test_simulate_takes_friction(run):
-    code, out, err = run("simulate", HOPPER, "--friction", 0.5, "--step", 1e-3, "--duration", 0.4, "--out", "run.h5")
+def test_simulate_takes_friction(command):
+    code, out, err = command(
+        "simulate", HOPPER, "--friction", 0.5, "--step", 1e-3, "--duration", 0.4, "--out", "run.h5"
+    )
     assert (code, err) == (0, "")
     assert "Coulomb friction, mu 0.5" in out
     assert mbvi.load("run.h5").problem.constraints.frictional
 
 
-def test_simulate_prints_and_writes(run):
-    code, out, err = run(
+def test_simulate_prints_and_writes(command):
+    code, out, err = command(
         *("simulate", HOPPER, "--base", "free", "--height", 0.2, "--restitution", 0.4, "--step", 1e-3),
         *("--duration", 0.3, "--out", "run.h5", "--replay", "run.html"),
     )
@@ -85,8 +72,8 @@ def test_simulate_prints_and_writes(run):
         (("--tolerance", 1e-4), "EventDriven", 0.0),
     ],
 )
-def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
-    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--duration", 0.1, *words, "--out", "run.h5")
+def test_a_scheme_is_named_or_chosen_and_said(command, words, scheme, step):
+    code, out, err = command("simulate", HOPPER, "--height", 0.01, "--duration", 0.1, *words, "--out", "run.h5")
     assert (code, err) == (0, "")
     trajectory = mbvi.load("run.h5")
     assert (trajectory.scheme, trajectory.step) == (scheme, step)
@@ -98,22 +85,22 @@ def test_a_scheme_is_named_or_chosen_and_said(run, words, scheme, step):
 
 
 @pytest.mark.parametrize("word", SchemeName)
-def test_every_word_of_a_scheme_runs(run, word):
-    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
+def test_every_word_of_a_scheme_runs(command, word):
+    code, out, err = command("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--scheme", word)
     assert (code, err) == (0, "") and f"scheme       {type(word.make()).__name__}" in out
 
 
 @pytest.mark.parametrize("word", SolverName)
-def test_every_word_of_a_solver_runs_and_is_said(run, word):
+def test_every_word_of_a_solver_runs_and_is_said(command, word):
     words = ("simulate", HOPPER, "--height", 0.01, "--duration", 0.06, "--solver", word)
-    code, out, err = run(*words)
+    code, out, err = command(*words)
     assert (code, err) == (0, "")
     assert f"note         every projection was solved by {word.solver!r}" in out
 
 
 @pytest.mark.parametrize("height", [0.0, 0.3])
-def test_height_of_a_free_robot_is_its_clearance_in_its_starting_pose(run, height):
-    code, *_ = run(
+def test_height_of_a_free_robot_is_its_clearance_in_its_starting_pose(command, height):
+    code, *_ = command(
         *("simulate", HOPPER, "--height", height, "--joint", "hip=-0.5", "--joint", "knee=1"),
         *("--step", 1e-3, "--duration", 0.01, "--every", 5, "--out", "run.h5"),
     )
@@ -125,28 +112,26 @@ def test_height_of_a_free_robot_is_its_clearance_in_its_starting_pose(run, heigh
 
 
 @pytest.mark.parametrize("height", [None, 0.2])
-def test_height_of_a_fixed_robot_is_its_base(run, height):
+def test_height_of_a_fixed_robot_is_its_base(command, height):
     given = () if height is None else ("--height", height)
-    code, *_ = run("simulate", ARM, "--base", "fixed", *given, "--duration", 0.01, "--out", "run.h5")
+    code, *_ = command("simulate", ARM, "--base", "fixed", *given, "--duration", 0.01, "--out", "run.h5")
     position = mbvi.load("run.h5").problem.scene.items.robots[0].position
     assert code == 0
     np.testing.assert_array_equal(position, [0.0, 0.0, height or 0.0])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_command_in_each_robots_readme_runs(run, name):
+def test_the_command_in_each_robots_readme_runs(command, name):
     text = (ROBOTS / name / "README.md").read_text()
-    command = (
-        text.split("```\nmbvi ")[1].split("```")[0].replace("\\\n", " ").replace("--duration 2", "--duration 0.05")
-    )
-    words = [str(ROBOTS.parent / w) if w.startswith("robots/") else w for w in shlex.split(command)]
-    code, _, err = run(*words)
+    line = text.split("```\nmbvi ")[1].split("```")[0].replace("\\\n", " ").replace("--duration 2", "--duration 0.05")
+    words = [str(ROBOTS.parent / w) if w.startswith("robots/") else w for w in shlex.split(line)]
+    code, _, err = command(*words)
     assert (code, err) == (0, "")
     assert Path("run.h5").is_file() and Path("run.html").is_file()
 
 
-def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(run):
-    code, out, err = run("inspect", ARM, "--base", "fixed")
+def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(command):
+    code, out, err = command("inspect", ARM, "--base", "fixed")
     assert (code, err) == (0, "")
     lines = [line.split() for line in out.splitlines()]
     assert ["joint3", "revolute", "1", "-2.4", "to", "0.9", "rad"] in lines
@@ -157,14 +142,14 @@ def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(run):
     assert "pair arm/elbow | arm/forearm: adjacent links" in out
 
 
-def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(run, tmp_path):
+def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(command, tmp_path):
     srdf = tmp_path / "double.srdf"
     srdf.write_text('<robot name="arm"><disable_collisions link1="elbow" link2="hand_1"/></robot>')
-    _, out, _ = run("inspect", ARM, "--base", "fixed", "--srdf", srdf)
+    _, out, _ = command("inspect", ARM, "--base", "fixed", "--srdf", srdf)
     assert "disabled by the SRDF" in out
     pendulum = tmp_path / "pendulum.urdf"
     pendulum.write_text(PENDULUM)
-    code, out, _ = run("inspect", pendulum, "--base", "fixed")
+    code, out, _ = command("inspect", pendulum, "--base", "fixed")
     assert code == 0 and "would start it, the initial configuration is not admissible" in out
     assert ["turn", "continuous", "1", "none"] in [line.split() for line in out.splitlines()]
 
@@ -180,22 +165,22 @@ PENDULUM = """<robot name="pendulum"><link name="base"/>
 <limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint></robot>"""
 
 
-def test_a_robot_without_shapes_touches_nothing(run, tmp_path):
+def test_a_robot_without_shapes_touches_nothing(command, tmp_path):
     bare = tmp_path / "bare.urdf"
     bare.write_text(re.sub("<collision>.*?</collision>", "", PENDULUM))
-    code, out, err = run("simulate", bare, "--base", "fixed", "--duration", 0.1)
+    code, out, err = command("simulate", bare, "--base", "fixed", "--duration", 0.1)
     assert (code, err) == (0, "") and "the robot touches nothing" in out and "no impact" in out
-    code, out, _ = run("inspect", bare, "--base", "fixed")
+    code, out, _ = command("inspect", bare, "--base", "fixed")
     assert code == 0 and "none: it touches nothing" in out
 
 
-def test_inspect_names_a_free_base(run):
-    _, out, _ = run("inspect", HOPPER)
+def test_inspect_names_a_free_base(command):
+    _, out, _ = command("inspect", HOPPER)
     assert ["root_joint", "free", "6", "none"] in [line.split() for line in out.splitlines()]
 
 
-def test_demo_and_replay(run):
-    code, out, err = run("demo")
+def test_demo_and_replay(command):
+    code, out, err = command("demo")
     assert (code, err) == (0, "")
     page = Path("out/demo.html")
     assert page.is_file() and str(page) in out and "opens in any browser" in out
@@ -204,29 +189,29 @@ def test_demo_and_replay(run):
     names = {n for impact in trajectory.impacts for n in impact.constraints}
     assert any("ball" in n and "quadruped" in n for n in names) and any("foot | floor" in n for n in names)
     assert trajectory.t[-1] == 2.0 and trajectory.penetration().max() < 0.01
-    code, out, _ = run("replay", "out/demo.h5", "--html", "again.html")
+    code, out, _ = command("replay", "out/demo.h5", "--html", "again.html")
     assert code == 0 and "again.html" in out
     assert Path("again.html").stat().st_size == pytest.approx(page.stat().st_size, rel=0.01)
 
 
-def test_replay_plays_live(run, monkeypatch):
-    run("simulate", HOPPER, "--duration", 0.01, "--out", "run.h5")
+def test_replay_plays_live(command, monkeypatch):
+    command("simulate", HOPPER, "--duration", 0.01, "--out", "run.h5")
     played = []
     monkeypatch.setattr(mbvi.Trajectory, "replay", lambda self, shapes: played.append((self.t[-1], shapes)))
     for options in ((), ("--shapes", "collision")):
-        code, *_ = run("replay", "run.h5", *options)
+        code, *_ = command("replay", "run.h5", *options)
         assert code == 0
     assert played == [(0.01, "visual"), (0.01, "collision")]
 
 
-def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
+def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("mbvi.run.recorder.Recorder._impact", interrupt)
-    code, out, err = run("simulate", HOPPER, "--height", 0.01, "--out", "run.h5")
+    code, out, err = command("simulate", HOPPER, "--height", 0.01, "--out", "run.h5")
     assert (code, err) == (130, "mbvi: interrupted\n") and "run.h5 (interrupted at t = " in out
-    code, out, _ = run("replay", "run.h5", "--html", "run.html")
+    code, out, _ = command("replay", "run.h5", "--html", "run.html")
     assert code == 0 and "is incomplete" in out
 
 
@@ -263,20 +248,20 @@ def test_an_interrupted_run_leaves_its_file(run, monkeypatch):
         (("simulate",), "Missing argument"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, arguments, said):
+def test_bad_input_is_one_line_and_exit_code_2(command, tmp_path, arguments, said):
     (tmp_path / "text.urdf").write_text("a robot")
     (tmp_path / "empty.urdf").write_text("<robot name='none'/>")
     (tmp_path / "orphan.urdf").write_text(PENDULUM.replace('<parent link="base"/>', '<parent link="stand"/>'))
-    code, _, err = run(*arguments)
+    code, _, err = command(*arguments)
     assert code == 2
     assert err.startswith("mbvi: ") and err.count("\n") == 1 and said in err
 
 
-def test_help_and_version(run):
+def test_help_and_version(command):
     for arguments in ((), ("--help",)):
-        code, out, _ = run(*arguments)
+        code, out, _ = command(*arguments)
         assert code == 0 and all(name in out for name in ("demo", "simulate", "inspect", "replay"))
-    assert run("--version")[:2] == (0, f"mbvi {mbvi.__version__}\n")
+    assert command("--version")[:2] == (0, f"mbvi {mbvi.__version__}\n")
 
 
 def test_the_installed_command_runs():

@@ -423,7 +423,7 @@ def test_ctrl_c_while_kernels_load_stops_the_process(delay):
     assert code == -signal.SIGINT
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=14)
 def test_ctrl_c_while_kernels_are_compiled_leaves_a_cache_that_works(tmp_path):
     for delay in (1.0, 2.0, 3.0):
         out, said, code = interrupted(delay, NUMBA_CACHE_DIR=str(tmp_path))

@@ -320,25 +320,26 @@ def test_flipped_bytes_never_load_as_another_run(kind, seeds, request, tmp_path)
     path = tmp_path / "run.h5"
     request.getfixturevalue(kind).save(path)
     whole, expected = path.read_bytes(), faults.contents(mbvi.load(path))
-    found = []
+    # HDF5 reads such a file in another process first, which takes a hundred times as long
+    found, cuts = [], seeds[::40] if len(seeds) > 100 else seeds[::10]
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        path.write_bytes(whole)
+        faults.restore(path, whole)
         faults.flip_bytes(path, rng, int(rng.choice([1, 1, 1, 2, 5, 50])))
-        if seed % 10 == 0:
+        if seed in cuts:
             faults.cut(path, rng)
         found.append(faults.loads_or_says(path, expected))
     assert "same" not in found
 
 
-@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 100), marks=pytest.mark.slow)])
 def test_damage_is_found_where_the_checksums_of_pages_are_gone_too(seeds, saved):
     """What HDF5's checksums, and the digest, find alone; HDF5 reads such files in another process first."""
     faults.without_checksums(saved)
     whole, expected = saved.read_bytes(), faults.contents(mbvi.load(saved))
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        saved.write_bytes(whole)
+        faults.restore(saved, whole)
         # object headers and indices are at the beginning
         faults.flip_bytes(saved, rng, int(rng.choice([1, 1, 4])), None if seed % 2 else 25_000)
         faults.loads_or_says(saved, expected)
@@ -375,7 +376,7 @@ def test_wrong_contents_are_errors(sealed, part, saved, tmp_path):
     changes = list(faults.mutations(saved))
     assert len(changes) > 400
     for k in range(part, len(changes), 6 if sealed else 24):
-        saved.write_bytes(whole)
+        faults.restore(saved, whole)
         faults.mutate(saved, changes[k][1], np.random.default_rng(k), sealed=sealed)
         if not sealed:
             faults.loads_or_says(saved, expected)
@@ -591,7 +592,7 @@ from support.scenes import hopper_and_brick
 compile_all()
 for scheme, step in (mbvi.Paoli(), 1e-3), (mbvi.Centered(project_positions=True), 1e-3), (mbvi.EventDriven(1e-9), None):
     for out in (None, sys.argv[1]):
-        threading.Timer(0.9, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT)).start()
         try:
             mbvi.simulate(hopper_and_brick(), scheme, step=step, duration=200.0, out=out)
             raise SystemExit("not interrupted")

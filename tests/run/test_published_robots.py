@@ -1,12 +1,15 @@
 """Published robots fall for a second: no error, no deeper than a step can take them, no energy from nothing."""
 
-from itertools import islice
+import warnings
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import mbvi
 from mbvi.constraints import JointLimits, SignedDistances
+from mbvi.run.recorder import Recorder
 from mbvi.studies.published_robots import PUBLISHED, published_robot
 
 STEP, STEPS = 1e-3, 1000
@@ -26,18 +29,41 @@ def gaps(problem, step, k):
     return np.concatenate([f.gap(step.t, step.q) for f in families])
 
 
+class Fall(NamedTuple):
+    problem: mbvi.Problem
+    run: mbvi.Trajectory
+    steps: list
+    # see SINKS
+    part: float
+
+
+# tests of one fall follow each other, so that it is computed once
+@pytest.fixture(scope="module", params=product(PUBLISHED, SINKS), ids="-".join)
+def fall(request):
+    name, scheme = request.param
+    problem, (method, part), steps, record = published_robot(name, 0.02), SINKS[scheme], [], Recorder.step
+
+    def noted(self, step, keep):
+        steps.append(step)
+        record(self, step, keep)
+
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        patch.setattr(Recorder, "step", noted)
+        warnings.simplefilter("ignore", mbvi.MbviWarning)
+        run = mbvi.simulate(problem, method, step=STEP, duration=STEP * STEPS)
+    # the first is the start
+    return Fall(problem, run, steps[1:], part)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", SINKS)
-@pytest.mark.parametrize("name", PUBLISHED)
-@pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
-def test_a_second_of_falling(name, scheme):
-    problem, (method, part) = published_robot(name, 0.02), SINKS[scheme]
+def test_a_second_of_falling(fall):
+    problem = fall.problem
     limits = problem.constraints.families[0].size
     assert isinstance(problem.constraints.families[0], JointLimits)
     assert isinstance(problem.constraints.families[-1], SignedDistances)
     every, count = np.arange(len(problem.constraints)), 0
     depth = speed = np.zeros(2)
-    for k, step in enumerate(islice(mbvi.steps(problem, method, step=STEP), STEPS)):
+    for k, step in enumerate(fall.steps):
         assert np.isfinite(step.q).all() and np.isfinite(step.v).all()
         gap = gaps(problem, step, k)
         depth = np.maximum(depth, by_kind(limits, every[: len(gap)], -gap))
@@ -47,17 +73,14 @@ def test_a_second_of_falling(name, scheme):
         given = 0.5 * step.percussion @ (step.free + step.after)
         assert given <= step.residual * np.abs(step.percussion) @ np.abs(step.free)
         count += step.active.gap.size > 0
-    assert count > 0
+    assert count > 0 and len(fall.steps) >= STEPS
     # a closed row is tangent to its constraint after the law, so only a row that strikes sinks in
-    assert (depth <= part * STEP * speed + problem.tolerance).all()
+    assert (depth <= fall.part * STEP * speed + problem.tolerance).all()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", SINKS)
-@pytest.mark.parametrize("name", PUBLISHED)
-@pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
-def test_energy_is_lost_only(name, scheme):
-    run = mbvi.simulate(published_robot(name, 0.02), SINKS[scheme][0], step=STEP, duration=STEP * STEPS)
+def test_energy_is_lost_only(fall):
+    run = fall.run
     assert max(impact.energy_change for impact in run.impacts) <= 0.0
     kinetic, potential = run.energies()
     lost = run.energy()[0] - run.energy()[-1]

@@ -28,7 +28,7 @@ def test_mutated_robots(tmp_path):
     check(tmp_path, range(60))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=12)
 def test_many_mutated_robots(tmp_path):
     check(tmp_path, range(10_500, 11_000))
 

@@ -5,12 +5,9 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.studies.chart.errors import errors, fitted_order
+from mbvi.studies.chart.errors import fitted_order, path_errors, worst_errors
+from support.orders import STEPS, runs
 
-# nowhere dyadic multiples of one another
-STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 5)
-# runs with different phases of the start in a step: impacts feel them
-RUNS, RUNS_WITH_IMPACTS = 3, 12
 PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC = (
     mbvi.Paoli(),
     mbvi.MoreauJean(),
@@ -47,23 +44,13 @@ def pairs(schemes, names):
     ]
 
 
-def worst(case, scheme, h):
-    """The largest errors of a few steps near h and phases of the start."""
-    found, count = [], RUNS_WITH_IMPACTS if len(case.impacts) else RUNS
-    for k in range(count):
-        step, late = h * (1.0 - 0.2 * k / count), h * (2 * k / count % 1.0)
-        run = mbvi.simulate(case.started(late), scheme, step=step, duration=case.duration - late, progress=False)
-        found.append(errors(run, case)[:2])
-    return np.max(found, axis=0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "case"), [*pairs((PAOLI,), MOVING), *pairs((MOREAU, CENTERED, LIFTED, PLASTIC), OF_EACH_KIND)]
 )
 def test_schemes_are_of_order_one(scheme, case):
     """Configurations uniformly, and velocities in L1."""
-    found = np.array([worst(case, scheme, h) for h in STEPS])
+    found = np.array([worst_errors(case, scheme, h, path_errors, runs(case)) for h in STEPS])
     assert min(fitted_order(STEPS, of_one) for of_one in found.T) >= 0.9
     assert found[-1, 0] < 0.02
 
@@ -73,10 +60,10 @@ def test_schemes_are_of_order_one(scheme, case):
 )
 def test_errors_fall_with_the_step(scheme, case):
     coarse, fine = (
-        errors(mbvi.simulate(case.problem, scheme, step=h, duration=case.duration, progress=False), case)
+        path_errors(mbvi.simulate(case.problem, scheme, step=h, duration=case.duration, progress=False), case)
         for h in (8e-3, 2e-3)
     )
-    assert fine.q < 0.35 * coarse.q and fine.v < 0.35 * coarse.v
+    assert fine[0] < 0.35 * coarse[0] and fine[1] < 0.35 * coarse[1]
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)

@@ -12,7 +12,6 @@ import pytest
 import mbvi
 from mbvi import reference
 from mbvi.cli.chart import _tasks
-from mbvi.cli.main import main
 from mbvi.cli.scheme_names import SchemeName
 from mbvi.studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
 from mbvi.studies.chart.costs import ROUNDING, cost, slope, table
@@ -134,21 +133,8 @@ def test_a_falling_robot_is_charted_by_its_penetration():
         assert found.error == found.penetration and math.isnan(found.q)
 
 
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leave:
-            main(["chart", *arguments])
-        text = capfd.readouterr()
-        return leave.value.code, text.out, text.err
-
-    return call
-
-
-def test_the_command_names_what_it_can_chart(run):
-    code, out, err = run("--list")
+def test_the_command_names_what_it_can_chart(command):
+    code, out, err = command("chart", "--list")
     assert (code, err) == (0, "")
     lines = [line.strip() for line in out.splitlines()]
     assert {*CASES, "paoli", "event-driven"} <= set(lines)
@@ -164,13 +150,13 @@ def test_the_command_names_what_it_can_chart(run):
         (("pile", "--schemes", "event-driven"), "nothing to chart"),
     ],
 )
-def test_what_cannot_be_charted_is_said_in_a_line(run, arguments, said):
-    code, _, err = run(*arguments)
+def test_what_cannot_be_charted_is_said_in_a_line(command, arguments, said):
+    code, _, err = command("chart", *arguments)
     assert code == 2 and said in err and err.startswith("mbvi: ") and err.count("\n") == 1
 
 
-def test_the_command_writes_picture_and_table(run, tmp_path):
-    code, out, _ = run("corner-of-90-degrees", "--schemes", "paoli,event-driven", "--out", "made/corner")
+def test_the_command_writes_picture_and_table(command, tmp_path):
+    code, out, _ = command("chart", "corner-of-90-degrees", "--schemes", "paoli,event-driven", "--out", "made/corner")
     assert code == 0 and "Paoli" in out and "errors against" in out
     found = read_csv(tmp_path / "made/corner.csv")
     assert {r.scheme for r in found} == {"Paoli", "EventDriven"} and {r.problem for r in found} == {
@@ -312,9 +298,9 @@ def test_siconos_is_as_near_as_our_scheme_of_the_same_name(name):
 
 
 @needs_siconos
-def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(run, monkeypatch):
+def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(command, monkeypatch):
     monkeypatch.setattr("mbvi.studies.engines.PEERS", (SICONOS,))
-    code, out, _ = run("double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
+    code, out, _ = command("chart", "double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
     assert code == 0 and "Siconos is not run on double pendulum: mechanisms with joints" in out
     assert {r.scheme for r in read_csv("chart.csv")} == {"EventDriven"}
 

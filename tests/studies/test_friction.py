@@ -1,14 +1,11 @@
 """`mbvi chart friction`: the scenes are the same in all engines, and the command writes what it measured."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 import mbvi
-from mbvi.cli.main import main
 from mbvi.studies.chart import piles
 from mbvi.studies.chart.friction import ROUGH
 from mbvi.studies.chart.friction_picture import draw_friction, friction_summary, friction_table
@@ -87,48 +84,6 @@ def test_the_picture_has_a_panel_for_each_scene_and_one_legend(records):
     (legend,) = figure.legends
     assert {text.get_text() for text in legend.get_texts()} == {r.line for r in records}
     assert friction_table(records).count("\n") == len(records) + 1
-
-
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leave:
-            main(["chart", *arguments])
-        text = capfd.readouterr()
-        return leave.value.code, text.out, text.err
-
-    return call
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("friction", "ice"), "no scene 'ice' of friction; known are incline; steeper-incline"),
-        (("friction", "--schemes", "paoli"), "leave out --schemes"),
-        (("friction", "--budget", "0"), "budget must be"),
-    ],
-)
-def test_what_cannot_be_charted_is_said_in_a_line(run, arguments, said):
-    code, _, err = run(*arguments)
-    assert code == 2 and said in err and err.count("\n") == 1
-
-
-def test_the_command_lists_the_scenes_of_friction(run):
-    code, out, _ = run("--list")
-    assert code == 0 and "scenes of friction: incline; steeper-incline" in out
-
-
-@pytest.mark.slow
-def test_the_command_writes_picture_and_table(run, tmp_path):
-    code, out, _ = run("friction", "launched-block", "--peers", "--budget", "0.5", "--out", "made/friction")
-    assert code == 0 and "| block launched along a floor | mbvi, Paoli | 4 |" in out
-    found = read_table(tmp_path / "made/friction.csv", FrictionRecord)
-    assert {r.scene for r in found} == {"launched-block"} and any(r.line.startswith("MuJoCo") for r in found)
-    assert not any(math.isnan(r.error) for r in found)
-    assert imread(tmp_path / "made/friction.png").shape[0] > 300
-    assert "<svg" in (tmp_path / "made/friction.svg").read_text()[:1000]
 
 
 def test_the_table_of_the_page_is_that_of_its_file():

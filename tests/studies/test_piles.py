@@ -5,10 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 import mbvi
-from mbvi.cli.main import main
 from mbvi.studies.chart import piles
 from mbvi.studies.chart.pile_picture import draw_piles, pile_table
 from mbvi.studies.chart.pile_runs import PileRecord, run_ours, run_peer, sweep_ours, sweep_peer_piles
@@ -121,50 +119,6 @@ def test_the_picture_has_a_panel_for_each_scene_and_one_legend(records):
     assert {text.get_text() for text in legend.get_texts()} == {r.line for r in records}
     assert sum(len(axes.texts) for axes in figure.axes) == len(records)
     assert pile_table(records).count("\n") == len(records) + 1
-
-
-@pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as leave:
-            main(["chart", *arguments])
-        text = capfd.readouterr()
-        return leave.value.code, text.out, text.err
-
-    return call
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("piles", "cones"), "no scene 'cones' of piles; known are spheres; boxes; mixed"),
-        (("piles", "--schemes", "paoli"), "leave out --schemes"),
-        (("piles", "--budget", "0"), "budget must be"),
-        (("rod", "--budget", "1"), "--budget is an option of piles"),
-    ],
-)
-def test_what_cannot_be_charted_is_said_in_a_line(run, arguments, said):
-    code, _, err = run(*arguments)
-    assert code == 2 and said in err and err.count("\n") == 1
-
-
-def test_the_command_lists_the_scenes_of_piles(run):
-    code, out, _ = run("--list")
-    assert code == 0 and "scenes of piles: spheres; boxes; mixed" in out
-
-
-@pytest.mark.slow
-def test_the_command_writes_picture_and_table(run, tmp_path):
-    code, out, _ = run("piles", "boxes", "--peers", "--budget", "0.5", "--out", "made/piles")
-    assert code == 0 and "| 200 boxes | mbvi | 4 | 0.01 |" in out
-    found = read_table(tmp_path / "made/piles.csv", PileRecord)
-    assert {r.scene for r in found} == {"boxes"} and any(r.line.startswith("MuJoCo") for r in found)
-    # depths are given relative to half an edge, and drawn relative to an edge
-    assert all(r.depth <= 0.5 * r.accuracy for r in found if not math.isnan(r.accuracy))
-    assert imread(tmp_path / "made/piles.png").shape[0] > 300
-    assert "<svg" in (tmp_path / "made/piles.svg").read_text()[:1000]
 
 
 def test_the_table_of_the_page_is_that_of_its_file():

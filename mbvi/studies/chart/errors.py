@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...run.simulate import simulate
+from .graphs import graph_distance
 
 if TYPE_CHECKING:
     from ...reference.solution import Reference
@@ -18,12 +19,8 @@ Array = np.ndarray
 
 # Gauss and Legendre on [0, 1]
 _NODES, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(2)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(2)[1])
-# points on each jump of the velocity
-_POINTS = 33
 # runs, of which the largest error counts
-_RUNS = 12
-# points compared at once
-_CHUNK = 64
+RUNS = 12
 
 
 class Errors(NamedTuple):
@@ -59,12 +56,36 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     Errors
         Errors of configurations, of velocities, and of the graph of the velocity.
     """
-    difference = reference.problem.system.difference
-    jumps = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
-    # times at which the velocity of the run jumps
+    compared = _compared(run, reference)
+    return Errors(*_path_errors(run, reference, compared), _graph_error(run, reference, compared))
+
+
+def path_errors(run: Trajectory, reference: Reference) -> tuple[float, float]:
+    """Return the errors of configurations and of velocities, as `errors` does without the graph, which costs more."""
+    return _path_errors(run, reference, _compared(run, reference))
+
+
+class _Compared(NamedTuple):
+    """Times at which a run is compared, the exact states there, and the times at which its velocity jumps."""
+
+    times: Array
+    exact: list[tuple[Array, Array]]
+    turns: Array
+
+
+def _compared(run: Trajectory, reference: Reference) -> _Compared:
     turns = np.clip(run.t[1:] - (1.0 - run.record.timing.jump) * np.diff(run.t), run.t[:-1], run.t[1:])
-    times = np.union1d(np.union1d(run.t, turns), jumps)
-    exact = [reference.at(t) for t in times.tolist()]
+    times = np.union1d(np.union1d(run.t, turns), _jumps(run, reference))
+    return _Compared(times, [reference.at(t) for t in times.tolist()], turns)
+
+
+def _jumps(run: Trajectory, reference: Reference) -> Array:
+    """Return the times of the exact impacts during a run."""
+    return reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
+
+
+def _path_errors(run: Trajectory, reference: Reference, compared: _Compared) -> tuple[float, float]:
+    difference, (times, exact, turns) = reference.problem.system.difference, compared
     own = dict(zip(run.t.tolist(), run.q, strict=True))
     own |= {t: run.at(t)[0] for t in np.setdiff1d(times, run.t).tolist()}
     q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
@@ -75,8 +96,13 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
         v += weight * float(length @ np.linalg.norm(smooth - run.v[index], axis=1))
+    return q, v
+
+
+def _graph_error(run: Trajectory, reference: Reference, compared: _Compared) -> float:
+    times, exact, turns = compared
     # velocities just before jumps
-    before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in jumps}
+    before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in _jumps(run, reference)}
     curve = []
     for t, (_, velocity) in zip(times.tolist(), exact, strict=True):
         curve += [(t, *before[t])] if t in before else []
@@ -84,10 +110,16 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
     stairs = np.repeat(np.column_stack([run.t, run.v]), 2, axis=0)[:-1]
     stairs[1::2, 0] = stairs[2::2, 0] = turns
     stairs = np.concatenate([stairs, [[run.t[-1], *run.v[-1]]]])
-    return Errors(q, v, graph_distance(stairs, np.array(curve)))
+    return graph_distance(stairs, np.array(curve))
 
 
-def worst_errors(reference: Reference, scheme: Scheme | None, h: float) -> Errors:
+def worst_errors(
+    reference: Reference,
+    scheme: Scheme | None,
+    h: float,
+    measure: Callable[[Trajectory, Reference], tuple[float, ...]] = errors,
+    runs: int = RUNS,
+) -> Array:
     """Return the largest errors of runs at steps near h with different starts within a step.
 
     The phase of an impact within its step scatters errors by a factor of two to five; the largest error of several runs
@@ -101,61 +133,24 @@ def worst_errors(reference: Reference, scheme: Scheme | None, h: float) -> Error
         Scheme; None for the default.
     h : float
         Largest time step [s]; the least is 0.8 of it.
+    measure : callable
+        `errors` or `path_errors`.
+    runs : int
+        Number of runs.
+
+    Returns
+    -------
+    ndarray
+        The largest of each error.
     """
     found = []
-    for k in range(_RUNS):
+    for k in range(runs):
         # steps between 0.8 h and h; starts spread twice over a step
-        step, late = h * (1.0 - 0.2 * k / _RUNS), h * (2 * k / _RUNS % 1.0)
+        step, late = h * (1.0 - 0.2 * k / runs), h * (2 * k / runs % 1.0)
         problem = reference.started(reference.problem.t0 + late)
-        found.append(errors(simulate(problem, scheme, step=step, duration=reference.duration - late), reference))
-    return Errors(*np.max(found, axis=0).tolist())
-
-
-def graph_distance(a: Array, b: Array) -> float:
-    """Return the Hausdorff distance of two polylines.
-
-    Parameters
-    ----------
-    a, b : ndarray, shapes (n, 1 + nv) and (m, 1 + nv)
-        Vertices; the first column is time and does not decrease. Both begin and end at the same time.
-    """
-    return max(_farthest(_filled(a), b), _farthest(_filled(b), a))
-
-
-def _filled(line: Array) -> Array:
-    """Return the vertices of a polyline and further points along jumps."""
-    jump = np.flatnonzero((line[1:, 0] == line[:-1, 0]) & (line[1:] != line[:-1]).any(axis=1))
-    part = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
-    between = (1 - part) * line[jump] + part * line[jump + 1]
-    return np.concatenate([line, between.reshape(-1, line.shape[1])])
-
-
-def _farthest(points: Array, line: Array) -> float:
-    """Return the largest distance of points from a polyline."""
-    from scipy.spatial import cKDTree
-
-    start, along = line[:-1], np.diff(line, axis=0)
-    squared = np.einsum("ij,ij->i", along, along)
-    squared[squared == 0.0] = 1.0
-    # the distance from the nearest vertex bounds the distance from the line
-    bound = cKDTree(_filled(line)).query(points)[0]
-    order = np.argsort(-bound)
-    farthest = 0.0
-    for first in range(0, len(order), _CHUNK):
-        some = order[first : first + _CHUNK]
-        if bound[some[0]] <= farthest:
-            break
-        # slightly wider, so that rounding does not exclude the nearest jump
-        t, window = points[some, 0], 1.001 * bound[some] + 1e-9 * (line[-1, 0] - line[0, 0])
-        low = np.maximum(np.searchsorted(line[:, 0], t - window) - 1, 0)
-        high = np.minimum(np.searchsorted(line[:, 0], t + window, side="right"), len(start))
-        index = np.minimum(low[:, None] + np.arange(int((high - low).max())), high[:, None] - 1)
-        offset = points[some, None] - start[index]
-        share = np.clip(np.einsum("ijk,ijk->ij", offset, along[index]) / squared[index], 0.0, 1.0)
-        offset -= share[:, :, None] * along[index]
-        nearest = np.sqrt(np.einsum("ijk,ijk->ij", offset, offset).min(axis=1))
-        farthest = max(farthest, float(nearest.max()))
-    return farthest
+        run = simulate(problem, scheme, step=step, duration=reference.duration - late, progress=False)
+        found.append(measure(run, reference))
+    return np.max(found, axis=0)
 
 
 def fitted_order(steps: Sequence[float] | Array, values: Sequence[float] | Array) -> float:

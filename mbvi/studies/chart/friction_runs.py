@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import process_time
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +19,7 @@ from ...run.simulate import simulate
 from ...scene import Scene
 from ...schemes import MoreauJean, Paoli, Scheme, StewartTrinkle
 from ..engines.rig import State
+from ..engines.variant import Variant
 from .errors import Array
 from .friction import ROUGH, Rough
 
@@ -66,26 +66,6 @@ class FrictionRecord:
     source: str
 
 
-class RoughEngine(Protocol):
-    """An adapter of another engine that runs a scene with friction."""
-
-    def advance(self) -> None:
-        """Advance by one step."""
-
-    def read(self) -> State:
-        """Return the state."""
-
-
-class RoughVariant(Protocol):
-    """A way to set an engine: the name of its line, its settings in words, and its adapter at a step."""
-
-    line: str
-    setting: str
-
-    def make(self, rough: Rough, h: float) -> RoughEngine:
-        """Return the adapter with a scene at its start."""
-
-
 def problem_of(rough: Rough) -> Problem:
     """Return the problem that mbvi solves."""
     scene = Scene(gravity=rough.gravity, friction=rough.mu)
@@ -125,7 +105,7 @@ def _state(q: Array) -> State:
     return State(q[:3], q[3:7], q[7:], still, still, np.zeros(len(q) - 7))
 
 
-def run_other(rough: Rough, variant: RoughVariant, h: float) -> tuple[float, float]:
+def run_other(rough: Rough, variant: Variant[Rough, State], h: float) -> tuple[float, float]:
     """Return CPU time per simulated second of the steps alone, torques included, and the error."""
     engine, taken, spent, states = variant.make(rough, h), 0, 0.0, []
     for t in rough.sampled:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from time import process_time
-from typing import Protocol
 
 import numpy as np
 
@@ -15,8 +14,9 @@ from ...compiled import compile_all
 from ...errors import MbviError, MbviWarning
 from ...run.simulate import simulate
 from ...schemes import StewartTrinkle
+from ..engines.variant import Variant
 from .errors import Array
-from .piles import PICTURES, Pile
+from .piles import PICTURES, Pile, PilePoses
 from .records import NOT_MEASURED
 
 # depths are evaluated at steps that are at least this far apart [s]
@@ -70,26 +70,6 @@ class PileRecord:
     unit: str
 
 
-class PileEngine(Protocol):
-    """An adapter of another engine that runs a pile."""
-
-    def advance(self) -> None:
-        """Advance by one step."""
-
-    def read(self) -> tuple[Array, Array]:
-        """Return positions [m] and quaternions (x, y, z, w) of all bodies, shapes (n, 3) and (n, 4)."""
-
-
-class Variant(Protocol):
-    """A way to set an engine: the name of its line, its settings in words, and its adapter at a step."""
-
-    line: str
-    setting: str
-
-    def make(self, pile: Pile, h: float) -> PileEngine:
-        """Return the adapter with a pile at its start."""
-
-
 @dataclass(frozen=True)
 class Cost:
     """CPU time per simulated second [s / s], worst and last depth [units of the pile], largest relative residual."""
@@ -122,7 +102,7 @@ class TooSlowError(MbviError):
     """A run of another engine was given up, because it needs more CPU time than it may."""
 
 
-def run_peer(pile: Pile, variant: Variant, h: float, limit: float = np.inf) -> Cost:
+def run_peer(pile: Pile, variant: Variant[Pile, PilePoses], h: float, limit: float = np.inf) -> Cost:
     """Run another engine; the time is that of its steps alone.
 
     Raises

@@ -14,6 +14,9 @@ from ...problem import Problem
 from ...scene import Scene
 from .errors import Array
 
+# positions [m] and quaternions (x, y, z, w) of all bodies, shapes (n, 3) and (n, 4)
+PilePoses = tuple[Array, Array]
+
 # radius of the spheres and capsules, half edge of the boxes [m]
 _RADIUS = 0.02
 _MASS = 1.0

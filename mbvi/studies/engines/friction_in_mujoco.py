@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 
 import mujoco
 import numpy as np
 
 from ..chart.friction import Rough
 from .rig import State
+from .variant import Variant
 
 NAME = f"MuJoCo {mujoco.__version__}"
 # errors of runs that the engine gives up
 FAILURES: tuple[type[Exception], ...] = (mujoco.FatalError, mujoco.UnexpectedError)
-_DELIVERED = 1.0
-
-
-@dataclass(frozen=True)
-class Cone:
-    """A cone of friction, and impratio: how much stiffer friction is than the normal direction."""
-
-    line: str
-    cone: int
-    ratio: float = _DELIVERED
-    setting: str = "Newton solver, other options as delivered"
-
-    def make(self, rough: Rough, h: float) -> RoughInMuJoCo:
-        """Return the adapter with a scene at its start."""
-        return RoughInMuJoCo(rough, h, self)
-
-
-VARIANTS = (
-    Cone(f"{NAME}, pyramidal cone", mujoco.mjtCone.mjCONE_PYRAMIDAL),
-    Cone(f"{NAME}, elliptic cone", mujoco.mjtCone.mjCONE_ELLIPTIC),
-    Cone(f"{NAME}, elliptic cone, impratio 10", mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0),
-)
 
 
 class RoughInMuJoCo:
@@ -46,17 +25,19 @@ class RoughInMuJoCo:
         The scene.
     h : float
         Time step [s].
-    cone : Cone
-        The settings.
+    cone : mjtCone
+        The cone of friction.
+    ratio : float
+        impratio: how much stiffer friction is than the normal direction.
     """
 
-    def __init__(self, rough: Rough, h: float, cone: Cone) -> None:
+    def __init__(self, rough: Rough, h: float, cone: int, ratio: float = 1.0) -> None:
         # without this joint the root link would be part of the world
         floating = f'<joint name="floating" type="floating"><parent link="world"/><child link="{rough.base}"/></joint>'
         spec = mujoco.MjSpec.from_string(rough.urdf.replace("</robot>", f'<link name="world"/>{floating}</robot>'))
         spec.compiler.balanceinertia = False
         option = spec.option
-        option.timestep, option.gravity, option.cone, option.impratio = h, rough.gravity, cone.cone, cone.ratio
+        option.timestep, option.gravity, option.cone, option.impratio = h, rough.gravity, cone, ratio
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         mujoco.set_mju_user_warning(lambda text: None)
         for geom in spec.geoms:
@@ -86,3 +67,13 @@ class RoughInMuJoCo:
         """Return the state."""
         q, v = self._data.qpos.copy(), self._data.qvel.copy()
         return State(q[:3], q[[4, 5, 6, 3]], q[self._q], v[:3], v[3:6], v[self._v])
+
+
+_SETTING = "Newton solver, other options as delivered"
+_PYRAMID = partial(RoughInMuJoCo, cone=mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_ELLIPSE = partial(RoughInMuJoCo, cone=mujoco.mjtCone.mjCONE_ELLIPTIC)
+VARIANTS = (
+    Variant(f"{NAME}, pyramidal cone", _SETTING, _PYRAMID),
+    Variant(f"{NAME}, elliptic cone", _SETTING, _ELLIPSE),
+    Variant(f"{NAME}, elliptic cone, impratio 10", _SETTING, partial(_ELLIPSE, ratio=10.0)),
+)

@@ -22,9 +22,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
+from pydrake.multibody.tree import RevoluteJoint, RigidBody, RotationalInertia, SpatialInertia
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -68,16 +68,7 @@ class Drake:
 
     def start(self, state: State) -> None:
         """Set the state."""
-        if self._free:
-            turn = Rotation.from_quat(state.quaternion).as_matrix()
-            pose = RigidTransform(np.vstack([np.column_stack([turn, state.position]), [0, 0, 0, 1]]))
-            self._plant.SetFreeBodyPose(self._context, self._body, pose)
-            self._plant.SetFreeBodySpatialVelocity(
-                self._context, self._body, SpatialVelocity(np.array(state.angular), np.array(state.linear))
-            )
-        for joint, angle, rate in zip(self._joints, state.angles, state.rates, strict=True):
-            joint.set_angle(self._context, float(angle))
-            joint.set_angular_rate(self._context, float(rate))
+        set_state(self._context, self._body if self._free else None, self._joints, state)
         self._simulator.get_mutable_context().SetTime(0.0)
         self._simulator.Initialize()
         self._taken = 0
@@ -93,14 +84,7 @@ class Drake:
 
     def read(self) -> State:
         """Return the state."""
-        angles = np.array([joint.get_angle(self._context) for joint in self._joints])
-        rates = np.array([joint.get_angular_rate(self._context) for joint in self._joints])
-        pose = self._body.EvalPoseInWorld(self._context)
-        speed = self._body.EvalSpatialVelocityInWorld(self._context)
-        turn = Rotation.from_matrix(pose.rotation().matrix()).as_quat()
-        # arrays of Drake are read-only
-        place, linear, spin = (np.array(x) for x in (pose.translation(), speed.translational(), speed.rotational()))
-        return State(place, turn, angles, linear, spin, rates)
+        return read_state(self._context, self._body, self._joints)
 
 
 Peer = Drake
@@ -172,6 +156,31 @@ class DrakeBodies:
 
 
 Free = DrakeBodies
+
+
+def set_state(context: Context, body: RigidBody | None, joints: Sequence[RevoluteJoint], state: State) -> None:
+    """Set the joints, and pose and velocity of a body that floats, if any."""
+    if body is not None:
+        turn = Rotation.from_quat(state.quaternion).as_matrix()
+        pose = RigidTransform(np.vstack([np.column_stack([turn, state.position]), [0, 0, 0, 1]]))
+        plant = body.GetParentPlant()
+        plant.SetFreeBodyPose(context, body, pose)
+        speed = SpatialVelocity(np.array(state.angular), np.array(state.linear))
+        plant.SetFreeBodySpatialVelocity(context, body, speed)
+    for joint, angle, rate in zip(joints, state.angles, state.rates, strict=True):
+        joint.set_angle(context, float(angle))
+        joint.set_angular_rate(context, float(rate))
+
+
+def read_state(context: Context, body: RigidBody, joints: Sequence[RevoluteJoint]) -> State:
+    """Return the state of joints and of the body that they begin at."""
+    angles = np.array([joint.get_angle(context) for joint in joints])
+    rates = np.array([joint.get_angular_rate(context) for joint in joints])
+    pose, speed = body.EvalPoseInWorld(context), body.EvalSpatialVelocityInWorld(context)
+    turn = Rotation.from_matrix(pose.rotation().matrix()).as_quat()
+    # arrays of Drake are read-only
+    place, linear, spin = (np.array(x) for x in (pose.translation(), speed.translational(), speed.rotational()))
+    return State(place, turn, angles, linear, spin, rates)
 
 
 def _material(stiffness: float, dissipation: float) -> ProximityProperties:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.metadata import version
+from functools import partial
 
 import numpy as np
 from pydrake.geometry import Box as DrakeBox
@@ -11,42 +10,23 @@ from pydrake.geometry import Capsule as DrakeCapsule
 from pydrake.geometry import HalfSpace, Shape
 from pydrake.geometry import Sphere as DrakeSphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    ContactModel,
-    CoulombFriction,
-    DiscreteContactApproximation,
-)
+from pydrake.multibody.plant import CoulombFriction, DiscreteContactApproximation
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 
 from ...geometry.shapes import Box, Capsule, Sphere
-from ..chart.errors import Array
-from ..chart.piles import Pile
-
-NAME = f"Drake {version('drake')}"
-
-
-@dataclass(frozen=True)
-class Solver:
-    """A discrete contact solver."""
-
-    line: str
-    approximation: DiscreteContactApproximation
-    setting: str = "discrete steps, point contact of the delivered stiffness"
-
-    def make(self, pile: Pile, h: float) -> PileInDrake:
-        """Return the adapter with a pile at its start."""
-        return PileInDrake(pile, h, self.approximation)
+from ..chart.piles import Pile, PilePoses
+from .discrete_drake import SETTING, DiscreteDrake
+from .in_drake import NAME
+from .variant import Variant
 
 
-def variants(pile: Pile) -> tuple[Solver, ...]:
+def variants(pile: Pile) -> tuple[Variant[Pile, PilePoses], ...]:
     """Return how Drake is set."""
-    return (Solver(f"{NAME}, SAP, one point per pair", DiscreteContactApproximation.kSap),)
+    make = partial(PileInDrake, approximation=DiscreteContactApproximation.kSap)
+    return (Variant(f"{NAME}, SAP, one point per pair", SETTING, make),)
 
 
-class PileInDrake:
+class PileInDrake(DiscreteDrake):
     """A pile, all bodies free.
 
     Parameters
@@ -60,10 +40,8 @@ class PileInDrake:
     """
 
     def __init__(self, pile: Pile, h: float, approximation: DiscreteContactApproximation) -> None:
-        builder = DiagramBuilder()
-        plant, _ = AddMultibodyPlantSceneGraph(builder, h)
-        plant.set_contact_model(ContactModel.kPoint)
-        plant.set_discrete_contact_approximation(approximation)
+        super().__init__(h, approximation)
+        plant = self.plant
         friction = CoulombFriction(pile.mu, pile.mu)
         for k, (normal, offset) in enumerate(pile.planes):
             pose = HalfSpace.MakePose(normal, offset * normal)
@@ -75,26 +53,18 @@ class PileInDrake:
             )
             bodies.append(plant.AddRigidBody(f"body {k}", inertia))
             plant.RegisterCollisionGeometry(bodies[-1], RigidTransform(), _shape(shape), f"shape {k}", friction)
-        plant.Finalize()
-        self._plant, self._h, self._taken = plant, h, 0
-        self._simulator = Simulator(builder.Build())
-        self._context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        self.finalize()
         first = np.array([body.floating_positions_start() for body in bodies])
         # quaternions with w first come before positions
         self._q = first[:, None] + np.array([4, 5, 6, 1, 2, 3, 0])
         q = np.zeros(plant.num_positions())
         q[self._q] = np.hstack([pile.centres, pile.turns])
-        plant.SetPositions(self._context, q)
-        self._simulator.Initialize()
+        plant.SetPositions(self.context, q)
+        self.simulator.Initialize()
 
-    def advance(self) -> None:
-        """Advance by one step."""
-        self._taken += 1
-        self._simulator.AdvanceTo(self._taken * self._h)
-
-    def read(self) -> tuple[Array, Array]:
-        """Return positions and quaternions of all bodies; see `PileEngine`."""
-        q = self._plant.GetPositions(self._context)[self._q]
+    def read(self) -> PilePoses:
+        """Return the poses of all bodies."""
+        q = self.plant.GetPositions(self.context)[self._q]
         return q[:, :3], q[:, 3:]
 
 

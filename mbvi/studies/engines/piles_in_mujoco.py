@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
 from ...geometry.shapes import Box, Capsule, Sphere
 from ..chart.errors import Array
-from ..chart.piles import Pile
+from ..chart.piles import Pile, PilePoses
+from .variant import Variant
 
 # memory of the largest pile [bytes]
 _MEMORY = 8 << 30
 NAME = f"MuJoCo {mujoco.__version__}"
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """A choice of the time constant of contacts (the first number of solref): relative to h, or as delivered."""
-
-    line: str
-    of_step: float | None
-    setting: str = "CG solver, condim 1, with friction condim 3 and the elliptic cone, other options as delivered"
-
-    def make(self, pile: Pile, h: float) -> PileInMuJoCo:
-        """Return the adapter with a pile at its start."""
-        return PileInMuJoCo(pile, h, None if self.of_step is None else self.of_step * h)
-
-
-def variants(pile: Pile) -> tuple[Contacts, ...]:
+def variants(pile: Pile) -> tuple[Variant[Pile, PilePoses], ...]:
     """Return how MuJoCo is set: contacts as stiff as its documentation permits, 2 h, and as delivered."""
-    return Contacts(f"{NAME}, solref 2 h", 2.0), Contacts(f"{NAME}, solref 0.02 s", None)
+    setting = "CG solver, condim 1, with friction condim 3 and the elliptic cone, other options as delivered"
+    return (
+        Variant(f"{NAME}, solref 2 h", setting, lambda pile, h: PileInMuJoCo(pile, h, 2.0 * h)),
+        Variant(f"{NAME}, solref 0.02 s", setting, PileInMuJoCo),
+    )
 
 
 class PileInMuJoCo:
@@ -72,8 +62,8 @@ class PileInMuJoCo:
         """Advance by one step."""
         mujoco.mj_step(self._model, self._data)
 
-    def read(self) -> tuple[Array, Array]:
-        """Return positions and quaternions of all bodies; see `PileEngine`."""
+    def read(self) -> PilePoses:
+        """Return the poses of all bodies."""
         poses = self._data.qpos[: 7 * self._turning].reshape(-1, 7)
         moved = self._data.qpos[7 * self._turning :].reshape(-1, 3)
         turns = poses[:, [4, 5, 6, 3]]

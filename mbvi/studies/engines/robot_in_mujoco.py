@@ -27,7 +27,9 @@ _TIME = 0.02
 
 
 class MuJoCoRobot:
-    """One robot, its half-spaces, start and constant torques in MuJoCo; no friction, Euler, the default solver.
+    """One robot, its half-spaces, start and constant torques in MuJoCo; Euler, the default solver.
+
+    With friction its cone is the elliptic one.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ class MuJoCoRobot:
     Raises
     ------
     InputError
-        If the scene is not of one robot.
+        If the scene is not of one robot, or its coefficients of friction differ.
     RuntimeError
         If MuJoCo's mass matrix or gravity at the start is another than Pinocchio's.
     """
@@ -136,8 +138,13 @@ class MuJoCoRobot:
             plane = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=plane, size=[0, 0, 1], pos=wall.offset * up, quat=_quaternion(turn))
         _leave_out(spec, bodies, scene, self._source)
+        if scene.items.pair_friction:
+            raise InputError("the contacts must have one coefficient of friction")
+        mu = scene.items.friction
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        for contact in (*spec.geoms, *spec.pairs):
+            contact.condim, contact.friction[0] = 3 if mu else 1, mu
         for geom in spec.geoms:
-            geom.condim = 1
             geom.solref = _TIME, _damping_ratio(float(problem.restitution.max()))
         return spec.compile()
 
@@ -239,7 +246,7 @@ def _leave_out(spec: Any, bodies: list, scene: BuiltScene, model: pin.Model) -> 
             continue
         spec.add_exclude(bodyname1=bodies[pair[0]].name, bodyname2=bodies[pair[1]].name)
         for first, second in kept.get(pair, ()):
-            spec.add_pair(geomname1=first, geomname2=second, condim=1)
+            spec.add_pair(geomname1=first, geomname2=second)
 
 
 def _damping_ratio(e: float) -> float:

@@ -122,7 +122,7 @@ def _off_the_table(run: Trajectory) -> float:
 
 
 def _displaced(name: str, make: Callable[[float], Problem], duration: float, held: float, failed: float) -> StressScene:
-    return StressScene(name, make, duration, moved, "displacement [m, rad]", held, failed, long=True)
+    return StressScene(name, make, duration, moved, "displacement [m, rad]", held, failed)
 
 
 FRICTION = (
@@ -131,13 +131,12 @@ FRICTION = (
     _displaced("wedge between two walls", partial(_wedge, 0.0, 0.0), 1.0, 1e-6, 1e-3),
     StressScene(
         "wedge driven in, e = 0.5", partial(_wedge, 0.05, 0.5), 1.0, gain_or_penetration(1.0),
-        "gain of energy or penetration [m]", 1e-3, 1e-2, long=True,
+        "gain of energy or penetration [m]", 1e-3, 1e-2,
     ),
     StressScene(
-        "rod of Painlevé", _painleve, 1.0, gain_or_penetration(1.0), "gain of energy or penetration [m]", 1e-2, 0.1,
-        long=True,
+        "rod of Painlevé", _painleve, 1.0, gain_or_penetration(1.0), "gain of energy or penetration [m]", 1e-2, 0.1
     ),
     _displaced("two cards", _cards, 1.0, 1e-4, 1e-2),
-    StressScene("quadruped on a slope", _quadruped, 12.0, _crept, "creep of the base [m]", 1e-6, 1e-3, long=True),
-    StressScene("box on a turntable", _turntable, 3.0, _off_the_table, "error of the place [m]", 1e-2, 0.1, long=True),
+    StressScene("quadruped on a slope", _quadruped, 12.0, _crept, "creep of the base [m]", 1e-6, 1e-3),
+    StressScene("box on a turntable", _turntable, 3.0, _off_the_table, "error of the place [m]", 1e-2, 0.1),
 )  # fmt: skip

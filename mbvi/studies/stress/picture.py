@@ -59,4 +59,4 @@ def number(cell: Cell) -> str:
         return _WORDS[cell.verdict]
     if cell.value == float("inf"):
         return "error"
-    return "0" if cell.value == 0.0 else f"{cell.value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    return "0" if cell.value == 0.0 else f"{cell.value:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")

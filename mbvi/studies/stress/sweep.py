@@ -64,6 +64,11 @@ class Cell:
     said: str
     setting: str = ""
 
+    @property
+    def own(self) -> bool:
+        """Whether it is a cell of mbvi, and not of another engine."""
+        return self.scheme in SCHEMES or self.scheme == "EventDriven"
+
 
 def sweep(
     scenes: Sequence[StressScene], steps: Sequence[float], tolerances: Sequence[float], budget: float

@@ -61,13 +61,20 @@ def loads_or_says(path: Path, expected: tuple[Any, ...]) -> str:
     return "same"
 
 
+def restore(path: Path, whole: bytes) -> None:
+    """Write a file again, in place: cut off first it would be flushed to the disk each time."""
+    with path.open("rb+") as file:
+        file.write(whole)
+        file.truncate()
+
+
 def flip_bytes(path: Path, rng: np.random.Generator, count: int = 1, end: int | None = None) -> list[int]:
     """Change `count` bytes of a file, among the first `end` if given; return where."""
     raw = bytearray(path.read_bytes())
     places = rng.integers(0, len(raw) if end is None else end, count).tolist()
     for place in places:
         raw[place] ^= int(rng.integers(1, 256))
-    path.write_bytes(raw)
+    restore(path, raw)
     return places
 
 
