@@ -24,6 +24,7 @@ from .results import Diagnosis, Impact, Trajectory, load
 from .run.simulate import simulate, steps
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
+from .sweeps import plot_sweep, replay, sweep
 from .system import LagrangianSystem
 
 # both are public modules: `import mbvi.motion` works as well
@@ -68,9 +69,12 @@ __all__ = [
     "load",
     "motion",
     "packing",
+    "plot_sweep",
     "project",
     "reference",
+    "replay",
     "simulate",
     "steps",
     "surfaces",
+    "sweep",
 ]
