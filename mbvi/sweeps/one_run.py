@@ -92,7 +92,7 @@ def row_of(study: Study, index: int, point: Mapping[str, Any], runs: Path, ends_
         row |= {"status": STATUS.failed, "message": _message(error)}
     row["cpu"] = time.thread_time() - seconds_compiling() - begin
     if run is not None and (study.keep == "all" or (study.keep == "failed" and row["status"] != STATUS.ok)):
-        keep(run, kept(runs, index))
+        row["message"] += keep(run, kept(runs, index))
     return row
 
 
@@ -107,11 +107,15 @@ def kept(runs: Path, index: int) -> Path:
     return runs / f"{index:08d}.h5"
 
 
-def keep(run: Trajectory, path: Path) -> None:
-    """Write a run, whole."""
+def keep(run: Trajectory, path: Path) -> str:
+    """Write a run, whole; return why a run that diverged has no energies and cannot be written, else nothing."""
     part = path.with_suffix(".part")
-    run.save(part)
+    try:
+        run.save(part)
+    except DivergedError as error:
+        return f"; the run is not kept: {error}"
     part.replace(path)
+    return ""
 
 
 def _message(error: Exception) -> str:

@@ -36,8 +36,9 @@ class Points:
     grid: bool
 
     def __len__(self) -> int:
-        sizes = self.shape
-        return math.prod(sizes) if self.grid else next(iter(sizes), 0)
+        if not self.columns:
+            return 0
+        return math.prod(self.shape) if self.grid else self.shape[0]
 
     @property
     def shape(self) -> tuple[int, ...]:

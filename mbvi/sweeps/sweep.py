@@ -195,18 +195,25 @@ def local_client(workers: int | None = None) -> Iterator[Client]:
     """
     import logging
 
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, Status
 
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    with (
+    cluster = LocalCluster(
+        n_workers=workers or count,
+        threads_per_worker=1,
+        dashboard_address="127.0.0.1:0",
         # a killed worker is a row, not a message
-        LocalCluster(
-            n_workers=workers or count, threads_per_worker=1, dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):  # fmt: skip
-        yield client
+        silence_logs=logging.CRITICAL,
+    )
+    try:
+        with Client(cluster, set_as_default=False) as client:
+            yield client
+    finally:
+        try:
+            cluster.close()
+        except KeyError:
+            # Dask may have forgotten a worker that was killed; all processes have ended
+            cluster.status = Status.closed
 
 
 def _check_client(client: Any) -> None:
