@@ -12,8 +12,11 @@ import numpy as np
 
 from ..arguments import shown
 from ..errors import InputError
+from ..problem import Problem
+from ..scene.description import describe
 
-_PLAIN = (bool, int, float, complex, str, bytes, type(None), tuple, frozenset, np.ndarray, np.generic)
+# what else a function names may change while it runs, such as a list that keeps what was built
+_CONSTANTS = (bool, int, float, complex, str, bytes, type(None), tuple, frozenset, np.ndarray, np.generic, Problem)
 
 
 def digest(value: Any) -> str:
@@ -55,6 +58,9 @@ def _parts(value: Any, seen: set[int]) -> Iterator[bytes]:
         yield repr(sorted(map(repr, value))).encode()
     elif isinstance(value, types.CodeType):
         yield from _code(value, seen)
+    elif isinstance(value, Problem):
+        yield describe(value).encode()
+        yield from _parts([value.q0, value.v0, value.t0, value.restitution, value.friction], seen)
     elif callable(value):
         yield from _function(value, seen)
     else:
@@ -104,7 +110,7 @@ def _function(given: Callable[..., Any], seen: set[int]) -> Iterator[bytes]:
 
 def _named(name: str, value: Any, module: str, seen: set[int]) -> Iterator[bytes]:
     """Yield a constant or a function of the same module that a function names; other modules have their versions."""
-    if isinstance(value, _PLAIN):
+    if isinstance(value, _CONSTANTS):
         yield name.encode()
         yield from _parts(value, seen)
     elif callable(value) and getattr(value, "__module__", None) == module:

@@ -90,7 +90,8 @@ class StudyFolder:
         Raises
         ------
         InputError
-            If it holds another study: what differs is named. If the functions cannot be sent to other processes.
+            If it holds another study, whose difference is named, or other files. If the functions cannot be sent to
+            other processes.
         TrajectoryFileError
             If it cannot be written.
         """
@@ -100,8 +101,16 @@ class StudyFolder:
             return
         packed = _pickled(study, "make, measure and the options")
         with written(self.path):
+            self.path.mkdir(exist_ok=True)
+            # those of a study that was killed when it began
+            own = {self.rows.name, self.runs.name, _FUNCTIONS, _POINTS, _LOCK}
+            other = [path.name for path in self.path.iterdir() if path.name not in own and path.suffix != ".part"]
+            if other:
+                raise InputError(
+                    f"{self.path} is not empty and holds no study, but {shown(other[0])}: give another folder"
+                )
             for folder in (self.rows, self.runs) if study.keep != "none" else (self.rows,):
-                folder.mkdir(parents=True, exist_ok=True)
+                folder.mkdir(exist_ok=True)
             _write(self.path / _FUNCTIONS, packed)
             _write(self.path / _POINTS, _pickled(points, "parameters"))
             about = {**identity, "names": list(points.columns), "grid": points.grid, "module": _module_folder(study)}

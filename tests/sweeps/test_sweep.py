@@ -211,10 +211,13 @@ def test_wrong_arguments_are_refused_before_the_first_run(change, message, sweep
     assert not (tmp_path / "study/study.json").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_an_error(sweep, tmp_path):
+def test_a_folder_that_cannot_be_written_or_has_other_files_is_refused(sweep, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(mbvi.TrajectoryFileError, match="cannot be written"):
-        sweep(out="file/study")
+    for out in ("file/study", "nowhere/study"):
+        with pytest.raises(mbvi.TrajectoryFileError, match="cannot be written"):
+            sweep(out=out)
+    with pytest.raises(mbvi.InputError, match="is not empty and holds no study, but 'file'"):
+        sweep(out=".")
 
 
 def test_a_run_is_replayed_whether_it_was_kept_or_not(sweep, tmp_path):

@@ -200,6 +200,46 @@ def saved() -> str:
     return str(path)
 
 
+def dropped(height: float) -> mbvi.Scene:
+    """Return a scene of a study."""
+    made = mbvi.Scene()
+    made.add_sphere(0.1, position=(0.0, 0.0, height))
+    return made
+
+
+def last_height(result: mbvi.Trajectory) -> dict[str, float]:
+    """Measure a run of a study."""
+    return {"height_of_ball": result.q[-1, 2]}
+
+
+@functools.cache
+def study() -> str:
+    """Return the path of a study that is complete once `sweep` was called."""
+    import tempfile
+
+    return tempfile.mkdtemp()
+
+
+@functools.cache
+def _client() -> Any:
+    """Return the client of a thread of this process: worker processes would need longer to start."""
+    import atexit
+
+    import distributed
+
+    made = distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None, set_as_default=False
+    )
+    atexit.register(made.close)
+    return made
+
+
+@functools.cache
+def swept() -> Any:
+    """Return its table."""
+    return CALLS["sweep"].call(**CALLS["sweep"].arguments())
+
+
 @functools.cache
 def mesh() -> str:
     """Return the path of a mesh file, a tetrahedron."""
@@ -295,6 +335,13 @@ def _replay(speed: Any, shapes: Any) -> None:
     right = isinstance(speed, float) and 1e-6 <= speed <= 1e6
     if not (right and isinstance(shapes, str) and shapes in ("visual", "collision")):
         run().replay(speed=speed, shapes=shapes)
+
+
+def _replay_of_study(html: Any, **given: Any) -> None:
+    swept()
+    # right arguments open a browser
+    if html is not None:
+        mbvi.replay(html=html, **given).energy()
 
 
 def _solved(reference: Any) -> None:
@@ -445,6 +492,19 @@ CALLS: dict[str, Call] = {
     "forks": Call(
         mbvi.forks, lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "e": 0.5},
         lambda found: _finite_projection(found.law),
+    ),
+    "sweep": Call(
+        lambda **given: mbvi.sweep(**given, scheme=mbvi.Paoli(), step=1e-3, duration=3e-3),
+        lambda: {
+            "make": dropped, "parameters": {"height": [0.1, 0.2]}, "measure": last_height, "out": study(),
+            "client": _client(), "seed": 0, "keep": "all", "budget": 100.0,
+        },
+        lambda table: table.load(),
+    ),
+    "plot_sweep": Call(mbvi.plot_sweep, lambda: {"ds": swept(), "names": ["height_of_ball"]}),
+    "replay": Call(
+        _replay_of_study,
+        lambda: {"study": study(), "run": 1, "html": "run.html", "shapes": "collision"},
     ),
     "Trajectory.at": Call(lambda **given: run().at(**given), lambda: {"t": 0.015}),
     "Trajectory.diagnosis": Call(lambda **given: run().diagnosis(**given), lambda: {"tolerance": 1e-3}),
@@ -622,7 +682,8 @@ def _parameters(item: Callable[..., Any]) -> tuple[str, ...]:
     names: list[str] = []
     for parameter in inspect.signature(item).parameters.values():
         if parameter.kind is parameter.VAR_KEYWORD:
-            names += get_type_hints(BodyArguments)
+            # options of `simulate` have their own call
+            names += get_type_hints(BodyArguments) if parameter.name != "simulate_options" else ()
         elif parameter.name != "self":
             names.append(parameter.name)
     return tuple(names)
