@@ -76,15 +76,7 @@ def load(name):
     return module
 
 
-@pytest.fixture(autouse=True, scope="module")
-def client():
-    """Sweeps of examples run in a thread of this process: worker processes would need longer to start."""
-    import distributed
-
-    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as made:
-        yield made
-
-
+@pytest.mark.usefixtures("sweeps_in_a_thread")
 @pytest.mark.parametrize("name", [p.stem for p in sorted(EXAMPLES.glob("*.py"))])
 def test_example(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -26,6 +26,13 @@ _KEEP = ("none", "failed", "all")
 _PACKAGES = ("distributed", "xarray", "pandas", "pyarrow", "cloudpickle")
 # how often a process on this machine may end in a run before the run is given up; others see Dask's allowed-failures
 _ALLOWED_HERE = 1
+# Dask looks at its processes up to a hundred times a second, which costs several per cent of the runs' time
+_QUIET = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
 
 
 def sweep(
@@ -192,19 +199,32 @@ def local_client(workers: int | None = None) -> Iterator[Client]:
     ----------
     workers : int, optional
         Number of processes; by default that of the cores that this process may use.
+
+    Raises
+    ------
+    InputError
+        If the processes do not start.
     """
     import logging
 
+    import dask
     from distributed import Client, LocalCluster, Status
 
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    cluster = LocalCluster(
-        n_workers=workers or count,
-        threads_per_worker=1,
-        dashboard_address="127.0.0.1:0",
-        # a killed worker is a row, not a message
-        silence_logs=logging.CRITICAL,
-    )
+    try:
+        with dask.config.set(_QUIET):
+            cluster = LocalCluster(
+                n_workers=workers or count,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",
+                # a killed worker is a row, not a message
+                silence_logs=logging.CRITICAL,
+            )
+    except RuntimeError as error:
+        raise InputError(
+            f"worker processes do not start: {error} In a script, call it below `if __name__ == '__main__':`, because "
+            "worker processes import the script"
+        ) from error
     try:
         with Client(cluster, set_as_default=False) as client:
             yield client

@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import threading
+import time
 import warnings
 
 import numpy as np
@@ -13,31 +15,23 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.cli.main import main
+from mbvi.sweeps import batch
 from mbvi.sweeps.batch import Done
 from mbvi.sweeps.fingerprint import digest
 from mbvi.sweeps.points import points_of
 from mbvi.sweeps.rows import read_rows, write_rows
 from mbvi.sweeps.scheduling import BatchSizes
-from mbvi.sweeps.study import StudyFolder
+from mbvi.sweeps.study import Study, StudyFolder
 from support import sweep_functions as f
 
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 2e-3, "duration": 0.1}
 GRID = {"height": [0.1, 0.2, 0.3], "e": [0.0, 0.5]}
 
 
-@pytest.fixture(scope="module")
-def client():
-    distributed = pytest.importorskip("distributed")
-    with distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None, set_as_default=False
-    ) as made:
-        yield made
-
-
 @pytest.fixture
-def sweep(client, tmp_path):
+def sweep(sweeps_in_a_thread, tmp_path):
     def call(make=f.drop, parameters=GRID, out="study", **more):
-        given = {"measure": f.bounces, "client": client, **OPTIONS, **more}
+        given = {"measure": f.bounces, "client": sweeps_in_a_thread, **OPTIONS, **more}
         return mbvi.sweep(make, parameters, out=tmp_path / out, **given)
 
     return call
@@ -249,6 +243,51 @@ def test_the_status_of_a_study(sweep, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["sweep", "--status", str(tmp_path)])
     assert "holds no study" in capsys.readouterr().err
+
+
+def test_one_process_at_a_time_makes_its_first_run_and_those_that_waited_go_on_together(monkeypatch, tmp_path):
+    monkeypatch.setattr(batch.tempfile, "gettempdir", lambda: str(tmp_path))
+    order, begun, go_on = [], threading.Event(), threading.Event()
+
+    def first():
+        with batch.first_run_alone():
+            begun.set()
+            go_on.wait(10)
+            order.append("first")
+
+    def other():
+        with batch.first_run_alone():
+            order.append("other")
+
+    threads = []
+    for run in (first, other, other):
+        # each thread stands for a process of its own
+        monkeypatch.setattr(batch, "_first_run", True)
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        assert begun.wait(10)
+        time.sleep(0.05)
+    assert order == []
+    go_on.set()
+    for thread in threads:
+        thread.join(10)
+    assert order == ["first", "other", "other"]
+    # the second run of a process does not wait
+    with batch.first_run_alone(), batch.first_run_alone():
+        pass
+
+
+def test_a_run_in_which_processes_ended_is_given_up(tmp_path):
+    folder, points = StudyFolder(tmp_path / "study"), points_of(GRID, f.drop)
+    folder.open(Study(f.drop, f.energy, options=OPTIONS), points)
+    numbered = [(k, points[k]) for k in range(3)]
+    # two processes ended in run 1, and a third one in run 2
+    (folder.rows / "000000000.running").write_bytes(b"".join(k.to_bytes(8, "little") for k in (1, 1, 2)))
+    done = batch.run_batch(str(folder.path), numbered, 1)
+    rows = read_rows(folder.rows)
+    assert (done.runs, done.failed) == (3, 1)
+    assert rows["status"].to_pylist() == ["ok", "killed", "ok"]
+    assert not list(folder.rows.glob("*.running"))
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.data())
