@@ -97,8 +97,9 @@ def main(count: int = 400) -> None:
     batch = sizes.next(POINTS, WORKERS)
     print(f"a task             {1e3 * task:.2f} ms of CPU time of client and scheduler: {1 / task:.0f} tasks a second")
     rate, seconds = WORKERS / (batch * each), batch * each
+    share = 100 * rate * task
     print(
-        f"{WORKERS} workers       {batch} runs a batch, {seconds:.1f} s: {rate:.0f} tasks, {100 * rate * task:.0f} % of that"
+        f"{WORKERS} workers       {batch} runs a batch, {seconds:.1f} s: {rate:.0f} tasks a second, {share:.0f} % of that"
     )
 
 
