@@ -86,6 +86,7 @@ def main(count: int = 400) -> None:
     print(f"beside the runs    {1e3 * beside / count:.2f} ms of CPU time for each, {100 * beside / rows[2]:.1f} %")
     print(f"1e4 runs           {100 * (total / (1e4 * each) - 1):.1f} % of CPU time beside them, with the start")
     walls = [found[f"runs {workers} {count}"] for workers in (1, 2)]
+    print(f"load of the machine after: {os.getloadavg()[0]:.1f} processes")
     print(f"two cores          {walls[0]:.1f} s become {walls[1]:.1f} s: efficiency {walls[0] / walls[1] / 2:.2f}")
     with local_client(2) as client:
         client.submit(int, pure=False).result()
@@ -98,9 +99,7 @@ def main(count: int = 400) -> None:
     print(f"a task             {1e3 * task:.2f} ms of CPU time of client and scheduler: {1 / task:.0f} tasks a second")
     rate, seconds = WORKERS / (batch * each), batch * each
     share = 100 * rate * task
-    print(
-        f"{WORKERS} workers       {batch} runs a batch, {seconds:.1f} s: {rate:.0f} tasks a second, {share:.0f} % of that"
-    )
+    print(f"{WORKERS} workers       {batch} runs a batch, {seconds:.1f} s: {rate:.0f} tasks a second, {share:.0f} %")
 
 
 if __name__ == "__main__":

@@ -54,7 +54,9 @@ class Points:
 
     def digest(self) -> str:
         """Return a digest of all values."""
-        return digest([self.grid, *([name, *map(_plain, values)] for name, values in self.columns.items())])
+        numbers = {name: isinstance(v, np.ndarray) and v.dtype.kind in "bif" for name, v in self.columns.items()}
+        values = {name: v if numbers[name] else [_plain(x) for x in v] for name, v in self.columns.items()}
+        return digest([self.grid, values])
 
 
 def points_of(parameters: Any, make: Callable[..., Any]) -> Points:

@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -23,6 +25,7 @@ from mbvi.sweeps.rows import read_rows, write_rows
 from mbvi.sweeps.scheduling import BatchSizes
 from mbvi.sweeps.study import Study, StudyFolder
 from support import sweep_functions as f
+from support.programs import environment
 
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 2e-3, "duration": 0.1}
 GRID = {"height": [0.1, 0.2, 0.3], "e": [0.0, 0.5]}
@@ -275,6 +278,16 @@ def test_one_process_at_a_time_makes_its_first_run_and_those_that_waited_go_on_t
     # the second run of a process does not wait
     with batch.first_run_alone(), batch.first_run_alone():
         pass
+
+
+def test_packages_are_imported_when_they_are_used_and_named_when_they_are_missing(sweep, monkeypatch):
+    names = "{'dask', 'distributed', 'pandas', 'xarray', 'pyarrow', 'matplotlib'}"
+    program = f"import sys, mbvi; print(sorted({names} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", program], env=environment(), capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
+    monkeypatch.setattr(sys.modules["mbvi.sweeps.sweep"], "_PACKAGES", ("distributed", "no_such_package"))
+    with pytest.raises(mbvi.InputError, match=r"sweeps need no_such_package: pip install 'mbvi\[sweep\]'"):
+        sweep()
 
 
 def test_a_run_in_which_processes_ended_is_given_up(tmp_path):
