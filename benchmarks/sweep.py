@@ -18,10 +18,11 @@ import numpy as np
 import mbvi
 from mbvi.studies.shipped import robot_path
 from mbvi.sweeps.batch import Done
+from mbvi.sweeps.cluster import local_client
 from mbvi.sweeps.points import points_of
 from mbvi.sweeps.scheduling import BatchSizes
 from mbvi.sweeps.study import Study, StudyFolder
-from mbvi.sweeps.sweep import local_client, run_study
+from mbvi.sweeps.sweep import run_study
 
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 1e-3, "duration": 2.0}
 TASKS, WORKERS, POINTS = 2000, 1000, 1_000_000

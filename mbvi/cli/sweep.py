@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from ..errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 _Study = Annotated[
     Path | None, typer.Argument(metavar="[STUDY.py]", help="Defines make, parameters and measure.", show_default=False)
@@ -38,9 +40,10 @@ def sweep(
 
     The file may define options = dict(duration=..., ...), seed, keep and budget too, as of mbvi.sweep.
     """
+    from ..sweeps.cluster import check_packages
     from ..sweeps.status import status as text_of
     from ..sweeps.study import StudyFolder
-    from ..sweeps.sweep import check_packages, local_client, run_study
+    from ..sweeps.sweep import run_study
     from ..sweeps.sweep import sweep as run_sweep
 
     if [study, resume, status].count(None) != 2:
@@ -52,14 +55,20 @@ def sweep(
     if resume is not None:
         folder = StudyFolder(resume)
         made, points = folder.load()
-        with local_client(workers) as client:
+        with _cluster(workers) as client:
             _print(run_study(folder, made, points, client), folder)
         return
     assert study is not None
     given = _definitions(study)
     folder = StudyFolder(Path(study.stem) if out is None else out)
-    with local_client(workers) as client:
+    with _cluster(workers) as client:
         _print(run_sweep(**given, out=folder.path, client=client), folder)
+
+
+def _cluster(workers: int | None) -> AbstractContextManager[Client | None]:
+    from ..sweeps.cluster import local_client
+
+    return nullcontext() if workers is None else local_client(workers)
 
 
 def _definitions(path: Path) -> dict[str, Any]:

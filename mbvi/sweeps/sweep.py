@@ -6,8 +6,7 @@ import inspect
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from ..arguments import choice, file_path, function, integer, optional, positive, shown
 from ..errors import InputError
 from ..run.simulate import simulate
+from .cluster import check_client, check_packages, client_of
 from .points import Points, points_of
 from .study import Study, StudyFolder, written
 
@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _KEEP = ("none", "failed", "all")
-_PACKAGES = ("distributed", "xarray", "pandas", "pyarrow", "cloudpickle")
-# how often a process on this machine may end in a run before the run is given up; others see Dask's allowed-failures
-_ALLOWED_HERE = 1
-# Dask looks at its processes up to a hundred times a second, which costs several per cent of the runs' time
-_QUIET = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-    "distributed.admin.system-monitor.interval": "5s",
-    "distributed.worker.memory.monitor-interval": "1s",
-}
 
 
 def sweep(
@@ -100,7 +90,7 @@ def sweep(
         make, measure, integer(seed, "seed", 0), choice(keep, "keep", _KEEP), optional(positive, budget, "budget"),
         _checked_options(simulate_options),
     )  # fmt: skip
-    _check_client(client)
+    check_client(client)
     folder.open(study, points)
     return run_study(folder, study, points, client)
 
@@ -127,7 +117,7 @@ def run_study(
         missing = missing_runs(folder, len(points))
         if len(missing):
             _remove_marks(folder)
-            with _client(client) as (cluster, allowed):
+            with client_of(client) as (cluster, allowed):
                 _run(cluster, allowed, folder, study, points, missing, sizes)
         return dataset(folder, points)
 
@@ -139,15 +129,6 @@ def missing_runs(folder: StudyFolder, count: int) -> np.ndarray:
     missing = np.ones(count, dtype=bool)
     missing[read_rows(folder.rows, ["run"])["run"].to_numpy()] = False
     return np.flatnonzero(missing)
-
-
-def check_packages() -> None:
-    """Raise `InputError` unless the packages of the extra are installed."""
-    from importlib.util import find_spec
-
-    missing = [name for name in _PACKAGES if find_spec(name) is None]
-    if missing:
-        raise InputError(f"sweeps need {', '.join(missing)}: pip install 'mbvi[sweep]'")
 
 
 def _run(
@@ -174,73 +155,6 @@ def _run(
             bar.update(done.runs)
 
         run_missing(submission, points, missing, report, sizes)
-
-
-@contextmanager
-def _client(given: Client | None) -> Iterator[tuple[Client, int]]:
-    """Yield the client, and how often a process may end in a run."""
-    import dask
-    from distributed import Client
-
-    with suppress(ValueError):
-        given = given or Client.current()
-    if given is not None:
-        yield given, int(dask.config.get("distributed.scheduler.allowed-failures"))
-        return
-    with local_client() as client:
-        yield client, _ALLOWED_HERE
-
-
-@contextmanager
-def local_client(workers: int | None = None) -> Iterator[Client]:
-    """Yield the client of a cluster on this machine.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes; by default that of the cores that this process may use.
-
-    Raises
-    ------
-    InputError
-        If the processes do not start.
-    """
-    import logging
-
-    import dask
-    from distributed import Client, LocalCluster, Status
-
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    try:
-        with dask.config.set(_QUIET):
-            cluster = LocalCluster(
-                n_workers=workers or count,
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",
-                # a killed worker is a row, not a message
-                silence_logs=logging.CRITICAL,
-            )
-    except RuntimeError as error:
-        raise InputError(
-            f"worker processes do not start: {error} In a script, call it below `if __name__ == '__main__':`, because "
-            "worker processes import the script"
-        ) from error
-    try:
-        with Client(cluster, set_as_default=False) as client:
-            yield client
-    finally:
-        try:
-            cluster.close()
-        except KeyError:
-            # Dask may have forgotten a worker that was killed; all processes have ended
-            cluster.status = Status.closed
-
-
-def _check_client(client: Any) -> None:
-    from distributed import Client
-
-    if client is not None and not (isinstance(client, Client) and not client.asynchronous):
-        raise InputError(f"client must be a distributed.Client that is not asynchronous; got {shown(client)}")
 
 
 def _function(given: Any, name: str) -> Any:

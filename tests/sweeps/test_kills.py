@@ -37,7 +37,7 @@ class Fixed:
 @pytest.fixture(scope="module")
 def client():
     """Return the client of worker processes whose number can change."""
-    from mbvi.sweeps.sweep import local_client
+    from mbvi.sweeps.cluster import local_client
 
     with local_client(1) as made:
         yield made

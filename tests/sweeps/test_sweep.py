@@ -285,7 +285,7 @@ def test_packages_are_imported_when_they_are_used_and_named_when_they_are_missin
     program = f"import sys, mbvi; print(sorted({names} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], env=environment(), capture_output=True, text=True)
     assert done.stdout == "[]\n", done.stderr
-    monkeypatch.setattr(sys.modules["mbvi.sweeps.sweep"], "_PACKAGES", ("distributed", "no_such_package"))
+    monkeypatch.setattr(mbvi.sweeps.cluster, "_PACKAGES", ("distributed", "no_such_package"))
     with pytest.raises(mbvi.InputError, match=r"sweeps need no_such_package: pip install 'mbvi\[sweep\]'"):
         sweep()
 
@@ -301,6 +301,30 @@ def test_a_run_in_which_processes_ended_is_given_up(tmp_path):
     assert (done.runs, done.failed) == (3, 1)
     assert rows["status"].to_pylist() == ["ok", "killed", "ok"]
     assert not list(folder.rows.glob("*.running"))
+
+
+FILES = {
+    "must define measure, options": "make = parameters = 1",
+    "cannot be imported: NameError: name 'no' is not defined": "no",
+    "options must be those of simulate; seed stands": "make = parameters = measure = seed = 1; options = {'seed': 1}",
+    "make must be a function": "make = parameters = measure = 1; options = {}",
+}
+
+
+@pytest.mark.parametrize("message", FILES)
+def test_a_file_that_defines_no_study_is_refused(message, tmp_path, monkeypatch, capsys):
+    # each file has a name of its own, because modules are imported once
+    path = tmp_path / f"study_{sorted(FILES).index(message)}.py"
+    path.write_text(FILES[message])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for arguments in ([str(path)], ["no_file.py"], ["--resume", str(tmp_path)]):
+        with pytest.raises(SystemExit) as leave:
+            main(["sweep", *arguments])
+        said = capsys.readouterr().err
+        assert leave.value.code == 2 and said.startswith("mbvi: ")
+        if arguments == [str(path)]:
+            assert message in said
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.data())
