@@ -24,6 +24,8 @@ from .study import StudyFolder, written
 
 # rows are written once the runs since the last time took as long as this [s]
 _WRITE_EVERY = 1.0
+# a batch is given back after this time, so that other workers share it [s]
+_LONGEST = 20.0
 # the first run of a process waits for another process to compile, no longer than this without compiling [s]
 _ALONE = 10.0
 _INDEX = struct.Struct("<q")
@@ -41,12 +43,15 @@ class Done:
         Time without that of compiling kernels [s].
     computed : int
         Number of rows that this time was spent on.
+    left : int
+        Number of runs at its end that were not made, because they take longer than expected.
     """
 
     runs: int
     failed: int
     seconds: float
     computed: int
+    left: int = 0
 
 
 def run_batch(folder: str, numbered: Sequence[tuple[int, Mapping[str, Any]]], allowed: int) -> Done:
@@ -89,12 +94,15 @@ def run_batch(folder: str, numbered: Sequence[tuple[int, Mapping[str, Any]]], al
                 with first_run_alone():
                     rows.append(row_of(study, index, point, here.runs, ends_process=_has_nanny()))
             now = time.perf_counter() - seconds_compiling()
+            if now - begin > _LONGEST:
+                break
             if now - since >= _WRITE_EVERY:
                 write_rows(path, rows)
                 since = now
         write_rows(path, rows)
     spent = time.perf_counter() - seconds_compiling() - begin
-    return Done(len(rows), sum(row["status"] != STATUS.ok for row in rows), spent, len(rows) - before)
+    failed = sum(row["status"] != STATUS.ok for row in rows)
+    return Done(len(rows), failed, spent, len(rows) - before, len(numbered) - len(rows))
 
 
 class Marks:

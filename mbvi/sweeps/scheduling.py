@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 
 # seconds that a batch shall take, and towards the end at least: a task costs the scheduler about a millisecond
 _BATCH, _LEAST = 7.5, 0.5
-# batches that wait or run for each worker
-_AHEAD = 2
+# batches that wait or run for each worker, and at least, for clusters that grow while tasks wait
+_AHEAD, _LEAST_AHEAD = 2, 64
 _MOST_RUNS = 100_000
 Numbered = tuple[int, Mapping[str, Any]]
 
@@ -94,8 +95,8 @@ class Submission:
         self._batches[key] = batch, size, future
         self._completed.add(future)
 
-    def next(self) -> Done | None:
-        """Wait for a batch; None if it was submitted again because its workers ended.
+    def next(self) -> tuple[Done, list[Numbered]] | None:
+        """Wait for a batch, and return the runs that it left over; None if it was submitted again: its workers ended.
 
         Raises
         ------
@@ -118,7 +119,7 @@ class Submission:
             return None
         finally:
             future.release()
-        return done
+        return done, batch[len(batch) - done.left :]
 
     def cancel(self) -> None:
         """Cancel what has not ended."""
@@ -151,19 +152,26 @@ def run_missing(
     """
     sizes = BatchSizes() if sizes is None else sizes
     # points are made when they are submitted: a million of them would be large
-    left: Iterator[Numbered] = ((int(k), points[int(k)]) for k in missing)
-    count = len(missing)
+    points_left: Iterator[Numbered] = ((int(k), points[int(k)]) for k in missing)
+    again, count, least = deque[Numbered](), len(missing), 0
     try:
         while True:
-            while count and len(submission) < _AHEAD * submission.workers:
-                batch = list(islice(left, sizes.next(count, submission.workers)))
+            while count and len(submission) < max(_AHEAD * submission.workers, least):
+                size = sizes.next(count, submission.workers)
+                batch = [again.popleft() for _ in range(min(size, len(again)))]
+                batch = batch or list(islice(points_left, size))
                 count -= len(batch)
                 submission.add(batch)
             if not len(submission):
                 return
-            done = submission.next()
-            if done is not None:
+            ended = submission.next()
+            if ended is not None:
+                done, left_over = ended
+                again.extend(left_over)
+                count += len(left_over)
                 sizes.add(done)
                 report(done)
+                # from now on it is known how long a run takes
+                least = _LEAST_AHEAD
     finally:
         submission.cancel()

@@ -84,7 +84,7 @@ def test_batches_and_workers_do_not_change_the_table(workers, size, client, expe
     check(tmp_path / "study", expected)
 
 
-def wait_for_rows(folder, count, alive=lambda: True, seconds=60.0):
+def wait_for_rows(folder, count, alive=lambda: True, seconds=180.0):
     end = time.monotonic() + seconds
     while not (folder / "rows").is_dir() or read_rows(folder / "rows", ["run"]).num_rows < count:
         assert time.monotonic() < end and alive(), "no rows are written"

@@ -290,6 +290,17 @@ def test_packages_are_imported_when_they_are_used_and_named_when_they_are_missin
         sweep()
 
 
+def test_batches_that_take_too_long_give_runs_back(sweep, monkeypatch):
+    table = sweep(f.drop_by_chance, measure=f.energy)
+    given = []
+    monkeypatch.setattr(batch, "_LONGEST", -1.0)
+    monkeypatch.setattr(BatchSizes, "next", lambda self, left, workers: 4)
+    monkeypatch.setattr(BatchSizes, "add", lambda self, done: given.append(done.left))
+    assert same(sweep(f.drop_by_chance, measure=f.energy, out="again"), table)
+    # of batches of four and of two runs one is made each time
+    assert sorted(given) == [0, 0, 1, 1, 2, 3]
+
+
 def test_a_run_in_which_processes_ended_is_given_up(tmp_path):
     folder, points = StudyFolder(tmp_path / "study"), points_of(GRID, f.drop)
     folder.open(Study(f.drop, f.energy, options=OPTIONS), points)
