@@ -165,7 +165,9 @@ class StudyFolder:
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
         """Keep other processes from running this study at the same time."""
-        with written(self.path), open(self.path / _LOCK, "w") as lock:
+        with contextlib.ExitStack() as stack:
+            with written(self.path):
+                lock = stack.enter_context(open(self.path / _LOCK, "w"))
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
