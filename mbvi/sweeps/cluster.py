@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,11 @@ def check_client(client: Any) -> None:
 
     if client is not None and not (isinstance(client, Client) and not client.asynchronous):
         raise InputError(f"client must be a distributed.Client that is not asynchronous; got {shown(client)}")
+
+
+def leave_interrupts() -> None:
+    """Let Ctrl-C, which all processes of a terminal get, end this process only where the client ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
@@ -93,6 +99,8 @@ def local_client(workers: int | None = None) -> Iterator[Client]:
         ) from error
     try:
         with Client(cluster, set_as_default=False) as client:
+            # for processes that are started again, too
+            client.register_worker_callbacks(setup=leave_interrupts)
             yield client
     finally:
         try:

@@ -1,5 +1,6 @@
 """Studies on worker processes: the same table whatever is killed, and whatever the batches and the workers are."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -19,6 +20,9 @@ from support.programs import environment
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 2e-3, "duration": 0.1}
 # 60 runs
 GRID = {"height": np.linspace(0.1, 0.3, 15).tolist(), "e": [0.0, 0.3, 0.5, 0.9]}
+
+
+COMMAND = [sys.executable, "-c", "from mbvi.cli.main import main; main()"]
 
 
 class Fixed:
@@ -169,6 +173,43 @@ def test_a_process_that_does_not_answer_ends():
     assert time.monotonic() - begin < 30.0
 
 
+def running_in_session(leader):
+    """Return the processes of a session; those that ended and wait for their parent do not count."""
+    import psutil
+
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, ProcessLookupError):
+            if os.getsid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return found
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_processes_in_one_line_and_the_rows_are_kept(tmp_path):
+    folder, file = tmp_path / "study", tmp_path / "slow_throws.py"
+    file.write_text(
+        "import mbvi\n"
+        "from support.sweep_functions import energy as measure, slow as make\n"
+        f"parameters = {GRID}\n"
+        "options = dict(scheme=mbvi.Paoli(), step=2e-3, duration=0.1)\n"
+    )
+    child = subprocess.Popen(
+        [*COMMAND, "sweep", str(file), "--out", str(folder), "--workers", "1"], env=environment(),
+        stderr=subprocess.PIPE, start_new_session=True, text=True,
+    )  # fmt: skip
+    wait_for_rows(folder, 5, lambda: child.poll() is None)
+    # as by Ctrl-C in a terminal
+    os.killpg(child.pid, signal.SIGINT)
+    _, said = child.communicate(timeout=120)
+    assert (child.returncode, said) == (130, "mbvi: interrupted\n")
+    assert 5 <= read_rows(folder / "rows", ["run"]).num_rows < 60
+    end = time.monotonic() + 20.0
+    while running_in_session(child.pid):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
 @pytest.mark.slow
 def test_the_command_line_begins_goes_on_and_says_how_far_it_is(tmp_path):
     file = tmp_path / "throws.py"
@@ -182,11 +223,10 @@ def test_the_command_line_begins_goes_on_and_says_how_far_it_is(tmp_path):
         "parameters = dict(height=[0.1, 0.2, 0.3])\n"
         "options = dict(scheme=mbvi.Paoli(), step=2e-3, duration=0.1)\n"
     )
-    call = [sys.executable, "-c", "from mbvi.cli.main import main; main()", "sweep"]
 
     def mbvi_sweep(*arguments):
         child = subprocess.run(
-            [*call, *map(str, arguments)], env=environment(), capture_output=True, text=True, cwd=tmp_path
+            [*COMMAND, "sweep", *map(str, arguments)], env=environment(), capture_output=True, text=True, cwd=tmp_path
         )
         return child.returncode, child.stdout, child.stderr
 
