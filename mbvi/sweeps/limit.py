@@ -7,6 +7,8 @@ import faulthandler
 import sys
 import threading
 import time
+from collections.abc import Callable
+from functools import partial
 from types import TracebackType
 
 from ..compiled import seconds_compiling
@@ -40,13 +42,17 @@ class Limit:
     def __init__(self, seconds: float | None, ends_process: bool = False) -> None:
         self._seconds, self._ends_process = seconds, ends_process
         self._lock, self._over = threading.Lock(), threading.Event()
+        self._cpu: Callable[[], float] = time.process_time
 
     def __enter__(self) -> None:
         if self._seconds is None:
             return
         self._thread = threading.get_ident()
-        self._clock = time.pthread_getcpuclockid(self._thread)
-        self._begin = time.clock_gettime(self._clock) - seconds_compiling()
+        # macOS has the clock of the process only
+        clock = time.pthread_getcpuclockid(self._thread) if hasattr(time, "pthread_getcpuclockid") else None
+        if clock is not None:
+            self._cpu = partial(time.clock_gettime, clock)
+        self._begin = self._cpu() - seconds_compiling()
         self._alive()
         threading.Thread(target=self._watch, args=(self._seconds,), daemon=True).start()
 
@@ -73,7 +79,7 @@ class Limit:
             with self._lock:
                 if self._over.is_set():
                     return
-                spent = time.clock_gettime(self._clock) - seconds_compiling() - self._begin
+                spent = self._cpu() - seconds_compiling() - self._begin
                 if spent > seconds and not self._compiling():
                     raised = ctypes.py_object(OverBudget)
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), raised)
