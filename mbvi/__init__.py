@@ -27,6 +27,7 @@ from .run.simulate import simulate, steps
 from .run.simulator import Simulator
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
+from .sweeps import plot_sweep, replay, sweep
 from .system import LagrangianSystem
 from .system.controls import CompiledControl, ConstantTorque, PDControl
 
@@ -78,10 +79,13 @@ __all__ = [
     "load",
     "motion",
     "packing",
+    "plot_sweep",
     "project",
     "reference",
+    "replay",
     "rollout",
     "simulate",
     "steps",
     "surfaces",
+    "sweep",
 ]

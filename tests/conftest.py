@@ -35,6 +35,15 @@ def kernels():
         kernel.compiled()
 
 
+@pytest.fixture(scope="module")
+def sweeps_in_a_thread():
+    """Let sweeps run in a thread of this process, and return its client: processes would need seconds to start."""
+    import distributed
+
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        yield client
+
+
 @pytest.fixture
 def command(capfd, tmp_path, monkeypatch):
     """Run the command line in an empty folder; returns exit code, stdout and stderr, those of C++ included."""

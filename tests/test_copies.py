@@ -13,6 +13,7 @@ import pytest
 import mbvi
 from mbvi import packing, surfaces
 from mbvi.studies.shipped import robot_path
+from mbvi.sweeps.points import points_of, takes_rng
 from support.paths import EXAMPLES
 from support.repeated_runs import bytes_of, every_shape, short_run, simulate_elsewhere
 
@@ -35,15 +36,26 @@ def example(name, monkeypatch):
     def found(problem, scheme=None, **options):
         raise Found(problem, scheme, options)
 
+    def found_first(make, parameters, *, measure, out, scheme, **options):
+        raise Found(run_of_point(make, parameters), scheme, options)
+
     with monkeypatch.context() as patched:
         patched.setattr(mbvi, "simulate", found)
         patched.setattr(mbvi, "steps", found)
         patched.setattr(mbvi, "Simulator", found)
         patched.setattr(mbvi, "rollout", lambda problem, q0, v0, **options: found(problem, step=options["step"]))
+        patched.setattr(mbvi, "sweep", found_first)
         spec.loader.exec_module(module)
         with pytest.raises(Found) as error:
             module.main()
     return error.value.run
+
+
+def run_of_point(make, parameters):
+    """The problem of the first point of a sweep."""
+    arguments = points_of(parameters, make)[0] | ({"rng": np.random.default_rng(0)} if takes_rng(make) else {})
+    made = make(**arguments)
+    return made.build() if isinstance(made, mbvi.Scene) else made
 
 
 COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda x: pickle.loads(pickle.dumps(x))}

@@ -11,6 +11,8 @@ G = 9.81
 # dropped from 1 m: fall, then two flights at 0.8 and 0.64 of the first speed
 THIRD_BOUNCE = np.sqrt(2 / G) * (1 + 2 * 0.8 + 2 * 0.64)
 NUMBERS = {
+    # the restitution of the recording, to the noise of its pictures
+    "find_restitution": (0.83, 3e-4),
     # nearly all of 60 grains; how many pass before the arch forms depends on rounding
     "arch": (58, 3),
     # the limit of finer steps
@@ -54,9 +56,13 @@ NUMBERS = {
     "quadruped_on_slope": (0.0, 1e-6),
     # more samples and iterations, and other seeds, find 0.31 m too
     "sampled_jump": (0.31, 0.01),
+    # Housner's energies, which know no step
+    "rocking_block": (1.0, 0.0),
     # the flight of a bed that leaves the floor where that falls with g
     "shaker": (0.206329, 1e-3),
     "step_by_hand": (THIRD_BOUNCE, 2e-3),
+    # a fair die: the largest of six distances in standard deviations
+    "thrown_die": (1.5, 1.5),
 }
 # arguments for which the numbers above hold as well
 FULL_SIZE = {
@@ -74,6 +80,7 @@ def load(name):
     return module
 
 
+@pytest.mark.usefixtures("sweeps_in_a_thread")
 @pytest.mark.parametrize("name", [p.stem for p in sorted(EXAMPLES.glob("*.py"))])
 def test_example(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -11,8 +11,8 @@ MBVI = Path(__file__).parents[1] / "mbvi"
 # the rooms of docs/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package
 FLOORS = (
     "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "problem",
-    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "packing", "reference", "mbvi",
-    "studies", "cli",
+    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "packing", "reference", "sweeps",
+    "mbvi", "studies", "cli",
 )  # fmt: skip
 # these rooms are folders inside a room; all other folders belong to the room around them
 INNER = {"schemes.event_driven", "results.replay"}

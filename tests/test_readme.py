@@ -18,6 +18,7 @@ BLOCKS = [
 ]
 
 
+@pytest.mark.usefixtures("sweeps_in_a_thread")
 @pytest.mark.parametrize("found", BLOCKS)
 def test_a_block_runs_and_prints_what_follows(found, tmp_path, monkeypatch):
     (tmp_path / "robots").symlink_to(ROOT / "robots")

@@ -1,4 +1,4 @@
-"""The command line: `mbvi demo`, `simulate`, `inspect`, `replay`, `chart` and `stress`."""
+"""The command line: `mbvi demo`, `simulate`, `inspect`, `replay`, `chart`, `stress` and `sweep`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from .replay import Shapes, warnings_as_notes, write_page
 from .scheme_names import SchemeName
 from .solver_names import SolverName
 from .stress import stress
+from .sweep import sweep
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -175,6 +176,7 @@ def demo(
 
 app.command()(chart)
 app.command()(stress)
+app.command()(sweep)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -200,6 +200,55 @@ def saved() -> str:
     return str(path)
 
 
+def dropped(height: float) -> mbvi.Scene:
+    """Return a scene of a study."""
+    made = mbvi.Scene()
+    made.add_sphere(0.1, position=(0.0, 0.0, height))
+    return made
+
+
+def last_height(result: mbvi.Trajectory) -> dict[str, float]:
+    """Measure a run of a study."""
+    return {"height_of_ball": result.q[-1, 2]}
+
+
+_STUDY = {"make": dropped, "parameters": {"height": [0.1, 0.2]}, "measure": last_height, "seed": 0, "keep": "all"}
+_SWEEP = {"scheme": mbvi.Paoli(), "step": 1e-3, "duration": 3e-3}
+
+
+@functools.cache
+def study() -> str:
+    """Return the path of a study that is complete."""
+    import tempfile
+
+    path = tempfile.mkdtemp()
+    mbvi.sweep(**_STUDY, **_SWEEP, out=path, client=_client(), budget=100.0)
+    return path
+
+
+@functools.cache
+def _client() -> Any:
+    """Return the client of a thread of this process: worker processes would need longer to start."""
+    import atexit
+
+    import distributed
+
+    made = distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None, set_as_default=False
+    )
+    atexit.register(made.close)
+    return made
+
+
+@functools.cache
+def swept() -> Any:
+    """Return its table."""
+    # imported here, because a call is timed
+    import matplotlib.figure  # noqa: F401
+
+    return mbvi.sweep(**_STUDY, **_SWEEP, out=study(), budget=100.0)
+
+
 @functools.cache
 def mesh() -> str:
     """Return the path of a mesh file, a tetrahedron."""
@@ -312,6 +361,18 @@ def _replay(speed: Any, shapes: Any) -> None:
     right = isinstance(speed, float) and 1e-6 <= speed <= 1e6
     if not (right and isinstance(shapes, str) and shapes in ("visual", "collision")):
         run().replay(speed=speed, shapes=shapes)
+
+
+def _sweep(**given: Any) -> Any:
+    # without a client it is the current one
+    with _client().as_current():
+        return mbvi.sweep(**given, **_SWEEP)
+
+
+def _replay_of_study(html: Any, **given: Any) -> None:
+    # right arguments open a browser
+    if html is not None:
+        mbvi.replay(html=html, **given).energy()
 
 
 def _solved(reference: Any) -> None:
@@ -490,6 +551,16 @@ CALLS: dict[str, Call] = {
         mbvi.forks, lambda: {"v": [1.0, -1.0, 0.0], "M": np.eye(3), "J": np.eye(3)[:2], "e": 0.5},
         lambda found: _finite_projection(found.law),
     ),
+    "sweep": Call(
+        _sweep,
+        lambda: {**_STUDY, "out": study(), "client": _client(), "budget": 100.0},
+        lambda table: table.load(),
+    ),
+    "plot_sweep": Call(mbvi.plot_sweep, lambda: {"ds": swept(), "names": ["height_of_ball"]}),
+    "replay": Call(
+        _replay_of_study,
+        lambda: {"study": study(), "run": 1, "html": "run.html", "shapes": "collision"},
+    ),
     "Trajectory.at": Call(lambda **given: run().at(**given), lambda: {"t": 0.015}),
     "Trajectory.diagnosis": Call(lambda **given: run().diagnosis(**given), lambda: {"tolerance": 1e-3}),
     "Trajectory.save": Call(lambda **given: run().save(**given), lambda: {"path": "again.h5"}),
@@ -666,7 +737,8 @@ def _parameters(item: Callable[..., Any]) -> tuple[str, ...]:
     names: list[str] = []
     for parameter in inspect.signature(item).parameters.values():
         if parameter.kind is parameter.VAR_KEYWORD:
-            names += get_type_hints(BodyArguments)
+            # options of `simulate` have their own call
+            names += get_type_hints(BodyArguments) if parameter.name != "simulate_options" else ()
         elif parameter.name != "self":
             names.append(parameter.name)
     return tuple(names)
@@ -691,6 +763,8 @@ def check(name: str, bad: dict[str, Any]) -> str:
         not end.
     """
     call = CALLS[name]
+    # what they need is prepared before the time counts
+    right = call.arguments()
     outcome = collections.deque(["taken"], maxlen=1)
     before = signal.signal(signal.SIGALRM, _too_slow)
     signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
@@ -698,7 +772,7 @@ def check(name: str, bad: dict[str, Any]) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", mbvi.MbviWarning)
-            call.use(call.call(**{**call.arguments(), **bad}))
+            call.use(call.call(**{**right, **bad}))
     except mbvi.MbviError as error:
         outcome.append("refused")
         text = str(error)
