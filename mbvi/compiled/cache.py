@@ -85,7 +85,7 @@ class _CheckedFile(IndexDataCacheFile):
         try:
             with open(path, "rb") as file:
                 found = file.read()
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
             raise _DamagedFile from error
