@@ -112,8 +112,9 @@ def rollout(
 def _states(value: Array, name: str, size: int) -> Array:
     """Return states as an array; their numbers are checked one rollout after the other."""
     try:
-        states = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
+        with np.errstate(all="ignore"):
+            states = np.array(value, dtype=float)
+    except Exception as error:
         raise InputError(f"{name} must be an array of numbers") from error
     if states.ndim != 2 or states.shape[1] != size:
         raise InputError(f"{name} has shape {states.shape}; it must have (n, {size}), one row for each rollout")

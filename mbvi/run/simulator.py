@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arguments import integer, positive
+from ..arguments import integer, positive, shown
 from ..constraints.contact import Contact
-from ..errors import UnsuitableError
+from ..errors import InputError, UnsuitableError
 from ..problem import Problem, check_kept
 from ..schemes import EventDriven, Scheme, Step
 from ..schemes.contact_friction import friction_of
@@ -20,6 +20,8 @@ from .default_scheme import time_stepping
 from .mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step
+
+_MOST_STEPS = 10**9
 
 
 class Simulator:
@@ -119,8 +121,10 @@ class Simulator:
         ProjectionError, DivergedError
             As `simulate`. The state is then that before the step that failed.
         """
-        if type(n) is not int or n < 1:
+        if type(n) is not int or not 0 < n <= _MOST_STEPS:
             n = integer(n, "n", 1)
+            if n > _MOST_STEPS:
+                raise InputError(f"n must be at most {_MOST_STEPS} steps in one call; got {shown(n)}")
         end = self._done + n + 1
         while self._done + 1 < end:
             self._done = self._stepper.take(self._done + 1, end) - 1

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import array, function, shown
+from ..arguments import array, function, integer, shown
 from ..compiled import call_address, kernel, plain_array, record
 from ..errors import InputError
 from .system import Array
@@ -16,6 +16,8 @@ from .system import Array
 NONE, TRACKING, FUNCTION, HELD = range(4)
 # by how much a time may differ from that of a step by rounding [steps]
 _MARGIN = 1e-6
+# largest size of q or v that counts as one
+_MOST_COORDINATES = 100_000
 
 
 @record("i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
@@ -266,10 +268,26 @@ class CompiledControl(LoopControl):
 
     def __init__(self, control: Callable[[float, Array, Array, Array], None], nq: int, nv: int) -> None:
         function(control, "control", "control(t, q, v, tau)")
+        nq, nv = integer(nq, "nq"), integer(nv, "nv")
+        if max(nq, nv) > _MOST_COORDINATES:
+            raise InputError(f"nq and nv must be at most {_MOST_COORDINATES}; got {nq} and {nv}")
         self._control, self._sizes = control, (nq, nv)
         self._compiled: Any = _compile(control, nq, nv)
         address = np.array([self._compiled.address], dtype=np.int64)
         self.table = _tracking(np.zeros((1, nv)))._replace(kind=FUNCTION, address=address)
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torque at (t, q, v), shape (nv,) [N, N m]."""
+        # the function would read beyond shorter arrays
+        if (len(q), len(v)) != self._sizes:
+            raise InputError(f"q and v have {len(q)} and {len(v)} entries; the control is made for {self._sizes}")
+        return super().__call__(t, q, v)
+
+    def check(self, sizes: list[tuple[int, int]], name: str) -> None:
+        """Raise `InputError` if the control was made for other sizes of q and v."""
+        of_robot = sum(nq for nq, _ in sizes), sum(nv for _, nv in sizes)
+        if of_robot != self._sizes:
+            raise InputError(f"the control of {name} is made for nq, nv = {self._sizes}; it has {of_robot}")
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # the address is good in this process only
@@ -318,6 +336,10 @@ def _compile(control: Callable[..., None], nq: int, nv: int) -> Any:
         compiled(t, carray(q, (nq,)), carray(v, (nv,)), carray(tau, (nv,)))
 
     try:
-        return cfunc(types.void(types.float64, pointer, pointer, pointer))(on_addresses)
+        made = cfunc(types.void(types.float64, pointer, pointer, pointer))(on_addresses)
     except NumbaError as error:
-        raise InputError(f"control cannot be compiled by numba: {error}") from error
+        raise InputError(f"control cannot be compiled by numba: {str(error)[:500]}") from error
+    returned = compiled.nopython_signatures[0].return_type
+    if returned is not types.none:
+        raise InputError(f"control returns {returned}; it must write the torques to tau and return nothing")
+    return made

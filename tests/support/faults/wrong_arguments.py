@@ -145,7 +145,7 @@ RIGHT_SOMEWHERE = {
     "None", "True", "numpy's True", "word", "digits", "minus zero in words", "nan in words", "line break", "parts",
     "-1", "zero", "a half", "denormal", "tiny", "huge integer", "integer of many digits", "empty list",
     "function that returns nan", "function that returns None",
-    "three denormals", "three zeros", "zeros (3, 3)", "mirror", "nothing (0, 3)",
+    "three denormals", "three zeros", "four numbers", "zeros (3, 3)", "mirror", "nothing (0, 3)",
 }  # fmt: skip
 
 
@@ -694,11 +694,13 @@ CALLS: dict[str, Call] = {
 
 # what the library returns, which nobody makes by hand, and forms that others fill
 _RETURNED = (
+    mbvi.RolloutStatus, mbvi.Rollouts,
     mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
     mbvi.reference.Reference, mbvi.motion.Motion,
 )  # fmt: skip
 # classes whose methods a user calls; those of schemes, systems and constraints are called by a run
 _WITH_METHODS = (
+    mbvi.Simulator,
     mbvi.Scene, mbvi.Problem, mbvi.Trajectory, mbvi.Diagnosis, mbvi.reference.Reference, mbvi.motion.Translation,
     mbvi.motion.Oscillation, mbvi.motion.Rotation,
 )  # fmt: skip
