@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-
 _KINDS: dict[type, Any] = {np.int32: ctypes.c_int, float: ctypes.c_double, np.float64: ctypes.c_double}
 
 

@@ -1,4 +1,4 @@
-"""Contacts of the pairs of shapes of one mechanism in one kernel: what `SignedDistances` does where Coal is not needed."""
+"""Contacts of the pairs of shapes of one mechanism in one kernel, as `SignedDistances` finds them without Coal."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class MechanismConstraints(NamedTuple):
 
 @kernel("Tuple((i8, f8))(Limits, f8[::1], f8, RowBuffer)")
 def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
-    """Append the limits within a tolerance [m]; return a code, and how far any gap may fall before the next query [m]."""
+    """Append the limits within a tolerance [m]; return a code, and how far gaps may fall before the next query [m]."""
     nearest, nv = np.inf, rows.J.shape[1]
     for a in range(len(limits.sign)):
         gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]

@@ -105,7 +105,7 @@ class MechanismState:
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop knows every family: at most one of joint limits, of half-spaces and of pairs of shapes."""
+    """Return whether the loop knows every family: at most one of joint limits, of half-spaces, of pairs of shapes."""
     kinds = [type(family) for family in constraints.families]
     if not all(kind in _KINDS for kind in kinds) or len(set(kinds)) < len(kinds) or constraints.cache.arrays is None:
         return False

@@ -14,7 +14,7 @@ from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
-from .friction import FrictionalProjection
+from .friction import FrictionalProjection, FrictionalStart
 from .frictional_laws import FrictionalLaws, FrictionalRows
 from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, Metric

@@ -47,8 +47,8 @@ class CompiledLoop:
     """
 
     def __init__(
-        self, problem: Problem, kind: int, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard,
-        h: float, every: int, total: int,
+        self, problem: Problem, kind: int, scheme: Scheme, projector: Projector, recorder: Recorder,
+        guard: TunnellingGuard, h: float, every: int, total: int,
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
@@ -206,8 +206,8 @@ def kind_of_scheme(scheme: Scheme) -> int | None:
 
 
 def compiled_loop(
-    problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float, every: int,
-    total: int,
+    problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float,
+    every: int, total: int,
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/architecture.md."""
     kind, system = kind_of_scheme(scheme), problem.system

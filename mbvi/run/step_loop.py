@@ -136,7 +136,8 @@ def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
 
 
 @kernel(
-    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)", nogil=True
+    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)",
+    nogil=True,
 )
 def run_steps(
     s: MechanismStep, log: LoopRecord, scheme: int, q: Array, v: Array, t0: float, h: float, first: int, end: int,

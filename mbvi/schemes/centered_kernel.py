@@ -280,7 +280,12 @@ def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
     mutual_nearest(ahead.number[:m], ahead.point[:m], rows.number[:k], rows.point[:k], order, owner[:m])
     for i in range(m):
         a = owner[i]
-        if a >= 0 and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0:
+        if (
+            a >= 0
+            and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance
+            and rows.e[a] < 1.0
+            and s.rates[a] > 0.0
+        ):
             # where the law was applied its gap was
             if rows.lever[a] * ahead.gap[i] <= rows.lever[a] * rows.gap[a] + scales.tolerance:
                 return True

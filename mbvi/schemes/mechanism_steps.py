@@ -136,8 +136,8 @@ def room(nq: int, nv: int) -> Room:
 
 
 @record(
-    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, Room, RowBuffer, RowBuffer, RowBuffer, f8[::1], f8[::1],"
-    " f8[::1], f8[::1], f8[::1]"
+    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, Room, RowBuffer, RowBuffer, RowBuffer, f8[::1],"
+    " f8[::1], f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -232,8 +232,8 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
         for i in range(3 * k):
             start[i] = 0.0
     found, unique = frictional_tree_law(
-        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened, rows.mu[:k],
-        known, AIM, start, s.v, rates, slip,
+        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened,
+        rows.mu[:k], known, AIM, start, s.v, rates, slip,
     )  # fmt: skip
     if not 0.0 <= found <= s.scales.residual:
         return UNSOLVED
