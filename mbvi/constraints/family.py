@@ -73,6 +73,8 @@ class ConstraintFamily(ABC):
         Whether the rows can be listed one by one, as `EventDriven` needs them.
     skips_resting : bool
         Whether the family can leave out bodies at rest; see `skip_resting`.
+    some_rest : bool
+        Whether it leaves some out now.
     functions : tuple of callable
         The functions of a user that the family evaluates, for the description in a file.
     """
@@ -88,6 +90,7 @@ class ConstraintFamily(ABC):
     thickness: Array | float = np.inf
     tracked: bool = True
     skips_resting: bool = False
+    some_rest: bool = False
     functions: tuple[Callable[..., Any], ...] = ()
     # contacts that are returned again while nothing moves
     kept: Any = None

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.shape_table import Shapes, ShapeTable
 from .admissible_set import AdmissibleSet
+from .family import ConstraintFamily
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
 from .mechanism_rows import MechanismConstraints
@@ -21,7 +22,6 @@ from .mechanism_tables import (
     PairFamily,
     RowBuffer,
 )
-from .pairs import Pairs
 from .rows import Array
 from .signed_distance import SignedDistances
 
@@ -79,7 +79,7 @@ class MechanismState:
 
     def enter(self) -> bool:
         """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""
-        if any(isinstance(family, Pairs) and family.some_rest for family in self._set.families):
+        if any(family.some_rest for family in self._set.families):
             return False
         cache, state = self._set.cache, self._clearances
         if not cache.lend(state.q, state.always, self._listed):
@@ -102,6 +102,11 @@ class MechanismState:
     def leave(self) -> None:
         """Copy the state back to the caches."""
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
+
+
+def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
+    """Return the family of pairs of shapes, if there is one."""
+    return next((family for family in constraints.families if _KINDS.get(type(family)) == PAIRS), None)
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
@@ -142,7 +147,7 @@ def _limits(constraints: AdmissibleSet, k: int | None) -> Limits:
     if k is None:
         nothing, none = np.zeros(0), np.zeros(0, np.int64)
         return Limits(nothing, nothing, nothing, none, none, nothing, none)
-    family, start, e = constraints.numbered()[k]
-    assert isinstance(family, JointLimits)
+    limits, start, e = constraints.numbered()[k]
+    family: Any = limits
     own = np.broadcast_to(family.restitution, (family.size,))
     return Limits(*family.arrays, np.where(np.isnan(own), e, own), start + np.arange(family.size))

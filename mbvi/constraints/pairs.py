@@ -166,13 +166,9 @@ class Pairs(Rebuilt, ConstraintFamily):
         index = candidates.index if self._resting is None else self._not_resting(candidates.index, self._resting)
         return self._rows(q, index, tolerance, candidates) if index.size else None
 
-    @property
-    def some_rest(self) -> bool:
-        """Whether pairs of bodies at rest are left out now."""
-        return self._resting is not None
-
     def skip_resting(self, resting: Array | None) -> None:
         """Leave out the pairs of bodies that are both at rest; see the base class."""
+        self.some_rest = resting is not None
         self._resting = None if resting is None else resting[self._first_body] & resting[self._second_body]
         self._last_awake = None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.mechanism_state import MechanismState, can_be_compiled, row_buffer
+from ..constraints.mechanism_state import MechanismState, can_be_compiled, pairs_of_shapes, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
 from ..problem import Problem
@@ -179,7 +179,8 @@ def loop_record(
     width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
         t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
-        np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares, guard.thickness,
+        np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
+        guard.thickness(pairs_of_shapes(problem.constraints)),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..constraints import ConstraintFamily, SignedDistances
+from ..constraints import ConstraintFamily
 from ..errors import DivergedError
 from ..problem import Problem
 from ..projection import Projector
@@ -78,13 +78,12 @@ class TunnellingGuard:
         none = np.zeros((len(self._per_velocity), 0))
         return self._per_velocity, np.ascontiguousarray(np.concatenate([none, *self._displacements], axis=1))
 
-    @property
-    def thickness(self) -> Array:
-        """Thickness of the same pairs, shape (n,) [m]; infinite where they are not all pairs of shapes."""
+    def thickness(self, family: ConstraintFamily | None) -> Array:
+        """Return the thickness of the pairs of `shares`, shape (n,) [m]; infinite unless all are those of a family."""
         listed = self._watched if self._displacements else []
-        if all(isinstance(family, SignedDistances) for family in listed) and len(listed) == 1:
-            return np.array(listed[0].thickness, dtype=float)
-        return np.full(sum(family.size for family in listed), np.inf)
+        if family is not None and listed == [family]:
+            return np.array(np.broadcast_to(family.thickness, family.size), dtype=float)
+        return np.full(sum(one.size for one in listed), np.inf)
 
     def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps from a state at t to t + h, more than one where a body would pass through another."""
