@@ -150,4 +150,6 @@ def _limits(constraints: AdmissibleSet, k: int | None) -> Limits:
     limits, start, e = constraints.numbered()[k]
     family: Any = limits
     own = np.broadcast_to(family.restitution, (family.size,))
-    return Limits(*family.arrays, np.where(np.isnan(own), e, own), start + np.arange(family.size))
+    sign, offset, lever, position, velocity = family.arrays
+    e_of_each, number = np.where(np.isnan(own), e, own), start + np.arange(family.size)
+    return Limits(sign, offset, lever, position, velocity, e_of_each, number)

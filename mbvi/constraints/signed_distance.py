@@ -93,16 +93,17 @@ class SignedDistances(Pairs):
     def loop_tables(self) -> tuple[tuple[Array, ...], PairShapes]:
         """Return the shapes, and what else the compiled loop needs of the pairs; both share the axes."""
         n, axes, sizes = self.size, self._axes, self._coal
-        places, lists = np.zeros((2, len(axes.bodies), 4, 3)), np.zeros((5, n), np.int64)
-        unresolved, closed, others, unknown, state = lists
+        rooms: Any = np.zeros((2, len(axes.bodies), 4, 3))
+        unresolved, closed, others, unknown, state = np.zeros((5, n), np.int64)
         mode = LEFT_TO_PYTHON if self._planar else ROUNDED if self._at_rest else AS_THEY_ARE
         found: Any = np.zeros(n), *np.zeros((2, n, 3)), state
         contacts: Any = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
-        return axes.tables, PairShapes(
-            np.array(axes.bodies, dtype=np.int64), *places, unresolved, closed, others, unknown, axes.axis,
+        fields: Any = (
+            np.array(axes.bodies, dtype=np.int64), *rooms, unresolved, closed, others, unknown, axes.axis,
             self._closed.form, self.smooth, self._flat, sizes.bound, sizes.unit, self._grid.ravel(), mode, *found,
             *contacts,
         )  # fmt: skip
+        return axes.tables, PairShapes(*fields)
 
     def keep_axes_of(self, other: SignedDistances) -> None:
         """Take over what another list of pairs of the same shapes knows of those that are in both."""

@@ -214,7 +214,7 @@ def compiled_loop(
     kind, system = kind_of_scheme(scheme), problem.system
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.energy_cap or projector.accepted is not None or not isinstance(system, ArticulatedSystem):
+    if projector.accepted is not None or not isinstance(system, ArticulatedSystem):
         return None
     if system.mechanism() is None:
         return None
