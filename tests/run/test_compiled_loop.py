@@ -9,6 +9,7 @@ import pytest
 
 import mbvi
 from mbvi.run.accuracy import projector_of
+from mbvi.run.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step
@@ -75,7 +76,7 @@ def steps_of_the_loop(problem, scheme, run):
     none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
     for i in range(count):
         # a run leaves out attempts of the loop after several that took few steps
-        loop._wait = loop._waits = 0
+        loop._patience = Patience()
         state, done, _ = loop.run(Step(run.t[i], run.q[i], run.v[i], none, NO_RATES, 0.0), i, i + 1)
         yield state if done == i + 1 else None
 

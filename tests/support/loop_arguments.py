@@ -15,7 +15,6 @@ import pytest
 import mbvi
 from mbvi.compiled import Kernel
 from mbvi.run import compiled_loop, step_loop
-from mbvi.system import controls
 from support.paths import ROBOTS
 
 STEP, DURATION = 1e-3, 0.2
@@ -178,39 +177,9 @@ def clearance_of(rng, seed):
     return constraints, int(rng.integers(len(constraints.pairs.clearance)))
 
 
-def _trajectory(rng):
-    """A table of torques and gains on the last joints of a robot that has nv velocities and one coordinate more."""
-    n, k = int(rng.integers(1, 5)), int(rng.integers(1, 6))
-    table = controls.PDControl(
-        rng.normal(size=(k, n)), rng.choice([0.0, 5.0], n), rng.choice([0.0, 2.0], n), v=rng.normal(size=(k, n)),
-        torque=rng.normal(size=(k, n)), times=np.sort(rng.random(k)), limit=3.0 * rng.random(n),
-    ).table  # fmt: skip
-    return table, n + int(rng.integers(0, 7))
-
-
-def write_torque(rng, seed):
-    table, nv = _trajectory(rng)
-    q, v = rng.normal(size=nv + 1), rng.normal(size=nv)
-    if seed == 2:
-        table = controls.no_control(nv)
-    return table, 1.2 * rng.random() - 0.1, q, v, np.full(nv, np.nan)
-
-
-def between(rng, seed):
-    table, _ = _trajectory(rng)
-    k, n = table.q.shape
-    # at the last row there is no way to the next
-    row = int(rng.integers(k))
-    share = 0.0 if row == k - 1 else rng.choice([0.0, rng.random()])
-    return table.q, row, int(rng.integers(n)), float(share)
-
-
 LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
     "largest_reach": lambda rng, seed: (rng.random(),),
-    "write_torque": write_torque,
-    "bracket": lambda rng, seed: (_trajectory(rng)[0].times, float(rng.choice([-1.0, rng.random(), 2.0]))),
-    "between": between,
 }
