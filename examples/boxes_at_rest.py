@@ -27,7 +27,7 @@ def poured(count: int) -> mbvi.Problem:
     return scene.build()
 
 
-def main(page: str | None = None, count: int = 40, duration: float = 1.5) -> float:
+def main(page: str | None = None, count: int = 40, duration: float = 2.0) -> float:
     """Return the kinetic energy of a box at the end over m g times its edge, the mean of all boxes."""
     run = mbvi.simulate(poured(count), mbvi.StewartTrinkle(), step=2e-3, duration=duration, every=10)
     kinetic = run.energies()[0] / (count * G * EDGE)

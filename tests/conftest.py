@@ -40,7 +40,9 @@ def sweeps_in_a_thread():
     """Let sweeps run in a thread of this process, and return its client: processes would need seconds to start."""
     import distributed
 
-    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as client:
         yield client
 
 

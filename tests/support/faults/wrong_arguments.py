@@ -234,7 +234,7 @@ def _client() -> Any:
     import distributed
 
     made = distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None, set_as_default=False
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", set_as_default=False
     )
     atexit.register(made.close)
     return made
