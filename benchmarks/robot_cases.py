@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
-from standing_robots import PD
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts
@@ -125,12 +124,16 @@ def talos() -> tuple[mbvi.Problem, Array]:
     return _held(*_robot(_floor(), file, 38, True, position=(0.0, 0.0, 1.3), joints=legs | arms))
 
 
-def pushed(mu: float) -> tuple[mbvi.Problem, PD]:
+# gains of the joints of a robot that is pushed [N m/rad, N m s/rad]
+STIFFNESS, DAMPING = 80.0, 1.0
+
+
+def pushed(mu: float) -> tuple[mbvi.Problem, Array]:
     """Stand on four feet under a PD control with a push: it sways on its feet, or glides without friction."""
     still, torque = four_feet()
-    control, scene = PD(still.q0[7:], torque[6:], np.full(12, 80.0), np.full(12, 1.0)), _floor(mu)
+    control, scene = mbvi.PDControl(still.q0[7:], STIFFNESS, DAMPING, torque=torque[6:]), _floor(mu)
     scene.add_urdf(_OWN / "quadruped" / "quadruped.urdf", control=control, position=(0.0, 0.0, 1.0))
-    return scene.build(reduce=()).at(still.q0, still.v0), control
+    return scene.build(reduce=()).at(still.q0, still.v0), torque
 
 
 def _every_leg(hip: float, thigh: float, calf: float) -> dict[str, float]:

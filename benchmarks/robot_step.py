@@ -1,7 +1,8 @@
 """Time of one step of a robot, beside MuJoCo on the same robot in the same run.
 
-The robots step at h = 1e-3 s through `mbvi.simulate` with `Paoli()`, recording included, and through MuJoCo's batched
-`mj_step`, which records nothing. The two alternate, so that a busy machine slows both.
+The robots step at h = 1e-3 s through `mbvi.simulate` with `Paoli()` and with the default scheme at a given step,
+recording included, and through MuJoCo's batched `mj_step`, which records nothing. They take turns, so that a busy
+machine slows all.
 
     python benchmarks/robot_step.py                 # the table
     python benchmarks/robot_step.py --profile       # and mbvi's time by layer
@@ -20,8 +21,8 @@ thirteen. A stand under constant torques is unstable. It holds in mbvi; in MuJoC
 it moving, on two feet so far that the joints fly by the end, while the rows stay as they are. Talos stands on eight
 dependent rows (of rank six), the kneeling quadruped on eight independent ones.
 
-With --friction the quadruped stands on four feet under a PD control written in Python, which both engines call at
-every step, with and without friction. It is pushed: with friction it sways on its feet, without it glides. MuJoCo has
+With --friction the quadruped stands on four feet under a PD control, with and without friction: `mbvi.PDControl`, and
+springs and dampers of MuJoCo's joints. It is pushed: with friction it sways on its feet, without it glides. MuJoCo has
 its elliptic cone.
 
 A time is (n steps - 1 step) / (n - 1), which removes set-up and first call. It is CPU time, because on a busy machine
@@ -49,11 +50,12 @@ from itertools import islice  # noqa: E402
 
 import numpy as np  # noqa: E402
 from layers import LAYERS, layers  # noqa: E402
-from robot_cases import CASES, Case, again, pushed  # noqa: E402
+from robot_cases import CASES, DAMPING, STIFFNESS, Case, again, pushed  # noqa: E402
 from turns import (  # noqa: E402
     DURATION,
     HEADS,
     PAGE,
+    SCHEMES,
     STEP,
     machine,
     simulated,
@@ -85,38 +87,48 @@ def mbvi_rows(case: Case, count: int) -> float:
 
 
 def mbvi_times(case: Case, count: int, repeats: int, between: Callable[[], None] = lambda: None) -> Array:
-    """Return the time of one step of `count`, without set-up, shape (repeats,) [s].
+    """Return the times of one step of `count` by both schemes, without set-up, shape (2, repeats) [s].
 
     `between` is called after each repeat.
     """
-    one, many = np.empty(repeats), np.empty(repeats)
+    schemes = list(SCHEMES.values())
+    one, many = np.empty((2, repeats)), np.empty((2, repeats))
     for k in range(repeats):
-        one[k], many[k] = (run_time(again(case.problem), n) for n in (1, count))
+        for s, scheme in enumerate(schemes):
+            one[s, k], many[s, k] = (run_time(again(case.problem), n, scheme=scheme) for n in (1, count))
         between()
     # the median of the set-up, which is longer than many steps; its scatter would hide them
-    return (many - np.median(one)) / (count - 1)
+    return (many - np.median(one, axis=1)[:, None]) / (count - 1)
 
 
-def run_time(problem: mbvi.Problem, count: int, clock: Callable[[], float] = time.process_time) -> float:
+def run_time(
+    problem: mbvi.Problem,
+    count: int,
+    clock: Callable[[], float] = time.process_time,
+    scheme: mbvi.schemes.Scheme | None = SCHEMES["Paoli"],
+) -> float:
     """Return the time of a run, including set-up [s]."""
     start = clock()
-    mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=count * STEP, progress=False)
+    mbvi.simulate(problem, scheme, step=STEP, duration=count * STEP, progress=False)
     return clock() - start
 
 
 def line(case: Case, count: int, repeats: int) -> str:
     """Time one case, alternating between the engines, and return its line of the table."""
     # compiling and loading at first use is not timed
-    run_time(again(case.problem), count)
+    for scheme in SCHEMES.values():
+        run_time(again(case.problem), count, scheme=scheme)
     rows = mbvi_rows(case, count)
     if mujoco is None:
-        mine = 1e6 * np.median(mbvi_times(case, count, repeats))
-        return f"{case.name:34}{mine:12.1f}{'-':>16}{'-':>7}{rows:11.2f}{'-':>13}"
+        mine = 1e6 * np.median(mbvi_times(case, count, repeats), axis=1)
+        cells = "".join(f"{each:12.1f}{'-':>7}" for each in mine)
+        return f"{case.name:34}{'-':>16}{cells}{rows:11.2f}{'-':>13}"
     peer, others = MuJoCoRobot(case.problem, case.torque, STEP), []
     peer.time(count)
     times = mbvi_times(case, count, repeats, between=lambda: others.append(peer.time(count)))
-    mine, other, ratio = 1e6 * np.median(times), 1e6 * np.median(others), np.median(times / others)
-    return f"{case.name:34}{mine:12.1f}{other:16.1f}{ratio:7.1f}{rows:11.2f}{peer.rows(count):13.2f}"
+    mine, ratios = 1e6 * np.median(times, axis=1), np.median(times / others, axis=1)
+    cells = "".join(f"{each:12.1f}{ratio:7.2f}" for each, ratio in zip(mine, ratios, strict=True))
+    return f"{case.name:34}{1e6 * np.median(others):16.1f}{cells}{rows:11.2f}{peer.rows(count):13.2f}"
 
 
 def profile(case: Case, count: int, repeats: int) -> str:
@@ -131,14 +143,15 @@ def friction_section(repeats: int) -> str:
     """Return the section of the page on friction."""
     lines = []
     for mu in (0.0, FRICTION):
-        problem, control = pushed(mu)
-        peer = MuJoCoRobot(problem, np.zeros(problem.system.nv), STEP)
-        found = times(problem, partial(peer.time_controlled, control), repeats)
+        problem, torque = pushed(mu)
+        peer = MuJoCoRobot(problem, torque, STEP)
+        peer.hold_joints(problem.q0, STIFFNESS, DAMPING)
+        found = times(problem, peer.time, repeats)
         fallen = abs(simulated(again(problem), None, DURATION, STEP).q[-1, 2] - problem.q0[2])
         lines.append(f"| {f'mu = {mu:g}' if mu else 'none'} | {timing_cells(found)} | {1e3 * fallen:.2g} |")
     settings = {
         "motion": "a quadruped (18 dof) stands on four feet and is pushed: it sways with friction, and glides without",
-        "control": "PD control of the joints in Python, which both engines call at every step",
+        "control": "PD control of the joints: `mbvi.PDControl`, and springs and dampers of MuJoCo's joints",
         "mbvi": f"`simulate` of {DURATION:g} s at h = {STEP:g} s, recording included",
         "MuJoCo": "elliptic cone, Euler, default solver",
         "time": f"CPU time, medians of {repeats} repeats, the engines in turns",
@@ -191,7 +204,8 @@ def main() -> None:
     if not names:
         parser.error(f"no case has {arguments.case!r} in its name; there are {', '.join(CASES)}")
     print(header(count, repeats), end="\n\n")
-    columns = (("mbvi us/step", 12), ("MuJoCo us/step", 16), ("ratio", 7), ("rows mbvi", 11), ("rows MuJoCo", 13))
+    columns = (("MuJoCo us/step", 16), ("Paoli", 12), ("ratio", 7), ("default", 12), ("ratio", 7))
+    columns += (("rows mbvi", 11), ("rows MuJoCo", 13))
     print(f"{'case':34}" + "".join(f"{title:>{width}}" for title, width in columns))
     chosen = [Case(name, *CASES[name]()) for name in names]
     for case in chosen:

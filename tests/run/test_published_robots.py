@@ -1,5 +1,6 @@
 """Published robots fall for a second: no error, no deeper than a step can take them, no energy from nothing."""
 
+import sys
 import warnings
 from itertools import product
 from typing import NamedTuple
@@ -49,6 +50,8 @@ def fall(request):
 
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setattr(Recorder, "step", noted)
+        # the compiled loop, which takes the same steps (test_compiled_loop.py), hands no steps to the recorder
+        patch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         run = mbvi.simulate(problem, method, step=STEP, duration=STEP * STEPS)
     # the first is the start

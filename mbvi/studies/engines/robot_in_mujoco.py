@@ -70,6 +70,22 @@ class MuJoCoRobot:
         self._torque = self._to_mujoco @ torque
         self._check(problem)
 
+    def hold_joints(self, q: Array, stiffness: float, damping: float) -> None:
+        """Hold the joints behind a free base by MuJoCo's own springs and dampers.
+
+        Parameters
+        ----------
+        q : ndarray, shape (nq,)
+            A configuration in which the springs are slack [rad].
+        stiffness, damping : float
+            Of each joint [N m/rad, N m s/rad].
+        """
+        for joint in range(2, self._source.njoints):
+            here = self.model.joint(self._source.names[joint]).id
+            self.model.jnt_stiffness[here] = stiffness
+            self.model.qpos_spring[self.model.jnt_qposadr[here]] = q[self._source.idx_qs[joint]]
+            self.model.dof_damping[self.model.jnt_dofadr[here]] = damping
+
     def rows(self, count: int) -> float:
         """Return the mean number of active rows over `count` steps, the first excluded."""
         self._reset()
