@@ -37,26 +37,31 @@ class CompiledLoop:
     Parameters
     ----------
     problem, scheme, projector, recorder
-        Those of a run of which `kind_of_scheme` and `can_be_compiled` are true.
+        Those of a run of which `is_compiled` is true.
+    mechanism : Mechanism
+        The problem's, with a `pin.Data` of its own.
+    kind : int
+        As of `kind_of_scheme`.
     guard : TunnellingGuard
         Of the run.
     h : float
         Length of a step [s].
     every, total : int
         One state in `every` is recorded, and that of step number `total`.
+
+    Attributes
+    ----------
+    codes : ndarray of int, shape (8,)
+        How many calls of the kernel ended with each code.
     """
 
     def __init__(
-        self, problem: Problem, kind: int, scheme: Scheme, projector: Projector, recorder: Recorder,
-        guard: TunnellingGuard, h: float, every: int, total: int,
+        self, problem: Problem, mechanism: Mechanism, kind: int, scheme: Scheme, projector: Projector,
+        recorder: Recorder, guard: TunnellingGuard, h: float, every: int, total: int,
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
-        system = problem.system
-        assert isinstance(system, ArticulatedSystem)
         self._state = MechanismState(problem.constraints)
-        mechanism = system.mechanism()
-        assert mechanism is not None
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
@@ -216,6 +221,7 @@ def compiled_loop(
         return None
     if projector.accepted is not None or not isinstance(system, ArticulatedSystem):
         return None
-    if system.mechanism() is None:
+    mechanism = system.mechanism()
+    if mechanism is None:
         return None
-    return CompiledLoop(problem, kind, scheme, projector, recorder, guard, h, every, total)
+    return CompiledLoop(problem, mechanism, kind, scheme, projector, recorder, guard, h, every, total)
