@@ -280,6 +280,13 @@ class AdmissibleSet(Rebuilt):
         """
         return self.cache.travel(displacement)
 
+    def turn(self, displacement: Array) -> float:
+        """Return about how far the turning part of a displacement, shape (nv,), moves the bodies of the constraints [m].
+
+        Constraints of which `knows_travel` is not true are left out.
+        """
+        return self.cache.turn(displacement)
+
     @property
     def knows_travel(self) -> bool:
         """Whether every family states how far a displacement moves its bodies."""

@@ -119,7 +119,8 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `squares` (n, nv) are those of the envelope, for `travel`; `knows_travel` is whether each family has an envelope.
+    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `turn`;
+    `knows_travel` is whether each family has an envelope.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
@@ -133,6 +134,7 @@ class ClearanceCache:
                 envelopes.append(envelope)
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
         self.squares = self._envelope**2
+        self.turn_squares = np.where(system.are_lengths(), 0.0, self.squares)
         self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
         self._travels = list(self._travel)
@@ -148,6 +150,10 @@ class ClearanceCache:
         The parts of independent velocities are added as if they were orthogonal.
         """
         return float((self.squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
+
+    def turn(self, displacement: Array) -> float:
+        """Return the same of the part of a displacement that turns bodies."""
+        return float((self.turn_squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""

@@ -29,8 +29,9 @@ class LinearGaps(NamedTuple):
 
     Attributes
     ----------
-    number, point, jacobian, gap, lever, e
-        Of each row its constraint, contact point, gradient, gap, the factor that makes a length of it, and restitution.
+    number, point, jacobian, gap, lever, e, opened
+        Of each row its constraint, contact point, gradient, gap, the factor that makes a length of it, restitution, and
+        the speed at which it may close in the law if it is open there.
     squares : ndarray, shape (families, nv)
         As of `ClearanceCache.travel`.
     v : ndarray, shape (nv,)
@@ -49,6 +50,7 @@ class LinearGaps(NamedTuple):
     gap: Array
     lever: Array
     e: Array
+    opened: Array
     squares: Array
     v: Array
     h: float
@@ -127,19 +129,19 @@ class FusedStep:
         return Projection(velocity, rates[0], found)
 
     def law(
-        self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array
+        self, v: Array, motion: TreeFreeMotion | FreeMotion, J: Array, e: Array, opened: Array
     ) -> tuple[Array, Array, float] | None:
         """Return the same as `Projector.law`, or None if the residual is too large."""
-        velocity, rates, last = np.empty(len(v)), np.empty((4, len(e))), self._last
+        velocity, rates, last, lower = np.empty(len(v)), np.empty((4, len(e))), self._last, np.empty(len(e))
         if type(motion) is TreeFreeMotion:
             limit = self._limit(len(e))
-            found = tree_law(*motion.kernel_arguments, J, e, last.percussion, limit, velocity, rates)
+            found = tree_law(*motion.kernel_arguments, J, e, opened, last.percussion, limit, velocity, rates)
         else:
-            lower = np.empty(len(e))
-            newton_law(J, plain_array(v), e, lower, rates)
+            newton_law(J, plain_array(v), e, opened, lower, rates)
             found = self._solve(plain_array(motion.free), motion.metric, J, lower, velocity, rates)
         if self._refused(found):
-            self._check(found, motion.free, motion.metric, J, -e * rates[3])
+            newton_law(J, plain_array(v), e, opened, lower, rates)
+            self._check(found, motion.free, motion.metric, J, lower)
             return None
         last.percussion, last.keys = rates[0], None
         return velocity, rates, found
@@ -181,7 +183,7 @@ class FusedStep:
             return None
         A, W = _solved(motion.metric, J)
         code, residual = settle_positions(
-            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.squares, plain_array(motion.free), v, w,
+            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free), v, w,
             displacement, law, near, known, moved, tangent, gaps.h, gaps.drift, gaps.tolerance, gaps.reach, gaps.margin,
             self._limit(m),
         )  # fmt: skip

@@ -30,6 +30,8 @@ _MOST_CHECKED = 400
 
 # error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
 _SHARE = 0.25
+# speeds at which open rows may close where no row is open
+_NONE_OPEN = np.zeros(0)
 # the largest residual that follows from a depth
 _MOST_RESIDUAL = 1e-2
 # the residual of bodies nearly at rest, relative to their speed over that of a step of free fall; and its least share.
@@ -184,6 +186,7 @@ class Projector:
         J: Array | csr_array,
         e: Array,
         contacts: Array | None = None,
+        opened: Array | None = None,
     ) -> tuple[Array, Array, float]:
         """Return argmin |w - x|_M with J w >= -e J v, the rates of the rows, and the relative KKT residual.
 
@@ -199,6 +202,8 @@ class Projector:
             Restitution of each.
         contacts : ndarray of int, shape (m,), optional
             As of `project`.
+        opened : ndarray, shape (m,), optional
+            Speeds at which rows that are open may close, 0 of others; see `newton_law`.
 
         Returns
         -------
@@ -209,14 +214,17 @@ class Projector:
         residual : float
             As of a `Projection`.
         """
-        m = len(e)
+        m, opened = len(e), _NONE_OPEN if opened is None else opened
         if self._fused is not None and m <= MOST_FUSED and isinstance(J, np.ndarray):
-            found = self._fused.law(v, motion, J, e)
+            found = self._fused.law(v, motion, J, e, opened)
             if found is not None:
                 return found
         x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)
-        velocity, rates[0], residual = self._solve(x, motion.metric, J, -e * rates[3], contacts)
+        lower = -e * rates[3]
+        if len(opened):
+            lower = np.where((opened > 0.0) & (rates[3] > -opened), np.minimum(lower, -opened), lower)
+        velocity, rates[0], residual = self._solve(x, motion.metric, J, lower, contacts)
         rates[1], rates[2] = J.dot(x), J.dot(velocity)
         return velocity, rates, residual
 

@@ -208,9 +208,9 @@ def solve_active_set(
         shared = False
 
 
-@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
-def newton_law(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None:
-    """Write the least rates after an impact, -e J v, and the rates before.
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def newton_law(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates: Array) -> None:
+    """Write the least rates after an impact, -e J v and less for rows that stay open, and the rates before.
 
     Parameters
     ----------
@@ -218,6 +218,8 @@ def newton_law(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None
         Gradients, and the velocity before.
     e, lower : ndarray, shape (m,)
         Restitution of each row, and the least rates.
+    opened : ndarray, shape (m,) or (0,)
+        Speeds at which rows that are open may close, 0 of others.
     rates : ndarray, shape (4, m)
         Receives J v in its last row.
     """
@@ -227,19 +229,22 @@ def newton_law(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None
         for k in range(n):
             speed += J[a, k] * v[k]
         rates[3, a], lower[a] = speed, -e[a] * speed
+        # what closes within the step by its own speed has its impact now
+        if len(opened) and opened[a] > 0.0 and speed > -opened[a]:
+            lower[a] = min(lower[a], -opened[a])
 
 
 @kernel(
-    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], "
-    "f8[:,::1])"
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, "
+    "f8[::1], f8[:,::1])"
 )
 def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    last: Array, limit: float, w: Array, rates: Array,
+    opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `TreeFreeMotion`.
+    """Write argmin |w - x|_M with J w as of `newton_law`, where x is the free motion of one mechanism; see `TreeFreeMotion`.
 
-    The first arguments are those of `advance_by`, `e` and `rates` those of `newton_law`, and the others, as the result,
+    The first arguments are those of `advance_by`, `e`, `opened` and `rates` those of `newton_law`, and the others, as the result,
     those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
     m, n = J.shape
@@ -256,5 +261,5 @@ def tree_law(
     if damped and factor(mass, 0.0, damping, parent, L):
         return np.inf
     solve(L, parent, J, W, A)
-    newton_law(J, v, e, lower, rates)
+    newton_law(J, v, e, opened, lower, rates)
     return solve_active_set(J, A, W, x, lower, last, limit, w, rates)

@@ -31,7 +31,7 @@ def join_rows(
         The rows to be added.
     open_by : ndarray, shape (m,)
         Gaps of rows where the law acts: these may close by the end of the step, so that a row that is open there bears
-        no load. 0 for the first rows of the law; those of rows that join are given.
+        no load. 0 for rows that are closed there.
     """
     m, n = J.shape
     lower, table = np.empty(m), np.empty((3, m))
@@ -78,6 +78,8 @@ def tangent_velocity(
         # a gap that the projection left open may close until the next law: otherwise its body would fall freely
         if near[a] and (closed[a] or rates[0, a] == 0.0) and lever[a] * end[a] > tolerance:
             lower[a] = -end[a] / rest
+        elif lever[a] * end[a] > tolerance:
+            lower[a] = min(lower[a], -end[a] / rest)
     residual = project_some(J, A, W, x, lower, law, limit, tangent, table)
     for a in range(m):
         rates[0, a], rates[1, a], rates[2, a] = table[0, a], table[1, a], table[2, a]
@@ -85,12 +87,12 @@ def tangent_velocity(
 
 
 @kernel(
-    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], "
-    "f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8, f8, f8, f8)"
+    "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], "
+    "f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8, f8, f8, f8)"
 )
 def settle_positions(
-    number: Array, point: Array, J: Array, A: Array, W: Array, gap: Array, lever: Array, e: Array, squares: Array,
-    x: Array, v: Array, w: Array, displacement: Array, law: Array, near: Array, rates: Array, moved: Array,
+    number: Array, point: Array, J: Array, A: Array, W: Array, gap: Array, lever: Array, e: Array, opened: Array,
+    squares: Array, x: Array, v: Array, w: Array, displacement: Array, law: Array, near: Array, rates: Array, moved: Array,
     tangent: Array, h: float, drift: float, tolerance: float, reach: float, margin: float, limit: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Project closed contacts out of penetration where gaps are linear; see `project_positions`.
@@ -104,6 +106,8 @@ def settle_positions(
     gap, lever, e : ndarray, shape (m,)
         Gaps at the end of the step at the velocity before it, factors that make lengths of them, and restitution; e of
         closed contacts that are projected becomes 0, and gaps those at the end.
+    opened : ndarray, shape (m,)
+        Speeds at which rows that are open where the law acts may close there, 0 of others.
     squares : ndarray, shape (families, nv)
         As of `largest_travel`.
     x, v : ndarray, shape (nv,)
@@ -138,7 +142,9 @@ def settle_positions(
         Relative KKT residual, -1 where no projection was solved.
     """
     m, n = J.shape
-    closed, joining, bound, open_by = np.empty(m, np.bool_), np.empty(m, np.bool_), np.empty(m), np.zeros(m)
+    closed, joining, bound, open_by = np.empty(m, np.bool_), np.empty(m, np.bool_), np.empty(m), np.empty(m)
+    for a in range(m):
+        open_by[a] = drift * opened[a]
     end, total, residual, raised, joins = np.empty(m), np.empty(n), -1.0, 0.0, True
     for _ in range(MOST_LINEARISATIONS):
         depth = find_sunk(

@@ -169,7 +169,8 @@ def mechanism_step(
     control = system.control.table if isinstance(system.control, LoopControl) else no_control(nv)
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
-    scales = Scales(problem.tolerance, problem.length, residual, constraints.cache.squares, system.controlled, theta)
+    squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
+    scales = Scales(problem.tolerance, problem.length, residual, squares, turn_squares, system.controlled, theta)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),

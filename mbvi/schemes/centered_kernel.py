@@ -14,8 +14,8 @@ from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
-from .nearby_rows import SECOND_ORDER
-from .step import NEAR, write_closing_speeds
+from .nearby_rows import largest_reach
+from .step import margin_of, write_closing_speeds
 
 
 @kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
@@ -108,9 +108,9 @@ def settle(
     tangent(mech.calls, place_ahead, s.q, displacement)
     if largest_travel(scales.squares, displacement) > reach:
         return BOUNCES
-    rates, law, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], 0
+    rates, law, open_speeds, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], room.change[:m], 0
     for a in range(m):
-        law[a] = near[a]
+        law[a], open_speeds[a] = near[a], room.opened[i] if near[a] else 0.0
         for r in range(4):
             rates[r, a] = s.rates[r * k + i] if near[a] else 0.0
         i += near[a]
@@ -136,7 +136,7 @@ def settle(
         return UNSOLVED
     solve(room.L, mech.parent, J, W, A)
     code, residual = settle_positions(
-        number, point, J, A, W, gap, lever, e, scales.squares, free, v, w, displacement, law, settled, rates,
+        number, point, J, A, W, gap, lever, e, open_speeds, scales.squares, free, v, w, displacement, law, settled, rates,
         room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
     )  # fmt: skip
     if code == UNDECIDED:
@@ -170,12 +170,6 @@ def settle(
     return DONE
 
 
-@kernel("f8(f8)")
-def largest_reach(length: float) -> float:
-    """Return the travel up to which gaps count as linear; see `NearbyRows`."""
-    return (2.0 * SECOND_ORDER) ** 0.5 * length
-
-
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8, b1)")
 def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, projects: bool) -> int:
     """Write the state after a step of `Centered` from q, v at t; return a code.
@@ -189,9 +183,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     retract(s.mechanism.calls, q, drift, end)
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
-        if frictional:
-            travel = largest_travel(scales.squares, drift)
-            near_margin = max((NEAR - 1.0) * scales.tolerance, travel**2 / scales.length)
+        near_margin = margin_of(largest_travel(scales.turn_squares, drift), scales.tolerance, scales.length)
         margin = near_margin + 2.0 * largest_reach(scales.length)
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
@@ -230,7 +222,11 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     else:
         for a in range(count):
             s.rows.gap[a] -= change[a]
-        if frictional and write_closing_speeds(
+    if projects:
+        change = room.change[:count]
+        if bounces:
+            row_speeds(s.rows.J, v, half, change)
+        if write_closing_speeds(
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
@@ -242,6 +238,9 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     if bounces and some_closed(s, middle, h):
         return BOUNCES
     if projects and not frictional and not bounces:
+        if len(opened) == 0:
+            for a in range(count):
+                room.opened[a] = 0.0
         m = s.mechanism
         if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
             return UNSOLVED

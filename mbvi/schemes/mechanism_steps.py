@@ -49,7 +49,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8[:,::1], b1, f8")
+@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
 class Scales(NamedTuple):
     """Numbers of a problem.
 
@@ -59,7 +59,7 @@ class Scales(NamedTuple):
         Activation tolerance and length of the scene [m].
     residual : float
         Relative residual that a projection may have.
-    squares : ndarray, shape (families, nv)
+    squares, turn_squares : ndarray, shape (families, nv)
         As of `ClearanceCache`.
     controlled : bool
         Whether a control acts.
@@ -71,6 +71,7 @@ class Scales(NamedTuple):
     length: float
     residual: float
     squares: Array
+    turn_squares: Array
     controlled: bool
     theta: float
 
@@ -214,7 +215,9 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
-        found = tree_law(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, last, limit, s.v, rates)
+        found = tree_law(
+            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates
+        )
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
             return UNSOLVED

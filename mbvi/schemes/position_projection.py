@@ -190,11 +190,26 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
     if known.rows.tangents is not None:
         return None
     number, gap, J, e, point, *_ = rows = known.rows
-    lever = np.ones(len(gap)) * problem.constraints.levers(number)
+    lever, opened = np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
+    if applied.opened is not None:
+        opened[known.near] = applied.opened
     displacement = problem.system.difference(known.q, step.q)
     squares, tolerance = problem.constraints.cache.squares, problem.tolerance
     gaps = LinearGaps(
-        number, point, J, gap, lever, e, squares, applied.v, applied.h, drift, tolerance, known.reach, known.margin
+        number,
+        point,
+        J,
+        gap,
+        lever,
+        e,
+        opened,
+        squares,
+        applied.v,
+        applied.h,
+        drift,
+        tolerance,
+        known.reach,
+        known.margin,
     )
     found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
     if found is None:

@@ -12,6 +12,7 @@ from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
+from .nearby_rows import largest_reach
 from .row_projection import project_rows, slip_rates
 
 # rates of a step without active rows
@@ -116,12 +117,15 @@ def law(
         Speeds at which rows that are open may close, as of `closing_speeds`.
     """
     if rows.rate is None and rows.tangents is None:
-        return AppliedLaw(*projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint), None, rows)
-    found = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None else None
-    if found is not None:
-        return AppliedLaw(*found, rows)
+        found = projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint, opened)
+        return AppliedLaw(*found, None, rows)
+    rough = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None else None
+    if rough is not None:
+        return AppliedLaw(*rough, rows)
     x, before = free_motion.free, rows.speeds(v)
-    e = None if opened is not None else projector.friction.capped_restitution(x, free_motion.metric, rows, before)
+    e = None
+    if opened is None and rows.tangents is not None:
+        e = projector.friction.capped_restitution(x, free_motion.metric, rows, before)
     if e is not None:
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
@@ -133,20 +137,27 @@ def law(
     return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
 
 
-# rows with friction join the law from so many activation tolerances on, where positions are projected: without
-# penetration a contact would be active in every other step only, and would slide in the others
+# rows join the law from so many activation tolerances on, where positions are projected: without penetration a contact
+# would be active in every other step only, and its body would fall freely in the others
 NEAR = 100.0
 
 
 def near_margin(problem: Problem, project_positions: bool, displacement: Array) -> float:
-    """Return how far above the activation tolerance rows join the law [m].
-
-    It covers the second-order part of gaps along the displacement of a step, shape (nv,).
-    """
-    if not (project_positions and problem.constraints.frictional):
+    """Return how far above the activation tolerance rows join the law after a displacement, shape (nv,) [m]."""
+    if not project_positions:
         return 0.0
-    bent = problem.constraints.travel(displacement) ** 2 / problem.length
-    return max((NEAR - 1.0) * problem.tolerance, bent)
+    return margin_of(problem.constraints.turn(displacement), problem.tolerance, problem.length)
+
+
+@kernel("f8(f8, f8, f8)")
+def margin_of(turn: float, tolerance: float, length: float) -> float:
+    """Return how far above the activation tolerance rows join the law, where positions are projected [m].
+
+    It covers the second-order part of gaps along the displacement of a step, which moves bodies by `turn` as it turns
+    them: only then do gaps to flat shapes bend, and the margin is the same for each observer in uniform motion. It is
+    at most the travel up to which gaps count as linear.
+    """
+    return max((NEAR - 1.0) * tolerance, min(turn**2 / length, largest_reach(length)))
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")
@@ -169,8 +180,6 @@ def closing_speeds(problem: Problem, rows: Rows, time: float, change: Array | fl
     `change` is that of the gaps to where the tolerance counts. None if there are no such rows, as where `near_margin`
     is 0.
     """
-    if not problem.constraints.frictional:
-        return None
     gap = plain_array(rows.gap)
     lever, opened = np.ones(len(gap)) * problem.constraints.levers(rows.constraint), np.empty(len(gap))
     change = plain_array(change) if isinstance(change, np.ndarray) else np.full(len(gap), change)

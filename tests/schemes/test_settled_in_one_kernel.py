@@ -27,14 +27,20 @@ def states(run):
     return list(zip(run.t[:-1], run.q[:-1], run.v[:-1], strict=True))
 
 
+def sunk_states(problem, run, rng):
+    """States near those of a run, of which closed contacts are open or penetrate: the run itself hardly penetrates."""
+    for t, q, v in states(run)[::2]:
+        yield t, problem.system.integrate(q, 1e-6 * rng.normal(size=problem.system.nv)), v
+
+
 @pytest.mark.parametrize(
     ("name", "kind", "least"), [("quadruped", "fall", 40), ("solo12", "fall", 50), ("arm", "limits", 1)]
 )
-def test_the_kernel_gives_the_step_that_searches_give(name, kind, least, monkeypatch):
+def test_the_kernel_gives_the_step_that_searches_give(name, kind, least, monkeypatch, rng):
     problem = problem_of(name, kind, 0.0)
     run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
     raised = 0
-    for state in states(run)[::2]:
+    for state in sunk_states(problem, run, rng):
         step, answer = settled(problem, state, monkeypatch)
         if answer is None:
             continue
@@ -61,11 +67,11 @@ def test_a_contact_that_bounces_is_left_to_searches(monkeypatch):
     assert bounced >= 5
 
 
-def test_each_penetration_is_removed_and_no_gap_made_smaller(monkeypatch):
+def test_each_penetration_is_removed_and_no_gap_made_smaller(monkeypatch, rng):
     problem = problem_of("solo12", "fall", 0.0)
     run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
     raised = 0
-    for state in states(run)[::2]:
+    for state in sunk_states(problem, run, rng):
         step, answer = settled(problem, state, monkeypatch)
         if answer is None or answer.moved is None:
             continue

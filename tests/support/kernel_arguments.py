@@ -228,7 +228,12 @@ def natural_residual(rng):
 def newton_law(rng):
     J, _, v, _ = cone(rng)
     m = len(J)
-    return J, v, restitution(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
+    return J, v, restitution(rng, m), opened(rng, m), np.full(m, np.nan), np.full((4, m), np.nan)
+
+
+def opened(rng, m):
+    """Speeds at which open rows may close; now and then none is open."""
+    return rng.choice([0.0, 0.1], size=m) if rng.random() < 0.3 else np.zeros(0)
 
 
 def tree_law(rng):
@@ -239,7 +244,7 @@ def tree_law(rng):
         mass[0, 0] = -1.0
     m, n = J.shape
     last = percussions_before(rng, m)
-    return mass, *others, J, restitution(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
+    return mass, *others, J, restitution(rng, m), opened(rng, m), last, 0.0, np.full(n, np.nan), np.full((4, m), np.nan)
 
 
 def frictional_tree_law(rng):
@@ -251,8 +256,7 @@ def frictional_tree_law(rng):
     m, n = int(rng.integers(1, 1 + max(1, system.nv // 3))), system.nv
     J, T = rng.normal(size=(m, n)), rng.normal(size=(2 * m, n))
     drift = rng.normal(size=3 * m) if rng.random() < 0.3 else np.zeros(0)
-    opened = rng.choice([0.0, 0.1], size=m) if rng.random() < 0.3 else np.zeros(0)
-    given = restitution(rng, m), drift, opened, rng.choice([0.0, 0.5], size=m), 0, 1e-12
+    given = restitution(rng, m), drift, opened(rng, m), rng.choice([0.0, 0.5], size=m), 0, 1e-12
     out = np.full(n, np.nan), np.full((4, m), np.nan), np.full((4, m, 2), np.nan)
     return mass, *others, J, T, *given, np.zeros(3 * m), *out
 

@@ -118,7 +118,8 @@ def tangent_velocity(rng):
 def settle_positions(rng):
     of = Landing(rng)
     m, n = of.J.shape
-    rows = of.number, of.point, *of.solved, of.gap, of.lever, of.e, of.squares
+    opened = np.where(of.law, rng.choice([0.0, 0.1], size=m), 0.0)
+    rows = of.number, of.point, *of.solved, of.gap, of.lever, of.e, opened, of.squares
     motion = of.x, of.v, of.w, of.displacement, of.law, np.zeros(m, bool), of.rates, empty(n), empty(n)
     return *rows, *motion, STEP, 0.5 * STEP, TOLERANCE, float(rng.choice([1e-9, 1.0])), 1.0, 0.0
 

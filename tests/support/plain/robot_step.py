@@ -46,15 +46,18 @@ def solve_active_set_plain(
     return float(residual) if residual <= max(enough, limit, 1e-12) else np.inf
 
 
-def newton_law_plain(J: Array, v: Array, e: Array, lower: Array, rates: Array) -> None:
+def newton_law_plain(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates: Array) -> None:
     """Write the least rates after an impact, -e J v, and the rates before; see `newton_law`."""
     rates[3] = J @ v
     lower[:] = -e * rates[3]
+    if len(opened):
+        stays = (opened > 0.0) & (rates[3] > -opened)
+        lower[stays] = np.minimum(lower, -opened)[stays]
 
 
 def _tree_law_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    last: Array, limit: float, w: Array, rates: Array,
+    opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `tree_law`."""
     L, x, A, W = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape), np.empty(J.shape)
@@ -64,5 +67,5 @@ def _tree_law_plain(
         return np.inf
     solve_plain(L, parent, J, W, A)
     lower = np.empty(len(e))
-    newton_law_plain(J, v, e, lower, rates)
+    newton_law_plain(J, v, e, opened, lower, rates)
     return solve_active_set_plain(J, A, W, x, lower, last, limit, w, rates[:3])
