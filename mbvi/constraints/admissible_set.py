@@ -281,7 +281,7 @@ class AdmissibleSet(Rebuilt):
         return self.cache.travel(displacement)
 
     def turn(self, displacement: Array) -> float:
-        """Return about how far the turning part of a displacement, shape (nv,), moves the bodies of the constraints [m].
+        """Return about how far the part of a displacement that turns bodies, shape (nv,), moves them [m].
 
         Constraints of which `knows_travel` is not true are left out.
         """

@@ -183,9 +183,9 @@ class FusedStep:
             return None
         A, W = _solved(motion.metric, J)
         code, residual = settle_positions(
-            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free), v, w,
-            displacement, law, near, known, moved, tangent, gaps.h, gaps.drift, gaps.tolerance, gaps.reach, gaps.margin,
-            self._limit(m),
+            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free),
+            v, w, displacement, law, near, known, moved, tangent, gaps.h, gaps.drift, gaps.tolerance, gaps.reach,
+            gaps.margin, self._limit(m),
         )  # fmt: skip
         if code == UNDECIDED:
             return None

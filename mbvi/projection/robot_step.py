@@ -242,10 +242,10 @@ def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
     opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
-    """Write argmin |w - x|_M with J w as of `newton_law`, where x is the free motion of one mechanism; see `TreeFreeMotion`.
+    """Write the velocity after the impact law of `newton_law` for one mechanism in free motion; see `TreeFreeMotion`.
 
-    The first arguments are those of `advance_by`, `e`, `opened` and `rates` those of `newton_law`, and the others, as the result,
-    those of `solve_active_set`; the result is inf too where M is not positive definite.
+    The first arguments are those of `advance_by`, `e`, `opened` and `rates` those of `newton_law`, and the others, as
+    the result, those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
     m, n = J.shape
     room, k = np.empty(n * n + n + m + 2 * m * n), n * n

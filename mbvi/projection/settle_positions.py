@@ -88,12 +88,13 @@ def tangent_velocity(
 
 @kernel(
     "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], "
-    "f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8, f8, f8, f8)"
+    "f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, "
+    "f8, f8, f8, f8)"
 )
 def settle_positions(
     number: Array, point: Array, J: Array, A: Array, W: Array, gap: Array, lever: Array, e: Array, opened: Array,
-    squares: Array, x: Array, v: Array, w: Array, displacement: Array, law: Array, near: Array, rates: Array, moved: Array,
-    tangent: Array, h: float, drift: float, tolerance: float, reach: float, margin: float, limit: float,
+    squares: Array, x: Array, v: Array, w: Array, displacement: Array, law: Array, near: Array, rates: Array,
+    moved: Array, tangent: Array, h: float, drift: float, tolerance: float, reach: float, margin: float, limit: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Project closed contacts out of penetration where gaps are linear; see `project_positions`.
 

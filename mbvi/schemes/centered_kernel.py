@@ -136,8 +136,9 @@ def settle(
         return UNSOLVED
     solve(room.L, mech.parent, J, W, A)
     code, residual = settle_positions(
-        number, point, J, A, W, gap, lever, e, open_speeds, scales.squares, free, v, w, displacement, law, settled, rates,
-        room.moved, room.tangent, h, half, scales.tolerance, reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
+        number, point, J, A, W, gap, lever, e, open_speeds, scales.squares, free, v, w, displacement, law, settled,
+        rates, room.moved, room.tangent, h, half, scales.tolerance, reach, margin,
+        0.0 if m <= FEW else 1e-3 * scales.residual,
     )  # fmt: skip
     if code == UNDECIDED:
         return BOUNCES
