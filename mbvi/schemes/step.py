@@ -12,7 +12,6 @@ from ..problem import Problem
 from ..projection import FreeMotion, Projector, TreeFreeMotion
 from ..system import System
 from ..system.system import Array
-from .nearby_rows import largest_reach
 from .row_projection import project_rows, slip_rates
 
 # rates of a step without active rows
@@ -153,11 +152,11 @@ def near_margin(problem: Problem, project_positions: bool, displacement: Array) 
 def margin_of(turn: float, tolerance: float, length: float) -> float:
     """Return how far above the activation tolerance rows join the law, where positions are projected [m].
 
-    It covers the second-order part of gaps along the displacement of a step, which moves bodies by `turn` as it turns
-    them: only then do gaps to flat shapes bend, and the margin is the same for each observer in uniform motion. It is
-    at most the travel up to which gaps count as linear.
+    It covers the second-order part of gaps along the displacement of a step, turn^2 / (2 arm), for arms of a quarter of
+    the scene's length. `turn` is how far the step moves bodies as it turns them: gaps to flat shapes bend by nothing
+    else, and the margin is then the same for each observer in uniform motion.
     """
-    return max((NEAR - 1.0) * tolerance, min(turn**2 / length, largest_reach(length)))
+    return max((NEAR - 1.0) * tolerance, 2.0 * turn**2 / length)
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")

@@ -181,4 +181,5 @@ LOOP_ARGUMENTS = {
     "may_pass": may_pass,
     "clearance_of": clearance_of,
     "largest_reach": lambda rng, seed: (rng.random(),),
+    "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
 }
