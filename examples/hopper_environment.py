@@ -18,6 +18,7 @@ except ImportError:
 
         low: np.ndarray
         high: np.ndarray
+        dtype: type
 
 
 HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
@@ -38,8 +39,8 @@ class HopperEnv(Env):
         self._problem = scene.build()
         self.simulator = mbvi.Simulator(self._problem, step=1e-3)
         size = self._problem.system.nq + self._problem.system.nv
-        self.action_space = Box(-np.ones(2), np.ones(2))
-        self.observation_space = Box(np.full(size, -np.inf), np.full(size, np.inf))
+        self.action_space = Box(-np.ones(2), np.ones(2), dtype=np.float64)
+        self.observation_space = Box(np.full(size, -np.inf), np.full(size, np.inf), dtype=np.float64)
 
     def reset(self, *, seed=None, options=None):
         """Return the first observation: the initial state, with small random speeds."""

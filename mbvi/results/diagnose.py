@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..constraints.rows import take
 from ..errors import InputError
 from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ..projection import Projector
@@ -66,7 +67,10 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         metric = system.metric(q)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
-            gained, active = 0.5 * float(step.percussion @ (step.before + step.after)), _dense(step.active)
+            gained = 0.5 * float(step.percussion @ (step.before + step.after))
+            lengths = problem.constraints.levers(step.active.constraint) * step.active.gap
+            # rows near enough to close within the step join the law; those that stay open are no contacts
+            active = _dense(take(step.active, (step.percussion > 0.0) | (lengths <= problem.tolerance)))
             if step.slip is not None:
                 gained += 0.5 * float(np.vdot(step.slip[0], step.slip[2] + step.slip[3]))
         else:

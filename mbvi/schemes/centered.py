@@ -96,10 +96,11 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
         Change of their gaps from the middle to the end at the velocity before the step [m or rad].
     """
     # twice the linear estimate, because the gradients change within the step
-    reach = problem.tolerance + 2.0 * float((np.abs(ahead.gap) + np.abs(change)).max())
+    lengths = problem.constraints.levers(ahead.constraint) * (np.abs(ahead.gap) + np.abs(change))
+    reach = problem.tolerance + 2.0 * float(lengths.max())
     here = problem.constraints.active(t, q, reach)
     owner = match_contacts(ahead, here)
     matched = take(here, np.unique(owner[owner >= 0]))
     # a row without a counterpart in the middle keeps the gradient that it has at the end
-    unmatched = owner < 0
+    unmatched, ahead = owner < 0, ahead._replace(gap=ahead.gap - change)
     return concatenate([matched, take(ahead, unmatched)]) if unmatched.any() else matched

@@ -47,7 +47,7 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     """
     ahead, here, most, m = s.ahead, s.middle, 0.0, s.ahead.size[0]
     for a in range(m):
-        most = max(most, abs(ahead.gap[a]) + abs(change[a]))
+        most = max(most, ahead.lever[a] * (abs(ahead.gap[a]) + abs(change[a])))
     # twice the linear estimate, because the gradients change within the step
     reach = s.scales.tolerance + 2.0 * most
     code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
@@ -68,6 +68,7 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     # a row without a counterpart in the middle keeps the gradient that it has at the end
     for a in range(m):
         if owner[a] < 0:
+            ahead.gap[a] -= change[a]
             copy_row(ahead, a, s.rows)
     return FOUND
 
