@@ -26,8 +26,8 @@ Array = np.ndarray
 CHUNK = 2000
 # rows of these for which there is room
 _ROWS = 40_000
-# after more than some calls in a row with no more than so many steps, up to so many calls are left out
-_FEW, _PATIENCE, _MOST_WAITS = 3, 7, 31
+# after so many attempts in a row that took no step, so many steps are Python's without one
+_ATTEMPTS, _WAIT = 3, 7
 _NOTHING = np.zeros(0)
 
 
@@ -125,10 +125,10 @@ class CompiledLoop:
 
 
 class Patience:
-    """How many steps Python takes where the loop leaves nearly every one to it: attempts cost time."""
+    """How many steps Python takes where the loop leaves every one to it: attempts cost time."""
 
     def __init__(self) -> None:
-        self._wait = self._waits = 0
+        self._wait = self._failed = 0
 
     def waits(self) -> bool:
         """Return whether the next step is Python's, and count it."""
@@ -137,8 +137,8 @@ class Patience:
 
     def took(self, steps: int) -> None:
         """Learn how many steps the loop took in an attempt."""
-        self._waits = 0 if steps > _FEW else min(2 * self._waits + 1, _MOST_WAITS)
-        self._wait = self._waits if self._waits > _PATIENCE else 0
+        self._failed = 0 if steps else self._failed + 1
+        self._wait = _WAIT if self._failed >= _ATTEMPTS else 0
 
 
 def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:

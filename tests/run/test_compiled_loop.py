@@ -75,7 +75,7 @@ def steps_of_the_loop(problem, scheme, run):
     loop = SIMULATE.compiled_loop(problem, scheme, projector, recorder, guard, STEP, 10**9, 10**9)
     none = problem.constraints.active(run.t[0], run.q[0], problem.tolerance)
     for i in range(count):
-        # a run leaves out attempts of the loop after several that took few steps
+        # a run leaves out attempts of the loop after several that took no step
         loop._patience = Patience()
         state, done, _ = loop.run(Step(run.t[i], run.q[i], run.v[i], none, NO_RATES, 0.0), i, i + 1)
         yield state if done == i + 1 else None
