@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.run import compiled_loop
 from mbvi.run.accuracy import projector_of
 from mbvi.run.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
@@ -216,6 +217,8 @@ def moving(problem, speed):
 @pytest.mark.parametrize("scheme", SCHEMES[:3], ids=repr)
 def test_a_swift_body_passes_through_nothing(scheme, loops, monkeypatch):
     problem = moving(on_block(0.5, 0.0), -300.0)
+    # in every step the loop is tried
+    monkeypatch.setattr(compiled_loop, "_ATTEMPTS", 100)
     run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.02, progress=False)
     assert loops[0].codes[5] > 0
     assert "would have passed through another" in run.notes[-1]
