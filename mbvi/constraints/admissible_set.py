@@ -280,12 +280,12 @@ class AdmissibleSet(Rebuilt):
         """
         return self.cache.travel(displacement)
 
-    def turn(self, displacement: Array) -> float:
-        """Return about how far the part of a displacement that turns bodies, shape (nv,), moves them [m].
+    def bend(self, displacement: Array) -> float:
+        """Return about the largest second-order part of a gap along a displacement, shape (nv,) [m].
 
         Constraints of which `knows_travel` is not true are left out.
         """
-        return self.cache.turn(displacement)
+        return self.cache.bend(displacement)
 
     @property
     def knows_travel(self) -> bool:

@@ -119,7 +119,7 @@ class ClearanceCache:
     -----
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
-    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `turn`;
+    `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `bend`;
     `knows_travel` is whether each family has an envelope.
     """
 
@@ -135,6 +135,7 @@ class ClearanceCache:
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
         self.squares = self._envelope**2
         self.turn_squares = np.where(system.are_lengths(), 0.0, self.squares)
+        self._turns = np.where(self.turn_squares > 0.0, 1.0, 0.0)
         self.knows_travel = len(envelopes) == len(self._entries)
         self._travel, self._clearance = np.zeros(self._envelope.shape), np.full(len(envelopes), -np.inf)
         self._travels = list(self._travel)
@@ -151,9 +152,13 @@ class ClearanceCache:
         """
         return float((self.squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
 
-    def turn(self, displacement: Array) -> float:
-        """Return the same of the part of a displacement that turns bodies."""
-        return float((self.turn_squares @ (displacement * displacement)).max(initial=0.0)) ** 0.5
+    def bend(self, displacement: Array) -> float:
+        """Return about the second-order part of a gap along a displacement [m]: the turning part times its angle.
+
+        Only turning bends gaps to flat shapes, so that the result is the same for each observer in uniform motion.
+        """
+        squares = displacement * displacement
+        return float(((self.turn_squares @ squares) * (self._turns @ squares)).max(initial=0.0)) ** 0.5
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""

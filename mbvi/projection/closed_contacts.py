@@ -31,7 +31,9 @@ def find_closed(
     for a in range(len(gap)):
         closed[a] = False
         if law[a]:
-            closed[a] = h * lever[a] * abs(rates[2, a]) <= tolerance
+            # one that bears load and closes lands within the step
+            lands = rates[0, a] > 0.0 and rates[2, a] < 0.0
+            closed[a] = lands or h * lever[a] * abs(rates[2, a]) <= tolerance
             some = some or closed[a]
             restitution = restitution or e[a] > 0.0
             # its gap where the law acts

@@ -119,3 +119,19 @@ def largest_travel(squares: Array, displacement: Array) -> float:
             travel += squares[i, k] * displacement[k] * displacement[k]
         most = max(most, travel)
     return np.sqrt(most)
+
+
+@kernel("f8(f8[:,::1], f8[::1])")
+def largest_bend(squares: Array, displacement: Array) -> float:
+    """Return about the second-order part of a gap, as of `ClearanceCache.bend`; its squares, shape (families, nv)."""
+    families, n = squares.shape
+    most = 0.0
+    for i in range(families):
+        travel = angle = 0.0
+        for k in range(n):
+            square = displacement[k] * displacement[k]
+            travel += squares[i, k] * square
+            if squares[i, k] > 0.0:
+                angle += square
+        most = max(most, travel * angle)
+    return np.sqrt(most)

@@ -13,7 +13,7 @@ from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, advance_gaps, closing_speeds, law, near_margin
+from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
 
 
 class Centered(Scheme):
@@ -48,7 +48,10 @@ class Centered(Scheme):
         """Return the state at t + h; see `Scheme`."""
         system, end, half = problem.system, t + h, 0.5 * h
         nearby = NearbyRows(problem, end, linear=self.project_positions)
-        ahead = nearby.at(system.integrate(q, h * v), near_margin(problem, self.project_positions, h * v))
+        margin = near_margin(problem, self.project_positions, h * v)
+        ahead = nearby.at(system.integrate(q, h * v), margin)
+        if margin > 0.0:
+            ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(v)))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v

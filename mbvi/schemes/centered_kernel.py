@@ -8,14 +8,14 @@ from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import find_sunk
 from ..projection.fused_step import FEW
-from ..projection.raise_gaps import largest_travel
+from ..projection.raise_gaps import largest_bend, largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
 from .nearby_rows import largest_reach
-from .step import margin_of, write_closing_speeds
+from .step import joins, margin_of, write_closing_speeds
 
 
 @kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
@@ -28,12 +28,20 @@ def row_speeds(J: Array, v: Array, time: float, change: Array) -> None:
         change[a] = time * speed
 
 
-@kernel("i8(RowBuffer, f8, RowBuffer, b1[::1])")
-def take_near(rows: RowBuffer, reach: float, near_rows: RowBuffer, near: Array) -> int:
-    """Copy the rows whose gap is within a length [m]; write which they are and return how many."""
+@kernel("i8(RowBuffer, f8, f8, f8[::1], RowBuffer, b1[::1])")
+def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, near_rows: RowBuffer, near: Array) -> int:
+    """Copy the rows that join the law within a margin beyond the tolerance [m]; write which and return how many.
+
+    `drift`, shape (nv,), leads to where the rows are; see `joins`.
+    """
     near_rows.size[0] = 0
     for a in range(rows.size[0]):
-        near[a] = rows.lever[a] * rows.gap[a] <= reach
+        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + margin
+        if near[a] and margin > 0.0:
+            change = 0.0
+            for k in range(len(drift)):
+                change += rows.J[a, k] * drift[k]
+            near[a] = joins(rows.gap[a], change, rows.lever[a], tolerance)
         if near[a]:
             copy_row(rows, a, near_rows)
     return near_rows.size[0]
@@ -185,13 +193,13 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     retract(s.mechanism.calls, q, drift, end)
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
-        near_margin = margin_of(largest_travel(scales.turn_squares, drift), scales.tolerance, scales.length)
+        near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
         margin = near_margin + 2.0 * largest_reach(scales.length)
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code
     near = room.near[: s.ahead.size[0]]
-    count = take_near(s.ahead, scales.tolerance + near_margin, s.rows, near)
+    count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
     for k in range(n):
         drift[k], force_velocity[k] = half * v[k], v[k]
     retract(s.mechanism.calls, q, drift, middle)

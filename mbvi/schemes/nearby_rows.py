@@ -87,6 +87,14 @@ class NearbyRows:
         self._answer = rows if self._near.all() else take(rows, self._near)
         return self._answer
 
+    def only(self, some: Array) -> Rows:
+        """Keep some of the rows of the last answer, a mask of shape (k,), and return them."""
+        assert self._answer is not None
+        if not some.all():
+            self._near[np.flatnonzero(self._near)[~some]] = False
+            self._answer = take(self._answer, some)
+        return self._answer
+
     def known(self, some: Rows) -> KnownRows | None:
         """Return the rows of the last search, of which `some` are the last answer with other gaps.
 

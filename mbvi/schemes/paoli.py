@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from ..arguments import boolean
+from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
-from .step import NO_RATES, Step, closing_speeds, law, near_margin
+from .step import NO_RATES, Step, closing_speeds, joining, law, near_margin
 
 
 class Paoli(Scheme):
@@ -42,6 +43,8 @@ class Paoli(Scheme):
         t, q = t + h, system.integrate(q, drift)
         margin = near_margin(problem, self.project_positions, drift)
         active = problem.constraints.active(t, q, problem.tolerance + margin, origin, drift)
+        if margin > 0.0:
+            active = take(active, joining(problem, active, h * active.speeds(v)))
         if not active.gap.size:
             return Step(t, q, system.free_velocity(t, q, v, h), active, NO_RATES, 0.0)
         motion = system.free_motion(t, q, v, h)

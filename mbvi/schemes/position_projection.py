@@ -84,7 +84,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
 
     A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
-    step. A contact with e < 1 whose gap starts to rise is closed too if the gap is no larger after a whole step, as in
+    step, or if it bears load and lands within the step. A contact with e < 1 whose gap starts to rise is closed too if the gap is no larger after a whole step, as in
     sliding along a concave wall. A contact that is coupled to a bouncing one does not count as closed.
 
     The projection raises the gaps of closed contacts to zero. Any other gap that is negative gets no smaller, and one
@@ -270,7 +270,8 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     rows, h = step.active, applied.h
     lever = problem.constraints.levers(rows.constraint)
     rise = h * lever * step.after
-    closed = np.abs(rise) <= problem.tolerance
+    # one that bears load and closes lands within the step
+    closed = (np.abs(rise) <= problem.tolerance) | ((rise < 0.0) & (step.percussion > 0.0))
     if not rows.restitution.any():
         # without restitution a contact bears load and does not rise, or it leaves
         return np.asarray(closed)

@@ -139,24 +139,41 @@ def law(
 # rows join the law from so many activation tolerances on, where positions are projected: without penetration a contact
 # would be active in every other step only, and its body would fall freely in the others
 NEAR = 100.0
+# rows are looked at up to so many times the estimate of their bend, and up to this part of the scene's length
+_BENDS, _FARTHEST = 8.0, 0.02
 
 
 def near_margin(problem: Problem, project_positions: bool, displacement: Array) -> float:
-    """Return how far above the activation tolerance rows join the law after a displacement, shape (nv,) [m]."""
+    """Return how far above the activation tolerance rows may join the law after a displacement, shape (nv,) [m].
+
+    Which of them do, `joins` decides.
+    """
     if not project_positions:
         return 0.0
-    return margin_of(problem.constraints.turn(displacement), problem.tolerance, problem.length)
+    return margin_of(problem.constraints.bend(displacement), problem.tolerance, problem.length)
 
 
 @kernel("f8(f8, f8, f8)")
-def margin_of(turn: float, tolerance: float, length: float) -> float:
-    """Return how far above the activation tolerance rows join the law, where positions are projected [m].
+def margin_of(bend: float, tolerance: float, length: float) -> float:
+    """Return how far above the activation tolerance rows may join the law, where gaps bend by `bend` in a step [m]."""
+    return max((NEAR - 1.0) * tolerance, min(_BENDS * bend, _FARTHEST * length))
 
-    It covers the second-order part of gaps along the displacement of a step, turn^2 / (2 arm), for arms of a quarter of
-    the scene's length. `turn` is how far the step moves bodies as it turns them: gaps to flat shapes bend by nothing
-    else, and the margin is then the same for each observer in uniform motion.
+
+@kernel("b1(f8, f8, f8, f8)")
+def joins(gap: float, change: float, lever: float, tolerance: float) -> bool:
+    """Return whether a row within the margin joins the law.
+
+    It does if it is very near, or if it may have opened by the bend of its path alone: then it was closed at the start
+    of the step, and `change`, that of a step at the rate of the end, is twice the gap. Twice that is allowed, as no
+    change at all is. `lever` makes lengths of both.
     """
-    return max((NEAR - 1.0) * tolerance, 2.0 * turn**2 / length)
+    return lever * gap <= NEAR * tolerance or abs(change - 2.0 * gap) <= 2.0 * gap
+
+
+def joining(problem: Problem, rows: Rows, change: Array) -> Array:
+    """Return which rows within the margin join the law, shape (k,), as of `joins`; `change` has the same shape."""
+    near = problem.constraints.levers(rows.constraint) * rows.gap <= NEAR * problem.tolerance
+    return np.asarray(near | (np.abs(change - 2.0 * rows.gap) <= 2.0 * rows.gap))
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")

@@ -73,6 +73,11 @@ def largest_travel(rng):
     return of.squares, of.displacement
 
 
+def largest_bend(rng):
+    of = Landing(rng)
+    return np.where(rng.random(of.squares.shape) < 0.5, 0.0, of.squares), of.displacement
+
+
 def find_closed(rng):
     of = Landing(rng)
     return of.gap, of.lever, of.e, of.law, of.rates, STEP, 0.5 * STEP, TOLERANCE, np.zeros(len(of.gap), bool)
@@ -130,6 +135,7 @@ SETTLE_ARGUMENTS = {
         project_some,
         raise_gaps,
         largest_travel,
+        largest_bend,
         find_closed,
         nearest_row,
         moved_from,
