@@ -84,8 +84,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
 
     A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
-    step, or if it bears load and lands within the step. A contact with e < 1 whose gap starts to rise is closed too if the gap is no larger after a whole step, as in
-    sliding along a concave wall. A contact that is coupled to a bouncing one does not count as closed.
+    step, or if it bears load and lands within the step. A contact with e < 1 whose gap starts to rise is closed too if
+    the gap is no larger after a whole step, as in sliding along a concave wall. A contact that is coupled to a bouncing
+    one does not count as closed.
 
     The projection raises the gaps of closed contacts to zero. Any other gap that is negative gets no smaller, and one
     that is positive gets no smaller than zero. Rows that are active only after the projection join the law, and the law
