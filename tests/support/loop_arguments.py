@@ -171,13 +171,13 @@ CALLS = {
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
     "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
-    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (20, 100, 180)],
+    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (9, 65, 100)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
     "find_sunk_contacts": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
     **{
-        name: [(DEFAULT, swaying, ROUGH, n) for n in (3, 30, 60)]
+        name: [(DEFAULT, swaying, ROUGH, n) for n in (3, 53, 60)]
         for name in (
             "solve_law_rows", "solve_wide", "sticking_contacts", "displace", "raise_contacts", "take_projected",
             "tangent_law",
