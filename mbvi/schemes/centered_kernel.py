@@ -212,8 +212,6 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     row_speeds(s.rows.J, v, half, change)
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
     if bounces or not projects:
-        if frictional and bounces:
-            return BOUNCES
         s.ahead.size[0] = 0
         for a in range(count):
             copy_row(s.rows, a, s.ahead)
