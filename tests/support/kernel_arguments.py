@@ -92,6 +92,11 @@ def back(rng):
     return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
 
 
+def unwhiten_four(rng):
+    system, L = factor_of(rng)
+    return L, system._parent, rng.normal(size=(4, system.nv))
+
+
 def solve(rng):
     system, L = factor_of(rng)
     rows = rng.normal(size=(rng.integers(0, 6), system.nv))
@@ -933,6 +938,7 @@ ARGUMENTS = {
     "factor": factor,
     "_whiten": back,
     "_unwhiten": back,
+    "_unwhiten_four": unwhiten_four,
     "solve": solve,
     "advance_by": advance_by,
     "solve_active_set": solve_active_set,
