@@ -246,7 +246,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
             return UNSOLVED
         return settle(s, end, middle, v, h, near, room.free, margin)
     if projects and frictional and not bounces:
-        return settle_with_friction(s, end, v, h, near, margin)
+        return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]
     return DONE

@@ -171,16 +171,17 @@ CALLS = {
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
     "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
-    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (9, 65, 100)],
+    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (0, 16, 65)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
-    "find_sunk_contacts": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
+    "some_below": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
+    "search_at_end": [(DEFAULT, swaying, ROUGH, n) for n in (0, 1, 3)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
     **{
-        name: [(DEFAULT, swaying, ROUGH, n) for n in (3, 53, 60)]
+        name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 11, 55)]
         for name in (
-            "solve_law_rows", "solve_wide", "sticking_contacts", "displace", "raise_contacts", "take_projected",
-            "tangent_law",
+            "find_sunk_contacts", "write_free_motion", "solve_wide", "raise_and_follow", "sticking_contacts",
+            "displace", "raise_contacts", "take_projected", "tangent_law",
         )
     },
 }  # fmt: skip
