@@ -13,6 +13,7 @@ from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
+from .frictional_settle import settle_with_friction
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
 from .nearby_rows import largest_reach
 from .step import joins, margin_of, write_closing_speeds
@@ -220,8 +221,6 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     row_speeds(s.rows.J, v, half, change)
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
     if bounces or not projects:
-        if frictional and bounces:
-            return BOUNCES
         s.ahead.size[0] = 0
         for a in range(count):
             copy_row(s.rows, a, s.ahead)
@@ -255,8 +254,8 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
             return UNSOLVED
         return settle(s, end, middle, v, h, near, room.free, margin)
-    if projects and frictional and sinks(s, end, margin):
-        return BOUNCES
+    if projects and frictional and not bounces:
+        return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]
     return DONE
@@ -298,24 +297,4 @@ def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
             # where the law was applied its gap was
             if rows.lever[a] * ahead.gap[i] <= rows.lever[a] * rows.gap[a] + scales.tolerance:
                 return True
-    return False
-
-
-@kernel("b1(MechanismStep, f8[::1], f8)")
-def sinks(s: MechanismStep, place_ahead: Array, margin: float) -> bool:
-    """Return whether some gap at the end of the step may be below zero by more than the tolerance.
-
-    `place_ahead`, shape (nq,), is where the rows are known, up to a gap of `margin` beyond the tolerance [m].
-    """
-    known, displacement = s.ahead, s.room.displacement
-    tangent(s.mechanism.calls, place_ahead, s.q, displacement)
-    travel = largest_travel(s.scales.squares, displacement)
-    if travel > largest_reach(s.scales.length) or travel > margin:
-        return True
-    for a in range(known.size[0]):
-        gap = known.gap[a]
-        for k in range(len(displacement)):
-            gap += known.J[a, k] * displacement[k]
-        if known.lever[a] * gap < -s.scales.tolerance:
-            return True
     return False

@@ -78,7 +78,8 @@ class Scales(NamedTuple):
 
 @record(
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1],"
-    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+    " f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1],"
+    " b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -91,6 +92,10 @@ class Room(NamedTuple):
         Configurations.
     L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
         Factor of the mass matrix, and rows solved with it.
+    wide, held : ndarray, shapes (3, 3 MOST_CONTACTS, nv) and (3, MOST_CONTACTS, nv)
+        Rows of contacts with friction and their normal rows, each with M^-1 times them and whitened.
+    basis, triangle : ndarray, shapes (k, nv) and (k, k), k = 2 MOST_CONTACTS + 1
+        Factors of tangents.
     change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
         Of rows.
     table : ndarray, shape (8 MOST_ROWS,)
@@ -113,6 +118,10 @@ class Room(NamedTuple):
     L: Array
     A: Array
     W: Array
+    wide: Array
+    held: Array
+    basis: Array
+    triangle: Array
     change: Array
     opened: Array
     gap: Array
@@ -130,9 +139,11 @@ def room(nq: int, nv: int) -> Room:
     """Return room for a mechanism."""
     tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
     matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
+    contacts, most = np.zeros((3, 3 * MOST_CONTACTS, nv)), 2 * MOST_CONTACTS + 1
+    rough = contacts, np.zeros((3, MOST_CONTACTS, nv)), np.zeros((most, nv)), np.zeros((most, most))
     floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
-    fields: Any = *tangents, *places, *matrices, *floats, table, *numbers, *masks
+    fields: Any = *tangents, *places, *matrices, *rough, *floats, table, *numbers, *masks
     return Room(*fields)
 
 

@@ -12,6 +12,7 @@ from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
+from ..projection.held_rows import FARTHEST, HARDLY
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .nearby_rows import NearbyRows
@@ -22,11 +23,6 @@ from .step import Step, advance_gaps, closing_speeds
 _INDEPENDENT = 1e-9
 # squares of lengths below this part of the largest are rounding
 _DEPENDENT = 1e-12
-# displacements whose squared slip is below this part of the largest are not held: a body that stands on slightly
-# different heights must be able to turn
-_HARDLY = 1e-4
-# a displacement that holds tangents is at most so many times as long as one row by itself needs without
-_FARTHEST = 100.0
 
 
 class Applied(NamedTuple):
@@ -385,7 +381,7 @@ def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, to
     squares = np.vecdot(J, metric.solve_rows(J))
     some = (lower > 0.0) & (squares > 0.0)
     least = (lower[some] ** 2 / squares[some]).max(initial=0.0)
-    return bool(moved @ metric.apply(moved) <= _FARTHEST**2 * least)
+    return bool(moved @ metric.apply(moved) <= FARTHEST**2 * least)
 
 
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
@@ -419,6 +415,6 @@ def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | 
         return J
     A = near.tangents.take(held).jacobian
     solved = metric.solve_rows(A)
-    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, _HARDLY, hermitian=True) @ A
+    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, HARDLY, hermitian=True) @ A
     lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))
     return np.where((lengths > _DEPENDENT * before)[:, None], left, 0.0)

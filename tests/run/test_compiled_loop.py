@@ -3,6 +3,7 @@
 import pickle
 import signal
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from mbvi.run.accuracy import projector_of
 from mbvi.run.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
 from mbvi.run.tunnelling import TunnellingGuard
-from mbvi.schemes import Step
+from mbvi.schemes import Step, position_projection
 from mbvi.schemes.step import NO_RATES
 from mbvi.studies.published_robots import published_robot
-from support.loop_arguments import hopper, on_block, quadruped
+from support.loop_arguments import hopper, on_block, quadruped, swaying
 from support.paths import ROBOTS
 from support.robot_problems import OWN, problem_of
 
@@ -26,6 +27,14 @@ STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
 pytestmark = pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
+
+
+class States(NamedTuple):
+    """States from which single steps are taken."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
 
 
 def copied(problem):
@@ -82,11 +91,18 @@ def steps_of_the_loop(problem, scheme, run):
         yield state if done == i + 1 else None
 
 
-def share_that_agrees(problem, scheme, steps):
-    """Compare single steps from the states of a run; return the share of those that the loop takes."""
+def steps_that_agree(problem, scheme, steps, disturbance=0.0):
+    """Compare single steps from the states of a run; yield those of the scheme, None where the loop leaves one to it.
+
+    States are disturbed by some `disturbance` [m or rad] in each coordinate.
+    """
     with pytest.MonkeyPatch.context() as patched:
         run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
-    other, taken = copied(problem), 0
+    if disturbance:
+        moves = disturbance * np.random.default_rng(0).normal(size=run.v.shape)
+        q = np.array([problem.system.integrate(*pair) for pair in zip(run.q, moves, strict=True)])
+        run = States(run.t, q, run.v)
+    other = copied(problem)
     other.system.start()
     projector, _ = projector_of(other, scheme, None, None, None)
     for i, state in enumerate(steps_of_the_loop(copied(problem), scheme, run)):
@@ -97,10 +113,17 @@ def share_that_agrees(problem, scheme, steps):
             np.testing.assert_allclose(state.v, step.v, rtol=0.0, atol=scale, err_msg=f"step {i}")
             assert state.active.constraint.tolist() == step.active.constraint.tolist()
             np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12)
+            np.testing.assert_array_equal(state.active.restitution, step.active.restitution)
             most = np.abs(step.rates).max(initial=1.0)
             np.testing.assert_allclose(state.rates, step.rates, rtol=0.0, atol=1e-11 * most)
-            taken += 1
-    return taken / (len(run.t) - 1)
+            if step.slip is not None:
+                np.testing.assert_allclose(state.slip, step.slip, rtol=0.0, atol=1e-11 * most)
+        yield None if state is None else step
+
+
+def share_that_agrees(problem, scheme, steps):
+    """Compare single steps from the states of a run; return the share of those that the loop takes."""
+    return np.mean([step is not None for step in steps_that_agree(problem, scheme, steps)])
 
 
 @each_scheme
@@ -115,6 +138,26 @@ def test_a_step_is_that_of_the_scheme(name, scheme):
 @pytest.mark.parametrize("scene", [quadruped, hopper])
 def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
     assert share_that_agrees(scene(0.5, mu), scheme, 150) > 0.8
+
+
+@pytest.mark.parametrize(("e", "disturbance", "least"), [(0.0, 0.0, 50), (0.0, 1e-6, 50), (0.02, 1e-6, 10)])
+def test_a_step_that_raises_sticking_contacts_is_that_of_the_scheme(e, disturbance, least, monkeypatch):
+    """With friction the scheme projects positions by searches, and the loop in one kernel."""
+    calls, raised, project = [], 0, position_projection._with_tangent_velocity
+    monkeypatch.setattr(
+        position_projection, "_with_tangent_velocity", lambda *args: calls.append(args) or project(*args)
+    )
+    for step in steps_that_agree(swaying(e, 0.6), SCHEMES[-1], 200, disturbance):
+        raised += step is not None and len(calls) > 0
+        calls.clear()
+    assert raised >= least
+
+
+def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
+    problem, bounced = swaying(0.5, 0.6), 0
+    for step in steps_that_agree(problem, SCHEMES[-1], 150):
+        bounced += step is not None and bool((STEP * step.after[step.percussion > 0.0] > problem.tolerance).any())
+    assert bounced >= 5
 
 
 @pytest.mark.slow

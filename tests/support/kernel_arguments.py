@@ -18,6 +18,7 @@ from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.held_arguments import HELD_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
@@ -89,6 +90,11 @@ def back(rng):
     system, L = factor_of(rng)
     # a gradient is zero for most joints
     return L, system._parent, rng.normal(size=system.nv) * (rng.random(system.nv) < 0.5)
+
+
+def unwhiten_four(rng):
+    system, L = factor_of(rng)
+    return L, system._parent, rng.normal(size=(4, system.nv))
 
 
 def solve(rng):
@@ -886,6 +892,7 @@ ARGUMENTS = {
     **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,
     **SETTLE_ARGUMENTS,
+    **HELD_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "farthest_moved": farthest_moved,
@@ -931,6 +938,7 @@ ARGUMENTS = {
     "factor": factor,
     "_whiten": back,
     "_unwhiten": back,
+    "_unwhiten_four": unwhiten_four,
     "solve": solve,
     "advance_by": advance_by,
     "solve_active_set": solve_active_set,
@@ -1063,6 +1071,10 @@ def specified(name, result, arguments):
         label = arguments[4] if name == "_solve_islands" else np.zeros(len(starts) - 1, int)
         done = result if name == "refine_subset" else bool(result <= 1e-11)
         return [done, np.round(np.where(label < 0, 0.0, full @ arguments[-1]), 7)]
+    if name == "held_tangents":
+        # behind the basis there is what rounding leaves of tangents that depend on it
+        L, Q = arguments[-2:]
+        return [result, *arguments[:-2], np.tril(L)[: max(result, 0)], Q[: max(result, 0)]]
     if name == "first_of_lines":
         return [result, arguments[-1][:result]]
     if name in ("list_candidates", "filter_active", "separated", "near_boxes"):

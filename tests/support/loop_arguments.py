@@ -21,6 +21,7 @@ STEP, DURATION = 1e-3, 0.2
 PAOLI, MOREAU, CENTERED, DEFAULT = (
     mbvi.Paoli(), mbvi.MoreauJean(theta=0.7), mbvi.Centered(), mbvi.Centered(project_positions=True),
 )  # fmt: skip
+LEGS, JOINTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 
 
 class _Caught(Exception):
@@ -111,6 +112,21 @@ def quadruped(e, mu):
     return scene.build()
 
 
+def swaying(e, mu):
+    """A quadruped under a PD control lands on four feet and sways on them; with friction they stick."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    stance = np.tile([0.0, 0.6, -1.2], 4)
+    scene.add_urdf(
+        ROBOTS / "quadruped/quadruped.urdf",
+        position=(0, 0, 0.354),
+        base_velocity=(0.3, 0.1, 0.0, 0.5, 0.0, 0.0),
+        joints={f"{leg}_{joint}_joint": x for leg in LEGS for joint, x in zip(JOINTS, stance[:3], strict=True)},
+        control=mbvi.PDControl(stance, 60.0, 1.5),
+    )
+    return scene.build()
+
+
 def on_block(e, mu):
     """The trunk of the quadruped, which is a box, falls onto a box."""
     scene = mbvi.Scene(restitution=e, friction=mu)
@@ -155,8 +171,19 @@ CALLS = {
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
     "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
-    "sinks": [(DEFAULT, hopper, ROUGH, 1), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, hopper, ROUGH, 20)],
+    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (0, 16, 65)],
+    "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
+    "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
+    "some_below": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
+    "search_at_end": [(DEFAULT, swaying, ROUGH, n) for n in (0, 1, 3)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
+    **{
+        name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 11, 55)]
+        for name in (
+            "find_sunk_contacts", "write_free_motion", "solve_wide", "raise_and_follow", "sticking_contacts",
+            "displace", "raise_contacts", "take_projected", "tangent_law",
+        )
+    },
 }  # fmt: skip
 
 

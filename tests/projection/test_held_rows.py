@@ -1,0 +1,116 @@
+"""Rows along displacements that hold the tangents of sticking contacts are those that the pseudoinverse gives."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbvi.projection.held_rows import FARTHEST, HARDLY, held_tangents, hold_rows, raises_near
+from mbvi.projection.tree import TreeMetric, solve
+
+PARENT = np.array([-1, 0, 1, 2, 3, 4, 5, 6, 5, 8])
+SIZE = len(PARENT)
+
+
+def standing(rng, contacts, repeated=0):
+    """A mechanism of two branches with contacts, of which some have the tangents of the first; near, and sticking."""
+    tree = np.zeros((SIZE, SIZE))
+    for k in range(SIZE):
+        i = k
+        while i >= 0:
+            tree[k, i] = rng.normal()
+            i = PARENT[i]
+        tree[k, k] = 2.0 + rng.random()
+    metric = TreeMetric(tree.T @ tree, PARENT)
+    J = rng.normal(size=(contacts, 3, SIZE))
+    J[1 : 1 + repeated, 1:] = J[0, 1:]
+    J = J.reshape(-1, SIZE)
+    A, W = np.empty(J.shape), np.empty(J.shape)
+    solve(metric.lower, PARENT, J, W, A)
+    near = np.concatenate([[True], rng.random(contacts - 1) < 0.8])
+    sticks = np.concatenate([[True], rng.random(contacts - 1) < 0.6])
+    return metric, J, W, near, sticks
+
+
+def held(metric, W, near, sticks):
+    """What the kernels leave of the normal rows, M^-1 times that, and that whitened; None where they refuse."""
+    m = len(near)
+    L, Q = np.zeros((2 * m + 1, 2 * m + 1)), np.zeros((2 * m + 1, SIZE))
+    size = held_tangents(W, near, sticks, L, Q)
+    if size < 0:
+        return None
+    rows = np.full((3, m, SIZE), np.nan)
+    count = hold_rows(metric.lower, PARENT, W, near, size, Q, *rows)
+    return None if count < 0 else rows[:, :count]
+
+
+def projected(metric, J, near, sticks):
+    """The same rows by the pseudoinverse, and the squared slips of displacements along tangents."""
+    T = J.reshape(-1, 3, SIZE)[near & sticks, 1:].reshape(-1, SIZE)
+    solved, normals = metric.solve_rows(T), J[::3][near]
+    G = solved @ T.T
+    return normals - (normals @ solved.T) @ np.linalg.pinv(G, HARDLY, hermitian=True) @ T, np.linalg.eigvalsh(G)
+
+
+@given(seed=st.integers(0, 2**32 - 1), contacts=st.integers(1, 4), repeated=st.integers(0, 2))
+def test_rows_are_those_of_the_pseudoinverse(seed, contacts, repeated):
+    metric, J, W, near, sticks = standing(np.random.default_rng(seed), contacts, min(repeated, contacts - 1))
+    expected, squares = projected(metric, J, near, sticks)
+    found = held(metric, W, near, sticks)
+    kept = squares[squares > 1e-9 * squares.max()]
+    if found is None:
+        # the cutoff may decide; or hardly anything is left of a row
+        lengths = [np.vecdot(rows, metric.solve_rows(rows)) for rows in (expected, J[::3][near])]
+        assert (1.0 / kept).sum() * kept.sum() * HARDLY > 0.3 or (lengths[0] < 1e-7 * lengths[1]).any()
+        return
+    assert (kept > HARDLY * squares.max()).all()
+    for rows, plain in zip(found, (expected, metric.solve_rows(expected), metric.whiten(expected.T).T), strict=True):
+        np.testing.assert_allclose(rows, plain, rtol=0.0, atol=1e-11 * np.abs(J).max() * max(1.0, np.abs(plain).max()))
+
+
+def test_no_displacement_along_what_is_left_moves_tangents(rng):
+    """Two contacts stick with four tangents, one is far and one slips."""
+    metric, J, W, _, _ = standing(rng, 4)
+    near, sticks = np.array([True, True, False, True]), np.array([True, True, True, False])
+    rows, displacements, _ = held(metric, W, near, sticks)
+    tangents = J.reshape(-1, 3, SIZE)[:2, 1:].reshape(-1, SIZE)
+    np.testing.assert_allclose(tangents @ displacements.T, 0.0, atol=1e-13 * np.abs(displacements).max())
+    # those of others do
+    assert np.abs(J[10] @ displacements.T).min() > 1e-3 * np.abs(displacements).max()
+    assert rows.shape == (3, SIZE)
+
+
+@pytest.mark.parametrize(("apart", "refused"), [(0.0, False), (1e-3, True), (0.3, False)])
+def test_tangents_that_are_nearly_the_same_are_left_to_others(apart, refused):
+    """Whether the second of two tangents is held depends on the cutoff where they are apart a little."""
+    J = np.zeros((6, SIZE))
+    J[0, 0] = J[3, 1] = J[1, 2] = J[4, 2] = J[2, 3] = J[5, 3] = 1.0
+    J[4, 4] = J[5, 5] = apart
+    metric = TreeMetric(np.eye(SIZE), PARENT)
+    both = np.ones(2, bool)
+    assert (held(metric, J.copy(), both, both) is None) == refused
+
+
+def test_a_row_along_held_tangents_is_left_to_others():
+    J = np.zeros((3, SIZE))
+    J[0, 0], J[1, 0], J[2, 1] = 1.0, 1.0, 1.0
+    assert held(TreeMetric(np.eye(SIZE), PARENT), J, np.ones(1, bool), np.ones(1, bool)) is None
+
+
+@pytest.mark.parametrize(
+    ("moved", "lower", "raises"),
+    [
+        (1.0, 1.0, True),
+        (1.0 - 0.5e-8, 1.0, True),
+        (1.0 - 2e-8, 1.0, False),
+        (0.99 * FARTHEST, 1.0, True),
+        (1.01 * FARTHEST, 1.0, False),
+        (1e-12, -1.0, False),
+    ],
+)
+def test_a_displacement_raises_gaps_and_is_not_too_long(moved, lower, raises):
+    """One unit mass that moves along the normal; to raise nothing takes no displacement."""
+    J = np.zeros((3, SIZE))
+    J[0, 0] = 1.0
+    d = moved * J[0]
+    assert raises_near(np.eye(SIZE), J, J, np.ones(1, bool), d, np.array([lower]), 1e-8) == raises
