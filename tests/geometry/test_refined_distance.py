@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from mbvi.geometry import refined_distance
 from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined
@@ -22,18 +22,26 @@ BODIES = np.array([0, 1])
 
 def placed(a, b, where_a, where_b):
     shapes = [PlacedShape(f"{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
-    places = np.array([np.vstack([R.T, p]) for R, p in (where_a, where_b)])
-    return SeparatingAxes(ShapeTable(shapes), BODIES[None]), places
+    return SeparatingAxes(ShapeTable(shapes), BODIES[None]), places_of(where_a, where_b)
+
+
+def places_of(*where):
+    return np.array([np.vstack([R.T, p]) for R, p in where])
 
 
 def touching(a, b, rng, gap):
-    """Two shapes as far apart along a direction as bounds say, then nearer until the separation is about the gap."""
-    towards, turns = unit(rng), (rotation(rng), rotation(rng))
-    low, high = 0.0, SHAPES[a].bound + SHAPES[b].bound
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        axes, places = placed(SHAPES[a], SHAPES[b], (turns[0], np.zeros(3)), (turns[1], middle * towards))
-        low, high = (low, middle) if largest(axes, places, towards) > gap else (middle, high)
+    """Two shapes as far apart along a direction as makes the separation the gap, or as the bounds of both add up to."""
+    towards, turns, most = unit(rng), (rotation(rng), rotation(rng)), SHAPES[a].bound + SHAPES[b].bound
+
+    def at(distance):
+        return (turns[0], np.zeros(3)), (turns[1], distance * towards)
+
+    def missing(distance):
+        return largest(axes, places_of(*at(distance)), towards) - gap
+
+    axes, places = placed(SHAPES[a], SHAPES[b], *at(most))
+    if missing(most) > 0.0:
+        places = places_of(*at(brentq(missing, 0.0, most, xtol=1e-16, rtol=1e-15)))
     return axes, places, towards
 
 
