@@ -301,9 +301,14 @@ def _steps(walk: Iterator[Any]) -> None:
         assert np.isfinite(next(walk).v).all()
 
 
+@functools.cache
+def _hopper() -> mbvi.Problem:
+    """Return a problem that calls leave as it is: building it would take most of their time."""
+    return _controlled().build()
+
+
 def _hoppers() -> tuple[Any, Any]:
-    problem = _controlled().build()
-    return np.tile(problem.q0, (2, 1)), np.tile(problem.v0, (2, 1))
+    return np.tile(_hopper().q0, (2, 1)), np.tile(_hopper().v0, (2, 1))
 
 
 def _simulator() -> mbvi.Simulator:
@@ -495,7 +500,7 @@ CALLS: dict[str, Call] = {
     "rollout": Call(
         mbvi.rollout,
         lambda: {
-            "problem": _controlled().build(), "q0": _hoppers()[0], "v0": _hoppers()[1], "steps": 2, "step": 1e-3,
+            "problem": _hopper(), "q0": _hoppers()[0], "v0": _hoppers()[1], "steps": 2, "step": 1e-3,
             "scheme": mbvi.Paoli(), "control": None, "threads": 2,
         },
         lambda found: found.status,
