@@ -88,7 +88,7 @@ def test_example(name, tmp_path, monkeypatch):
     assert load(name).main() == pytest.approx(number, abs=tolerance)
 
 
-@pytest.mark.slow(seconds=20)
+@pytest.mark.slow(seconds=13)
 @pytest.mark.parametrize("name", FULL_SIZE)
 def test_example_of_many_bodies(name):
     number, tolerance = NUMBERS[name]

@@ -32,7 +32,7 @@ def test_the_command_lists_the_scenes(command):
     assert "scenes of friction: incline; steeper-incline" in out
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=12)
 @pytest.mark.parametrize(
     ("name", "scene", "record", "row"),
     [

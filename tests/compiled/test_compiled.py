@@ -360,7 +360,7 @@ def test_a_run_is_the_same_with_the_plain_forms(name, e, plain_forms):
     check_whole_run(name, e, plain_forms)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=12)
 @pytest.mark.parametrize(("name", "e"), [("ur5", 0.0), ("panda", 0.5), ("solo12", 0.0), ("talos", 0.5)])
 def test_a_run_of_a_real_robot_is_the_same_with_the_plain_forms(name, e, plain_forms):
     check_whole_run(name, e, plain_forms)

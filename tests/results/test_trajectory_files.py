@@ -332,7 +332,7 @@ def test_flipped_bytes_never_load_as_another_run(kind, seeds, request, tmp_path)
     assert "same" not in found
 
 
-@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 100), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 100), marks=pytest.mark.slow(seconds=11))])
 def test_damage_is_found_where_the_checksums_of_pages_are_gone_too(seeds, saved):
     """What HDF5's checksums, and the digest, find alone; HDF5 reads such files in another process first."""
     faults.without_checksums(saved)

@@ -21,7 +21,7 @@ OTHERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=12)
 @every_case
 def test_paolis_scheme_is_of_order_one(case):
     """Configurations uniformly, velocities in L1 and by the distance of their graphs."""

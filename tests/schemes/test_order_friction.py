@@ -44,7 +44,7 @@ def pairs(schemes, names):
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=13)
 @pytest.mark.parametrize(
     ("scheme", "case"), [*pairs((PAOLI,), MOVING), *pairs((MOREAU, CENTERED, LIFTED, PLASTIC), OF_EACH_KIND)]
 )

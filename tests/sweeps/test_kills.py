@@ -210,7 +210,7 @@ def test_an_interrupt_ends_all_processes_in_one_line_and_the_rows_are_kept(tmp_p
         time.sleep(0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=18)
 def test_the_command_line_begins_goes_on_and_says_how_far_it_is(tmp_path):
     file = tmp_path / "throws.py"
     file.write_text(
