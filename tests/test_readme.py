@@ -76,13 +76,14 @@ PAGES = [
         *sorted((ROOT / "robots").glob("*/README.md")),
     )
 ]
-# links of mkdocstrings, and files that a page includes, are checked when the site is built
 FOLDERS = ("mbvi", "tests", "docs", "examples", "benchmarks", "robots")
 
 
 def anchors(page):
-    """Return the names by which GitHub links to the headings of a page."""
-    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S), re.M)
+    """Return the names by which GitHub and the site link to the headings of a page."""
+    # a page may include a file of the root
+    text = re.sub(r'^--8<-- "(.+)"$', lambda found: (ROOT / found[1]).read_text(), page.read_text(), flags=re.M)
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
@@ -101,7 +102,9 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_path_that_a_page_names_exists(page):
-    named = re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w\.\w+)", page.read_text())
+    # targets of links are relative to their page, and checked above
+    text = re.sub(r"\]\([^)\s]+\)", "]", page.read_text())
+    named = re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w\.\w+)", text)
     assert [path for path in named if not (ROOT / path).exists()] == []
 
 
