@@ -31,4 +31,6 @@ def _formula(found: re.Match[str]) -> str:
     tag, text = found[1], html.unescape(found[2]).strip()
     # between \( and \), or \[ and \]
     display = "block" if tag == "div" else "inline"
-    return f'<{tag} class="formula">{convert(text[2:-2].strip(), display=display)}</{tag}>'
+    # a bare bar would be an operator, with spaces around it
+    tex = text[2:-2].strip().replace("|", r"\vert ")
+    return f'<{tag} class="formula">{convert(tex, display=display)}</{tag}>'
