@@ -99,7 +99,7 @@ SECTIONS = {
         Shown("heap", "degrees: angle of repose of discs at mu = 0.5, mean of three heaps", 0, 1, 1, "heap.html"),
         Shown("drum", ": (gain + losses) / work of a drum with spheres; 1 to rounding", 0, 2, 16, "drum.html"),
         Shown("box_drum", ": the same, boxes in a drum of plates; 1 to the order of the step", 0, 0.8, 12, "box.html"),
-        Shown("box_hopper", ": part of the boxes that has passed; without friction none stays", 0, 0.8, 12, "hopper.html"),
+        Shown("box_hopper", ": part of the boxes that has passed; none stays", 0, 0.8, 12, "hopper.html"),
         Shown("shaker", "s: a bed of spheres lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
         Shown("box_shaker", "s: a bed of boxes lands; the end of its free flight is 0.2063", 0, 0.4, 1, "shaker.html"),
         Shown("boxes_at_rest", "m g d: energy of a poured box with friction; all sleep", 0, 1.2, 12, "rest.html"),
@@ -215,7 +215,7 @@ def page(numbers: dict[str, float]) -> str:
         parts.append(f'## {section}\n\n<div class="gallery" markdown>\n')
         for shown in SECTIONS.get(section, []):
             number = numbers.get(shown.name, float("nan"))
-            text = f"{0 if abs(number) < 1e-12 else number:.4g} {shown.says}"
+            text = f"{0 if abs(number) < 1e-12 else number:.4g} {shown.says}".replace(" :", ":")
             command = f"python examples/{shown.name}.py {shown.page}".strip()
             parts.append(card(shown.name, f"gallery/{shown.name}.webp", text, command))
         for name, picture, text in DRAWN.get(section, []):
