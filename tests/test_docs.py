@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import mbvi
+from support.browser import chromium, needs_browser
 from support.paths import DOCS, ROOT
 
 
@@ -64,3 +65,14 @@ def test_the_site_is_built_with_all_names_formulas_and_a_search_of_its_own(site)
     assert pages["theory/friction.html"].count("<math") > 20
     index = json.loads((site / "search/search_index.json").read_text())
     assert any("percussion" in entry["text"] for entry in index["docs"])
+
+
+@needs_browser
+@pytest.mark.slow(seconds=20)
+def test_the_search_finds_a_word_on_pages_that_are_opened_as_files(site, tmp_path):
+    address = (site / "theory/friction.html").as_uri() + "?q=percussion"
+    command = [*chromium(tmp_path), "--virtual-time-budget=4000", "--dump-dom", address]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert re.search(r"\d+ matching documents", done.stdout)
+    # formulas are drawn, not printed
+    assert "<msub>" in done.stdout and "\\mu" not in re.sub(r"<script.*?</script>", "", done.stdout, flags=re.S)
