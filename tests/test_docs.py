@@ -10,7 +10,7 @@ import pytest
 
 import mbvi
 from support.browser import chromium, needs_browser
-from support.paths import DOCS, ROOT
+from support.paths import DOCS, EXAMPLES, ROOT
 
 
 def test_every_public_name_has_an_entry_of_the_reference():
@@ -30,6 +30,12 @@ def test_pages_refer_to_no_other_host_and_hold_no_second_copy_of_a_table():
     # rows with numbers stand in one place only
     rows = [row for text in texts for row in set(re.findall(r"^\|.*\d.*\|.{40,}\|$", text, re.M))]
     assert len(rows) == len(set(rows))
+
+
+def test_every_example_is_in_the_gallery():
+    gallery = (DOCS / "gallery.md").read_text()
+    assert [file.stem for file in EXAMPLES.glob("*.py") if f"`examples/{file.name}`" not in gallery
+            and f'"examples/{file.name}"' not in gallery] == []  # fmt: skip
 
 
 def test_pictures_are_small():
