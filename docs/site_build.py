@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: formulas become MathML, which browsers draw without scripts, and no page refers to other hosts."""
+"""Hooks of mkdocs: formulas become MathML, charts open in full size, and no page refers to other hosts."""
 
 import html
 import re
@@ -8,13 +8,14 @@ from mkdocs.structure.pages import Page
 from mkdocs.utils import get_relative_url
 
 FORMULA = re.compile(r'<(span|div) class="arithmatex">(.*?)</\1>', re.S)
+CHART = re.compile(r'<img [^>]*src="([^"]+\.png)"[^>]*>')
 # the script that mkdocs-material would fetch, and the one of docs/ that replaces it
 FETCHED, OWN = "https://unpkg.com/iframe-worker/shim", "file_search.js"
 
 
 def on_page_content(content: str, **_: object) -> str:
-    """Return the page with each formula as MathML."""
-    return FORMULA.sub(_formula, content)
+    """Return the page with each formula as MathML, which browsers draw without scripts, and links to its charts."""
+    return CHART.sub(r'<a href="\1">\g<0></a>', FORMULA.sub(_formula, content))
 
 
 def on_post_page(output: str, page: Page, **_: object) -> str:
