@@ -3,11 +3,16 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= auto
 
-.PHONY: demo check test test-slow test-all faults clean
+.PHONY: demo docs check test test-slow test-all faults clean
 
 # write a replay to out/
 demo: $(VENV)/installed
 	$(VENV)/bin/mbvi demo
+
+# build the site of docs/ in out/site; it is read in a browser, without a server
+docs: $(VENV)/installed-docs
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --quiet
+	@echo "open out/site/index.html"
 
 # the fast tests, on all cores
 test: $(VENV)/installed-test
@@ -40,6 +45,10 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 
 $(VENV)/installed-test: pyproject.toml | $(VENV)/bin/pip
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --editable '.[test]'
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: pyproject.toml | $(VENV)/bin/pip
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(VENV)/installed
 
 # pip comes last: where it is missing, an earlier attempt failed

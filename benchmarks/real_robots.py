@@ -1,6 +1,6 @@
 """Time of one step of published robots, beside MuJoCo with the same hulls in the same run.
 
-    python benchmarks/real_robots.py                # print the section "Published robots" of docs/performance.md
+    python benchmarks/real_robots.py         # print "Published robots" of docs/benchmarks/performance.md
     python benchmarks/real_robots.py --write        # and write it there
     python benchmarks/real_robots.py --robot solo12 --repeats 1
 
@@ -222,7 +222,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Time steps of published robots beside MuJoCo.")
     parser.add_argument("--repeats", type=int, default=5, help="runs of each engine per robot")
     parser.add_argument("--robot", action="append", choices=list(PUBLISHED), help="only this robot; repeatable")
-    parser.add_argument("--write", action="store_true", help=f"replace the section in docs/{PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"replace the section in docs/benchmarks/{PAGE.name}")
     arguments = parser.parse_args()
     if arguments.repeats < 1:
         parser.error("at least 1 repeat is asked for")

@@ -8,7 +8,7 @@ machine slows all.
     python benchmarks/robot_step.py --profile       # and mbvi's time by layer
     python benchmarks/robot_step.py --case feet     # only cases whose name contains it
     python benchmarks/robot_step.py --friction      # a quadruped with friction and without
-    python benchmarks/robot_step.py --write         # the same, and writes the section of docs/performance.md
+    python benchmarks/robot_step.py --write         # the same, and writes the section of docs/benchmarks/performance.md
 
 The cases are in `robot_cases.py`. Robots that stand are held by constant torques that balance gravity, and glide over
 the floor at 0.1 m/s: a robot at rest would repeat the same q, and caches per q would answer. MuJoCo gets the same
@@ -186,7 +186,7 @@ def main() -> None:
     parser.add_argument("--case", default="", metavar="TEXT", help="only the cases whose name contains this")
     parser.add_argument("--profile", action="store_true", help="print mbvi's time by layer")
     parser.add_argument("--friction", action="store_true", help="time a quadruped with friction and without")
-    parser.add_argument("--write", action="store_true", help=f"the same, and write it to docs/{PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"the same, and write it to docs/benchmarks/{PAGE.name}")
     arguments = parser.parse_args()
     count, repeats = arguments.steps, arguments.repeats
     if count < 2 or repeats < 1:

@@ -1,6 +1,6 @@
 """Time of many short runs of a standing quadruped by `mbvi.rollout`, beside `mujoco.rollout` in the same run.
 
-    python benchmarks/rollout.py            # print the section "Rollouts" of docs/performance.md
+    python benchmarks/rollout.py            # print the section "Rollouts" of docs/benchmarks/performance.md
     python benchmarks/rollout.py --write    # and write it there
 
 The quadruped of `robot_step.py` that stands on four feet begins each run at its start with other velocities. MuJoCo
@@ -30,7 +30,7 @@ from robot_cases import CASES  # noqa: E402
 import mbvi  # noqa: E402
 from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
 
-PAGE, TITLE = Path(__file__).parents[1] / "docs/performance.md", "## Rollouts"
+PAGE, TITLE = Path(__file__).parents[1] / "docs/benchmarks/performance.md", "## Rollouts"
 STEP, STEPS, SPREAD = 1e-3, 100, 0.05
 # no scheme named is the default at a given step
 SCHEMES: dict[str, mbvi.schemes.Scheme | None] = {"Paoli": mbvi.Paoli(), "default": None}
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=500, help="runs in one call")
     parser.add_argument("--repeats", type=int, default=11, help="calls of each engine")
     parser.add_argument("--threads", type=int, default=2, help="most threads")
-    parser.add_argument("--write", action="store_true", help=f"replace the section in docs/{PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"replace the section in docs/benchmarks/{PAGE.name}")
     arguments = parser.parse_args()
     text = section(arguments.count, arguments.repeats, arguments.threads)
     print(text)

@@ -1,6 +1,6 @@
 """Time and residual of every projection solver on the projections of robots, stacks and piles.
 
-    python benchmarks/solvers.py                # the table of docs/solvers.md
+    python benchmarks/solvers.py                # the table of docs/developer/solvers.md
     python benchmarks/solvers.py --case pile    # only cases whose name has it
 
 Each case is a run by the cascade whose projections are kept: the last ones that violate a row, up to eight. Every

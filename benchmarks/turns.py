@@ -1,4 +1,4 @@
-"""Times of mbvi and MuJoCo measured in turns, and the sections of docs/performance.md that hold them."""
+"""Times of mbvi and MuJoCo measured in turns, and the sections of docs/benchmarks/performance.md that hold them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from robot_cases import again
 
 import mbvi
 
-PAGE = Path(__file__).parents[1] / "docs/performance.md"
+PAGE = Path(__file__).parents[1] / "docs/benchmarks/performance.md"
 STEP, DURATION = 1e-3, 1.0
 HEADS = "MuJoCo [us per step] | Paoli [us per step] | ratio | default [us per step] | ratio"
 # no scheme named is the default at a given step

@@ -8,7 +8,7 @@ import pytest
 
 MBVI = Path(__file__).parents[1] / "mbvi"
 
-# the rooms of docs/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package
+# the rooms of docs/developer/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package
 FLOORS = (
     "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "problem",
     "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "packing", "reference", "sweeps",

@@ -1,4 +1,4 @@
-"""Statements of the paper that are laws of a run rather than of one function; docs/mathematics.md lists them all."""
+"""Statements of the paper that are laws of a run and not of one function; docs/theory/mathematics.md lists them."""
 
 import re
 from functools import reduce
@@ -187,7 +187,7 @@ def test_a_gradient_that_vanishes_is_named():
     assert "(H3) fails: the gradient of flat vanishes" in found.report()
 
 
-TABLE = (ROOT / "docs" / "mathematics.md").read_text() if (ROOT / "docs" / "mathematics.md").exists() else ""
+TABLE = (ROOT / "docs/theory/mathematics.md").read_text() if (ROOT / "docs/theory/mathematics.md").exists() else ""
 
 
 def rows():

@@ -11,39 +11,68 @@ import mbvi
 from support.paths import ROOT
 
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\nprints\n\n```\n(?P<printed>.*?)^```\n)?", re.M | re.S)
+DOCS_PAGES = sorted((ROOT / "docs").rglob("*.md"))
+# the blocks of a tutorial are typed into one session; each other block stands alone
+TUTORIALS = [path for path in DOCS_PAGES if path.parent.name == "tutorials"]
 BLOCKS = [
-    pytest.param(found, id=f"{path.name}-{k}")
-    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+    pytest.param(found, id=f"{path.relative_to(ROOT).as_posix()}-{k}")
+    for path in (ROOT / "README.md", *DOCS_PAGES)
+    if path not in TUTORIALS
     for k, found in enumerate(BLOCK.finditer(path.read_text()))
 ]
 
 
-@pytest.mark.usefixtures("sweeps_in_a_thread")
-@pytest.mark.parametrize("found", BLOCKS)
-def test_a_block_runs_and_prints_what_follows(found, tmp_path, monkeypatch):
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Work in a folder with the robots of the repository."""
     (tmp_path / "robots").symlink_to(ROOT / "robots")
     monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def check(found, names):
+    """Run a block with these names, and compare what it prints with what the page says."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(compile(found["code"], "block", "exec"), {"__name__": "__main__"})
+        exec(compile(found["code"], "block", "exec"), names)
     assert printed.getvalue() == (found["printed"] or "")
+
+
+@pytest.mark.usefixtures("sweeps_in_a_thread")
+@pytest.mark.parametrize("found", BLOCKS)
+def test_a_block_runs_and_prints_what_follows(found, folder):
+    check(found, {"__name__": "__main__"})
     if "replay_html" in found["code"]:
-        assert next(tmp_path.glob("*.html")).stat().st_size > 500_000
+        assert next(folder.glob("*.html")).stat().st_size > 500_000
+
+
+@pytest.mark.usefixtures("sweeps_in_a_thread")
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.name)
+def test_the_blocks_of_a_tutorial_run_one_after_the_other(path, folder):
+    names = {"__name__": "__main__"}
+    blocks = list(BLOCK.finditer(path.read_text()))
+    assert len(blocks) >= 3
+    for found in blocks:
+        check(found, names)
 
 
 def test_blocks_are_found():
-    counts = {page: (ROOT / page).read_text().count("```python") for page in ("README.md", "docs/guide.md")}
-    assert {page: sum(p.id.startswith(page.rpartition("/")[2]) for p in BLOCKS) for page in counts} == counts
-    assert counts["README.md"] >= 1 and counts["docs/guide.md"] >= 5
+    pages = [path for path in (ROOT / "README.md", *DOCS_PAGES) if path not in TUTORIALS]
+    assert len(BLOCKS) == sum(page.read_text().count("```python") for page in pages) > 15
     # whatever prints says what
     assert all(p.values[0]["printed"] for p in BLOCKS if "print(" in p.values[0]["code"])
+
+
+def test_the_readme_is_read_in_a_few_minutes():
+    """600 to 800 words; everything else is a page of the site."""
+    assert 600 <= len((ROOT / "README.md").read_text().split()) <= 800
 
 
 PAGES = [
     pytest.param(path, id=path.relative_to(ROOT).as_posix())
     for path in (
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md") if (ROOT / name).exists()),
-        *sorted((ROOT / "docs").glob("*.md")),
+        *DOCS_PAGES,
         *sorted((ROOT / "robots").glob("*/README.md")),
     )
 ]
@@ -51,8 +80,10 @@ FOLDERS = ("mbvi", "tests", "docs", "examples", "benchmarks", "robots")
 
 
 def anchors(page):
-    """Return the names by which GitHub links to the headings of a page."""
-    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S), re.M)
+    """Return the names by which GitHub and the site link to the headings of a page."""
+    # a page may include a file of the root
+    text = re.sub(r'^--8<-- "(.+)"$', lambda found: (ROOT / found[1]).read_text(), page.read_text(), flags=re.M)
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
@@ -71,7 +102,9 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_path_that_a_page_names_exists(page):
-    named = re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w\.\w+)", page.read_text())
+    # targets of links are relative to their page, and checked above
+    text = re.sub(r"\]\([^)\s]+\)", "]", page.read_text())
+    named = re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w\.\w+)", text)
     assert [path for path in named if not (ROOT / path).exists()] == []
 
 

@@ -12,7 +12,7 @@ from ..system.given import called
 
 
 class GapFunction:
-    """One constraint f(q) >= 0 with its gradient (equation (2) of the paper, see docs/mathematics.md).
+    """One constraint f(q) >= 0 with its gradient (equation (2) of the paper, see docs/theory/mathematics.md).
 
     Parameters
     ----------

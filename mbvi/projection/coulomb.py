@@ -30,7 +30,7 @@ _CLOSE, _POLISHING_STEPS = 1e-12, 3
 _STEPS, _RESUMED_STEPS = 15, 6
 # rows whose elimination leaves a lesser part of their G_nn count as dependent
 _REGULAR = 1e-9
-# up to this mu, and this mu |G_nt|, an answer may be taken from a start near it: see docs/mathematics.md
+# up to this mu, and this mu |G_nt|, an answer may be taken from a start near it: see docs/theory/mathematics.md
 _NARROW, _WEAK = 0.8, 0.75
 
 

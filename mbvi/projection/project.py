@@ -54,8 +54,8 @@ def project(
 
     Notes
     -----
-    Proj_M(T_K, x) of equation (8) of the paper (docs/mathematics.md); percussions as in its Lemma 3.3, with the sign
-    changed so that p >= 0.
+    Proj_M(T_K, x) of equation (8) of the paper (docs/theory/mathematics.md); percussions as in its Lemma 3.3, with the
+    sign changed so that p >= 0.
     """
     if friction is not None:
         velocity, rows, bound, mu = _checked_contacts(x, J, lower, "lower", friction)

@@ -65,7 +65,7 @@ class Trajectory(RunData):
         Parameters
         ----------
         t : float
-            Time in [t_0, t_n] [s].
+            Time [s], in [t_0, t_n].
 
         Returns
         -------
@@ -126,7 +126,7 @@ class Trajectory(RunData):
         Parameters
         ----------
         t : float
-            Time in [t_0, t_n] [s]; the interval is (t_{i-1}, t_i], and at t_0 there are none.
+            Time [s], in [t_0, t_n]; the interval is (t_{i-1}, t_i], and at t_0 there are none.
 
         Returns
         -------

@@ -216,7 +216,7 @@ def compiled_loop(
     problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float,
     every: int, total: int,
 ) -> CompiledLoop | None:  # fmt: skip
-    """Return the loop of a run, or None if its steps are Python's: see docs/architecture.md."""
+    """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
     kind, system = kind_of_scheme(scheme), problem.system
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None

@@ -87,8 +87,8 @@ def test_the_picture_has_a_panel_for_each_scene_and_one_legend(records):
 
 
 def test_the_table_of_the_page_is_that_of_its_file():
-    records = read_table(DOCS / "friction.csv", FrictionRecord)
-    assert friction_summary(records, 1e-3) in (DOCS / "friction.md").read_text()
+    records = read_table(DOCS / "benchmarks/friction.csv", FrictionRecord)
+    assert friction_summary(records, 1e-3) in (DOCS / "benchmarks/friction.md").read_text()
 
 
 def test_piles_with_friction_turn_their_spheres():

@@ -122,5 +122,5 @@ def test_the_picture_has_a_panel_for_each_scene_and_one_legend(records):
 
 
 def test_the_table_of_the_page_is_that_of_its_file():
-    records = read_table(DOCS / "piles.csv", PileRecord)
-    assert pile_table(records) in (DOCS / "granular.md").read_text()
+    records = read_table(DOCS / "benchmarks/piles.csv", PileRecord)
+    assert pile_table(records) in (DOCS / "benchmarks/piles.md").read_text()

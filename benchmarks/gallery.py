@@ -1,0 +1,245 @@
+"""The gallery of the docs: pictures of the examples' own runs, with the number that each returns.
+
+    python benchmarks/gallery.py                 # all pictures of docs/gallery, and docs/gallery.md
+    python benchmarks/gallery.py drum heap       # only these pictures
+    python benchmarks/gallery.py --page          # only the page
+
+Needs chromium, without a window, and Pillow. A picture is taken from the page that `replay_html` writes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib.util
+import io
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+import mbvi
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES, FOLDER, PAGE = ROOT / "examples", ROOT / "docs/gallery", ROOT / "docs/gallery.md"
+NUMBERS = FOLDER / "numbers.json"
+WIDTH, HEIGHT, QUALITY = 420, 280, 60
+FLAGS = (
+    "--headless --no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run "
+    "--disable-background-networking --disable-component-update --disable-sync --disable-quic --hide-scrollbars"
+).split()
+# draws the replay at some instants, one below the other
+DRAW = """
+const times = %s, width = %d, height = %d;
+// nothing is drawn but what is asked for
+window.requestAnimationFrame = () => 0;
+animator.play(); animator.pause(); animator.play = () => 0;
+document.getElementById("bar").remove();
+const all = document.createElement("canvas");
+[all.width, all.height] = [width, height * times.length];
+all.style = "position: absolute; left: 0; top: 0";
+document.body.append(all);
+setTimeout(() => times.forEach((time, k) => {
+    viewer.set_3d_pane_size(width, height);
+    animator.seek(time);
+    viewer.renderer.render(viewer.scene, viewer.camera);
+    all.getContext("2d").drawImage(viewer.renderer.domElement, 0, k * height, width, height);
+}), 100);
+"""
+
+
+class Shown(NamedTuple):
+    """An example of the gallery.
+
+    Attributes
+    ----------
+    name : str
+        Of its file, without ".py".
+    says : str
+        What the number is, which stands behind it on the page.
+    start, end : float
+        Part of the run that is shown [s].
+    frames : int
+        Number of pictures; one is a still picture of the end.
+    page : str
+        How its replay is written, after "python examples/...": the name of a page.
+    """
+
+    name: str
+    says: str
+    start: float
+    end: float
+    frames: int = 1
+    page: str = ""
+
+
+SECTIONS = {
+    "Robots": [
+        Shown("drop_robot", "m/s: speed at which the foot strikes first; its fall says 3.223", 0, 1.2, 20),
+        Shown("quadruped_on_slope", "m: creep in half a second of standing on 15 degrees", 2.4, 3.3, 18, "walk.html"),
+        Shown("hop_on_touchdown", "m: height of the trunk at the top of a hop that touchdown starts", 0, 1.0, 16),
+        Shown("sampled_jump", "m: height that the trunk gains by sampled torques", 0, 0.35, 12, "jump.html"),
+        Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6),
+        Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 1, "gravel.html"),
+        Shown(
+            "mixed_heap", ": percussions of the floor, over weight times duration plus gain of momentum: 1", 0, 0.5, 12,
+            "mixed.html",
+        ),
+    ],
+    "Grains and boxes": [
+        Shown("hourglass", "of 120 spheres have passed: without friction no arch is stable", 0, 3, 16, "glass.html"),
+        Shown("arch", "of 60 grains stay above the neck at mu = 0.5", 0, 3, 1, "arch.html"),
+        Shown("avalanche", "m: travel of the centre of mass; g sin(angle) T^2 / 2 = 1.327", 0, 0.8, 12, "slide.html"),
+        Shown("heap", "degrees: angle of repose of discs at mu = 0.5, mean of three heaps", 0, 1, 1, "heap.html"),
+        Shown("drum", ": (gain + losses) / work of a drum with spheres; 1 to rounding", 0, 2, 16, "drum.html"),
+        Shown("box_drum", ": the same, boxes in a drum of plates; 1 to the order of the step", 0, 0.8, 12, "box.html"),
+        Shown("box_hopper", ": part of the boxes that has passed; none stays", 0, 0.8, 12, "hopper.html"),
+        Shown("shaker", "s: a bed of spheres lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
+        Shown("box_shaker", "s: a bed of boxes lands; the end of its free flight is 0.2063", 0, 0.4, 1, "shaker.html"),
+        Shown("boxes_at_rest", "m g d: energy of a poured box with friction; all sleep", 0, 1.2, 12, "rest.html"),
+        Shown("boxes_hit_by_ball", "N s: a ball hits a stack at rest; by hand 4.8", 0, 0.6),
+    ],
+}  # fmt: skip
+# pictures that examples draw by themselves, and numbers that their tests pin
+DRAWN = {
+    "Impacts": [
+        (
+            "figure_1",
+            "theory/figure_1.png",
+            "0.707 m between points that started 1 cm apart and met an obtuse corner",
+        ),
+        ("error_control", "benchmarks/error_control.png", "0.189962172 s: first impact of a dropped quadruped"),
+    ],
+    "Many runs": [
+        ("rocking_block", "howto/rocking_block.png", "0.9968 of 10 000 starts end as Housner's energies say"),
+        ("thrown_die", "howto/thrown_die.png", "1/6: each face of a thrown die, within 0.011, in 4096 throws"),
+    ],
+}
+WITHOUT = {
+    "given_functions": "a double pendulum beside a wall, by M, g and f as functions",
+    "painleve_rod": "Painlevé's rod: after its end has jammed it turns at 1.2622 rad/s, as by hand",
+    "step_by_hand": "one step at a time",
+    "find_restitution": "the restitution of a ball, from a recording of its bounces",
+    "hopper_environment": "the interface of gymnasium",
+}
+
+
+def loaded(name: str) -> ModuleType:
+    """Return an example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def number_and_run(shown: Shown) -> tuple[float, mbvi.Trajectory]:
+    """Return the number of an example, and the last of its runs."""
+    runs, simulate = [], mbvi.simulate
+
+    def kept(*arguments: object, **options: object) -> mbvi.Trajectory:
+        runs.append(simulate(*arguments, **options))  # type: ignore[arg-type]
+        return runs[-1]
+
+    mbvi.simulate = kept  # type: ignore[assignment]
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as folder:
+            with contextlib.chdir(folder):
+                arguments = [shown.page] if shown.page else []
+                return float(loaded(shown.name).main(*arguments)), runs[-1]
+    finally:
+        mbvi.simulate = simulate
+
+
+def pictures(run: mbvi.Trajectory, times: np.ndarray) -> list:
+    """Return pictures of a run at some times, of Pillow."""
+    from PIL import Image
+
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
+        run.replay_html(page)
+        script = DRAW % (json.dumps((times - run.t[0]).tolist()), WIDTH, HEIGHT)
+        # the pane has the size of one picture from the start: the browser draws it without a graphics card
+        text = page.read_text().replace("width: 100vw; height: 100vh;", f"width: {WIDTH}px; height: {HEIGHT}px;", 1)
+        page.write_text(text.replace("</body>", f"<script>{script}</script></body>"))
+        command = [
+            shutil.which("chromium") or "chromium", *FLAGS, "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={folder}/profile", f"--window-size={WIDTH},{HEIGHT * len(times)}",
+            "--virtual-time-budget=300", f"--screenshot={shot}", page.as_uri(),
+        ]  # fmt: skip
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        with Image.open(shot) as image:
+            tall = image.convert("RGB")
+    return [tall.crop((0, k * HEIGHT, WIDTH, (k + 1) * HEIGHT)) for k in range(len(times))]
+
+
+def draw(shown: Shown) -> float:
+    """Write the picture of an example, and return its number."""
+    number, run = number_and_run(shown)
+    end = min(shown.end, float(run.t[-1]))
+    times = np.linspace(shown.start, end, shown.frames) if shown.frames > 1 else np.array([end])
+    first, *rest = pictures(run, times)
+    # an animation stays at its end for a second
+    pause = [1000 * (end - shown.start) / max(shown.frames - 1, 1) * 2] * (shown.frames - 1) + [1000]
+    file = FOLDER / f"{shown.name}.webp"
+    first.save(
+        file, save_all=True, append_images=rest, duration=[int(p) for p in pause], loop=0, quality=QUALITY, method=6
+    )
+    print(f"{shown.name}: {number:.6g}, {file.stat().st_size / 1e3:.0f} kB", flush=True)
+    return number
+
+
+def card(name: str, picture: str, text: str, command: str) -> str:
+    """Return the part of the page that shows one example."""
+    return (
+        f"-   ![{name}]({picture}){{ loading=lazy }}\n\n    **{text}**\n\n    `{command}`\n\n"
+        f'    ??? note "source"\n\n        ```py\n        --8<-- "examples/{name}.py"\n        ```\n\n'
+    )
+
+
+def page(numbers: dict[str, float]) -> str:
+    """Return the page of the gallery."""
+    parts = [
+        "# Gallery\n\nEach picture is taken from a run of an example, and each number is what the example returns.\n"
+        "Tests compare the numbers with exact values or with the limit of finer steps (`tests/test_examples.py`).\n\n"
+        "A command that names a page writes its replay there: open it in a browser, turn it, and move through time.\n"
+        "`python benchmarks/gallery.py` makes this page and its pictures.\n"
+    ]
+    for section in dict.fromkeys([*SECTIONS, *DRAWN]):
+        parts.append(f'## {section}\n\n<div class="gallery" markdown>\n')
+        for shown in SECTIONS.get(section, []):
+            number = numbers.get(shown.name, float("nan"))
+            text = f"{0 if abs(number) < 1e-12 else number:.4g} {shown.says}".replace(" :", ":")
+            command = f"python examples/{shown.name}.py {shown.page}".strip()
+            parts.append(card(shown.name, f"gallery/{shown.name}.webp", text, command))
+        for name, picture, text in DRAWN.get(section, []):
+            parts.append(card(name, picture, text, f"python examples/{name}.py"))
+        parts.append("</div>\n")
+    parts.append("## Without a picture\n\n| example | shows |\n|---|---|\n")
+    parts[-1] += "".join(f"| `examples/{name}.py` | {says} |\n" for name, says in WITHOUT.items())
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Draw what the arguments name."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser.add_argument("names", nargs="*", help="only these examples")
+    parser.add_argument("--page", action="store_true", help="only the page")
+    options = parser.parse_args()
+    FOLDER.mkdir(exist_ok=True)
+    numbers = json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
+    for shown in [] if options.page else [one for part in SECTIONS.values() for one in part]:
+        if not options.names or shown.name in options.names:
+            numbers[shown.name] = draw(shown)
+            NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True) + "\n")
+    PAGE.write_text(page(numbers))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
