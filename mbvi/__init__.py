@@ -36,7 +36,7 @@ from .system.controls import CompiledControl, ConstantTorque, PDControl
 sys.modules[f"{__name__}.motion"] = motion
 sys.modules[f"{__name__}.surfaces"] = surfaces
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 __all__ = [
     "REDUCTIONS",
