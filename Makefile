@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= auto
 
-.PHONY: demo docs check test test-slow test-all faults clean
+.PHONY: demo docs check test test-slow test-all faults package-check clean
 
 # write a replay to out/
 demo: $(VENV)/installed
@@ -35,6 +35,10 @@ check: $(VENV)/installed-test
 # fuzz scenes, URDFs, arguments and files, kill runs and fill disks, for nine minutes
 faults: $(VENV)/installed-test
 	$(VENV)/bin/python benchmarks/faults.py
+
+# build wheel and sdist, install the wheel into a fresh environment, and run the demo and tests of it; some minutes
+package-check:
+	PYTHON=$(PYTHON) .ci/package-check $(TESTS)
 
 clean:
 	rm -rf $(VENV) out

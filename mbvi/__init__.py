@@ -11,6 +11,7 @@ from .errors import (
     InputError,
     MbviError,
     MbviWarning,
+    MjcfError,
     ProjectionError,
     TrajectoryFileError,
     UnsuitableError,
@@ -35,7 +36,7 @@ from .system.controls import CompiledControl, ConstantTorque, PDControl
 sys.modules[f"{__name__}.motion"] = motion
 sys.modules[f"{__name__}.surfaces"] = surfaces
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 __all__ = [
     "REDUCTIONS",
@@ -56,6 +57,7 @@ __all__ = [
     "LagrangianSystem",
     "MbviError",
     "MbviWarning",
+    "MjcfError",
     "MoreauJean",
     "PDControl",
     "Paoli",

@@ -47,6 +47,10 @@ class UrdfError(MbviError):
     """A robot description cannot be read or describes no physical mechanism."""
 
 
+class MjcfError(MbviError):
+    """A MJCF cannot be read, or nothing in it can move."""
+
+
 class InadmissibleStartError(MbviError):
     """The initial configuration is not in K: some gap is negative."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
+from .python_file import imported
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,16 +72,7 @@ def _cluster(workers: int | None) -> AbstractContextManager[Client | None]:
 
 def _definitions(path: Path) -> dict[str, Any]:
     """Return the arguments of `mbvi.sweep` that a file defines."""
-    if path.suffix != ".py" or not path.is_file() or not path.stem.isidentifier():
-        raise InputError(f"{path} must be a file of Python, whose name other processes can import")
-    # worker processes import it by its name from here
-    sys.path.insert(0, str(path.resolve().parent))
-    try:
-        module = importlib.import_module(path.stem)
-    except Exception as error:
-        raise InputError(f"{path} cannot be imported: {type(error).__name__}: {error}") from error
-    if Path(str(module.__file__)).resolve() != path.resolve():
-        raise InputError(f"{path} has the name of another module, {module.__file__}: rename it")
+    module = imported(path)
     missing = [name for name in ("make", "parameters", "measure", "options") if not hasattr(module, name)]
     if missing:
         raise InputError(f"{path} must define {', '.join(missing)}")

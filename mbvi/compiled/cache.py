@@ -6,6 +6,7 @@ Imported when a run starts, for numba's weight.
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import pickle
 import sys
@@ -25,6 +26,8 @@ from .folder import cache_folder
 from .interrupts import interrupts_later
 from .linking import compile_now, entry_dispatcher, function_dispatcher, rebuilt, reduced
 from .one_process import one_process
+
+_logger = logging.getLogger(__name__)
 
 _MARK = b"mbvi-3\n\0"
 _DIGEST = 32
@@ -72,7 +75,7 @@ class _CheckedFile(IndexDataCacheFile):
             file.write(_MARK + sha256(data).digest() + data)
 
     def _remove(self, path: str) -> None:
-        print(f"mbvi: {path} is damaged: its kernel is compiled again", file=sys.stderr, flush=True)
+        _logger.warning("%s is damaged: its kernel is compiled again", path)
         try:
             os.unlink(path)
         except OSError:
@@ -250,4 +253,4 @@ def _without_garbage_collection() -> Iterator[None]:
 def _say_once(what: str) -> None:
     if what not in _said:
         _said.add(what)
-        print(f"mbvi: {what}", file=sys.stderr, flush=True)
+        _logger.warning(what)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
 import threading
@@ -15,6 +16,8 @@ import numpy as np
 
 from .addresses import AddressCall
 from .folder import cache_folder
+
+_logger = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record", bound=type)
@@ -204,8 +207,8 @@ def _announce(name: str) -> None:
     global _announced
     if not _announced:
         _announced = True
-        words = f"compiling kernels that {cache_folder()} does not have yet, once on this machine; the first is {name}"
-        print(f"mbvi: {words} ...", file=sys.stderr, flush=True)
+        words = "compiling kernels that %s does not have yet, once on this machine; the first is %s ..."
+        _logger.warning(words, cache_folder(), name)
 
 
 def _records_of(names: Iterable[str], namespace: dict[str, Any]) -> dict[str, Any]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import os
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+_logger = logging.getLogger(__name__)
 
 try:
     import fcntl
@@ -59,7 +61,7 @@ def _lock_file(folder: Path) -> int | None:
                 return file
             except BlockingIOError:
                 if not _said:
-                    print("mbvi: another process compiles kernels: waiting for it ...", file=sys.stderr, flush=True)
+                    _logger.warning("another process compiles kernels: waiting for it ...")
                 _said = True
                 time.sleep(_POLL)
             except OSError:

@@ -230,6 +230,8 @@ def _robot(item: RobotItem) -> dict[str, Any]:
     return {
         "name": robot.name,
         "urdf": robot.text,
+        # a MJCF is kept as what was made of it, so that reading needs no MuJoCo
+        "model": "" if robot.text else robot.model.saveToString(),
         "file": robot.file,
         "base": item.base,
         "position": item.position.tolist(),
@@ -247,7 +249,11 @@ def _robot(item: RobotItem) -> dict[str, Any]:
 
 def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     position, rotation = np.array(data["position"]), np.array(data["rotation"])
-    model = build_model(data["urdf"], data["base"], rotation, position)
+    if data["urdf"]:
+        model = build_model(data["urdf"], data["base"], rotation, position)
+    else:
+        model = pin.Model()
+        model.loadFromString(data["model"])
     shapes = tuple(
         PlacedShape(**{**_arrays(s), "shape": _shape_back(s["shape"]), "color": tuple(s["color"])})
         for s in data["shapes"]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from ..geometry.shapes import PlacedShape, Sphere
+from ..geometry.shapes import Array, PlacedShape, Sphere
 from .items import ForceItem, RobotItem
+from .urdf import Robot
 
 _POINT = Sphere(1.0)
 
@@ -24,14 +25,22 @@ def with_centres(item: RobotItem, forces: Iterable[ForceItem]) -> RobotItem:
     if not links:
         return item
     model, marks = item.robot.model, []
-    for link in ElementTree.fromstring(item.robot.text.encode()).findall("link"):
-        name = link.get("name", "")
+    for name, centre in _centres(item.robot):
         if name not in links:
             continue
-        origin, centre = link.find("inertial/origin"), np.zeros(3)
-        if origin is not None and origin.get("xyz"):
-            centre = np.array(origin.get("xyz", "").split(), dtype=float)
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         place = frame.placement.act(centre)
         marks.append(PlacedShape(f"{item.robot.name}/{name}", _POINT, int(frame.parentJoint), np.eye(3), place))
     return replace(item, robot=replace(item.robot, shapes=(*item.robot.shapes, *marks)))
+
+
+def _centres(robot: Robot) -> Iterator[tuple[str, Array]]:
+    """Yield the links of a robot and their centres of mass in the links' frames."""
+    if not robot.text:
+        yield from ((f.name, f.inertia.lever) for f in robot.model.frames if f.type == pin.FrameType.BODY)
+        return
+    for link in ElementTree.fromstring(robot.text.encode()).findall("link"):
+        origin, centre = link.find("inertial/origin"), np.zeros(3)
+        if origin is not None and origin.get("xyz"):
+            centre = np.array(origin.get("xyz", "").split(), dtype=float)
+        yield link.get("name", ""), centre

@@ -34,8 +34,10 @@ from .assembly import assemble
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .mjcf_models import MjcfModels
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
+from .robot_names import description_file
 from .still_joints import checked_locked
 from .urdf import initial_state, load_robot, robot_name, set_base_velocity
 from .urdf_checks import check_mass_matrix
@@ -51,7 +53,7 @@ _UPRIGHT = np.eye(3)
 _MOST_NAMED = 50
 
 
-class Scene(Walls, Grains, Actions):
+class Scene(Walls, Grains, MjcfModels, Actions):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -113,7 +115,7 @@ class Scene(Walls, Grains, Actions):
         Parameters
         ----------
         path : path
-            URDF file.
+            URDF file, or "robot:" and a name of the package robot_descriptions, whose cache must hold it.
         base : "free" or "fixed"
             Whether its root link floats or is welded to the world.
         position, rotation : array_like
@@ -147,7 +149,7 @@ class Scene(Walls, Grains, Actions):
         """
         choice(base, "base", ("free", "fixed"))
         optional(function, control, "control", "control(t, q, v) -> tau")
-        file, disabled, given = file_path(path), optional(file_path, srdf, "srdf"), optional(label, name)
+        file, disabled, given = description_file(path, "URDF"), optional(file_path, srdf, "srdf"), optional(label, name)
         placed = {} if joints is None else numbers_by_name(joints, "joints")
         moving = {} if velocity is None else numbers_by_name(velocity, "velocity")
         still, within = several_names(locked, "locked"), optional(not_negative, tolerance, "tolerance")

@@ -25,7 +25,7 @@ def pairs_left_out(
     neutral = pin.neutral(model)
     # most robots have all zeros within their limits
     starts = [neutral] if np.array_equal(neutral, reference) else [neutral, reference]
-    overlaps = _Overlaps(shapes, [_poses(model, shapes, q) for q in starts])
+    overlaps = Overlaps(shapes, [poses_of(model, shapes, q) for q in starts])
     apart: set[tuple[str, str]] = set()
     adjacent, overlapping, srdf = [], [], []
     for i, a in enumerate(shapes):
@@ -66,7 +66,8 @@ def _link_of(label: str) -> str:
     return head if tail.isdigit() else label
 
 
-def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[Array, Array]]:
+def poses_of(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[Array, Array]]:
+    """Return the rotation and the position of each shape in the world at a configuration."""
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     poses = []
@@ -76,7 +77,7 @@ def _poses(model: pin.Model, shapes: list[PlacedShape], q: Array) -> list[tuple[
     return poses
 
 
-class _Overlaps:
+class Overlaps:
     """Whether two shapes overlap in one of some poses; makes each shape's Coal geometry once for each unit."""
 
     def __init__(self, shapes: list[PlacedShape], poses: list[list[tuple[Array, Array]]]) -> None:
@@ -86,6 +87,7 @@ class _Overlaps:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def __call__(self, i: int, j: int) -> bool:
+        """Return whether two shapes, by their numbers, overlap."""
         bounds = self._shapes[i].bound, self._shapes[j].bound
         # Coal's tolerance is absolute
         unit = 2.0 ** frexp(min(bounds))[1]

@@ -43,7 +43,7 @@ class Robot:
     name : str
         Name in the scene.
     text : str
-        The URDF.
+        The URDF; empty if a MJCF described it.
     model : pinocchio.Model
         Joints, inertias, limits; the base where the user put it.
     shapes : tuple of PlacedShape
@@ -55,7 +55,7 @@ class Robot:
     reference : ndarray, shape (nq,)
         Neutral configuration; a joint whose limits leave zero out stands in the middle of them.
     file : str
-        The URDF's path, from which the meshes to look at are found when a replay is made.
+        The path of the description, from which the meshes to look at are found when a replay is made.
     """
 
     name: str
@@ -172,6 +172,10 @@ def _caught() -> Iterator[list[str]]:
 
 
 def _check_root(root: ElementTree.Element, file: Path) -> None:
+    if root.tag == "sdf":
+        raise UrdfError(f"{file} is SDF, for which Pinocchio's wheels have no parser: convert it to URDF or MJCF")
+    if root.tag == "mujoco":
+        raise UrdfError(f"{file} is a MJCF: use add_mjcf")
     if root.tag != "robot":
         raise UrdfError(f"{file} is no URDF: its root element is <{root.tag}>, not <robot>")
     if root.find("link") is None:

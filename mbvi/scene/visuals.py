@@ -69,6 +69,8 @@ def _carried(item: RobotItem, shapes: list[PlacedShape], scene: SceneModel) -> t
 def _of_robot(item: RobotItem, meshes: dict[Any, Mesh]) -> Iterator[PlacedShape]:
     """Yield the visual shapes of a robot on the bodies of its URDF; meshes that are read are kept for others."""
     robot, model = item.robot, item.robot.model
+    if not robot.text:
+        return
     root = ElementTree.fromstring(robot.text.encode())
     named = _named_colors(root)
     file = Path(robot.file)

@@ -23,8 +23,11 @@ from .system import Array, Kinematics, System
 
 Control = Callable[[float, Array, Array], Array]
 
-# reach of velocities without a known bound; finite, so that its product with a zero velocity is no NaN
-_UNBOUNDED = 1e300
+# reach of velocities without a known bound; its square is finite, so that products with a zero velocity are no NaN
+_UNBOUNDED = 1e150
+
+# joints whose armature Pinocchio 4.1 adds to the mass matrix and not to the kinetic energy
+_ARMATURE_LEFT_OUT = ("JointModelRevoluteUnaligned",)
 
 _WORLD = pin.Convention.WORLD
 
@@ -119,6 +122,11 @@ class ArticulatedSystem(System):
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
+        # armature that Pinocchio leaves out of the kinetic energy
+        self._uncounted: Array = np.array(model.armature, dtype=float)
+        for joint in list(model.joints)[1:]:
+            if joint.shortname() not in _ARMATURE_LEFT_OUT:
+                self._uncounted[joint.idx_v : joint.idx_v + joint.nv] = 0.0
         self._zero = np.zeros(self.nv)
         # generalised force from outside the mechanism, added to the torque of the control
         self.applied: Array = self._zero
@@ -260,7 +268,8 @@ class ArticulatedSystem(System):
         return rate
 
     def kinetic_energy(self, q: Array, v: Array) -> float:
-        return float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
+        counted = float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
+        return counted + 0.5 * float(self._uncounted @ (v * v))
 
     def potential_energy(self, t: float, q: Array) -> float:
         return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
@@ -333,11 +342,14 @@ class ArticulatedSystem(System):
 
     def unit_groups(self) -> list[Array]:
         model, groups = self.model, []
-        for nq, nv, start in zip(list(model.nqs)[1:], list(model.nvs)[1:], list(model.idx_qs)[1:], strict=True):
+        for joint in range(1, model.njoints):
+            nq, nv, end = model.nqs[joint], model.nvs[joint], model.idx_qs[joint] + model.nqs[joint]
             # a free base, a base in a plane (cosine and sine), a joint without limits
             width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
+            if model.joints[joint].shortname() == "JointModelSpherical":
+                width = 4
             if width is not None:
-                groups.append(np.arange(start + nq - width, start + nq)[None, :])
+                groups.append(np.arange(end - width, end)[None, :])
         return groups
 
     def describe(self) -> str:

@@ -1,5 +1,6 @@
 """The command line: what it prints, what it writes, and one line on anything the user can put right."""
 
+import logging
 import os
 import re
 import shlex
@@ -7,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from support.paths import ROBOTS
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
 ARM = ROBOTS / "arm/arm.urdf"
+COMMANDS = ("demo", "simulate", "run", "inspect", "replay", "chart", "stress", "sweep")
 NAMES = sorted(p.name for p in ROBOTS.iterdir())
 
 
@@ -261,14 +264,52 @@ def test_help_and_version(command):
     for arguments in ((), ("--help",)):
         code, out, _ = command(*arguments)
         assert code == 0 and all(name in out for name in ("demo", "simulate", "inspect", "replay"))
-    assert command("--version")[:2] == (0, f"mbvi {mbvi.__version__}\n")
+    code, out, _ = command("--version")
+    assert code == 0 and out.startswith(f"mbvi {mbvi.__version__}\nPython 3.")
+    for name in ("pin", "coal", "proxsuite", "numba", "mujoco"):
+        assert f"\n{name} {version(name)}\n" in out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_every_command_has_examples_with_options_that_exist(command, name):
+    code, out, _ = command(name, "--help")
+    assert code == 0
+    shown, _, lines = out.partition("Examples:\n")
+    assert "[OPTIONS]" in shown and lines.count("mbvi ") >= 2
+    for line in lines.strip().splitlines():
+        words = shlex.split(line)
+        assert words[:2] == ["mbvi", name]
+        assert all(re.search(rf"{word}\b", shown) for word in words if word.startswith("--"))
+
+
+def test_commands_are_completed_by_the_shell():
+    environment = {**os.environ, "_MBVI_COMPLETE": "complete_bash", "COMP_WORDS": "mbvi s", "COMP_CWORD": "1"}
+    program = "from mbvi.cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, cwd=ROBOTS.parent
+    )
+    assert sorted(done.stdout.split()) == ["simulate", "stress", "sweep"]
+
+
+def test_the_log_of_the_library_is_lines_on_stderr(command):
+    logger = logging.getLogger("mbvi.scene")
+    assert command("--help")[0] == 0
+    logger.warning("said")
+    logger.info("not said")
+    code, _, err = command("--verbose", "--version")
+    assert (code, err) == (0, "mbvi: said\n")
+
+
+def test_a_run_that_fails_has_exit_code_1(command, tmp_path):
+    (tmp_path / "fails.py").write_text("import mbvi\ndef make():\n    raise mbvi.DivergedError('at t = 1 s')\n")
+    assert command("run", "fails.py") == (1, "", "mbvi: at t = 1 s\n")
 
 
 def test_the_installed_command_runs():
     done = subprocess.run(
         [Path(sys.executable).parent / "mbvi", "--version"], capture_output=True, text=True, timeout=60
     )
-    assert (done.returncode, done.stdout) == (0, f"mbvi {mbvi.__version__}\n")
+    assert done.returncode == 0 and done.stdout.startswith(f"mbvi {mbvi.__version__}\n")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mbvi.geometry.shapes import Box, Capsule, Hull, PlacedShape, Sphere, length_unit
-from mbvi.scene.self_pairs import _Overlaps
+from mbvi.scene.self_pairs import Overlaps
 
 _TOUCHING = 1e-5
 
@@ -29,7 +29,7 @@ def test_overlaps_are_those_of_single_distances(length, seed):
     poses = [
         [(Rotation.random(random_state=rng).as_matrix(), length * rng.normal(size=3)) for _ in placed] for _ in "ab"
     ]
-    found = _Overlaps(placed, poses)
+    found = Overlaps(placed, poses)
     for i, a in enumerate(placed):
         for j in range(i + 1, len(placed)):
             b = placed[j]

@@ -265,6 +265,18 @@ def srdf() -> str:
     return str(path)
 
 
+@functools.cache
+def mjcf() -> str:
+    """Return the path of a MJCF."""
+    path = pathlib.Path(saved()).with_name("model.xml")
+    path.write_text(
+        '<mujoco model="model"><worldbody><body><freejoint/><geom size=".1"/><body pos="0 0 .5"><joint name="hinge"/>'
+        '<geom size=".1"/><body pos="0 0 .5"><joint name="slide" type="slide" range="-1 1"/><geom size=".1"/></body>'
+        "</body></body></worldbody></mujoco>"
+    )
+    return str(path)
+
+
 def _adds(method: str, **arguments: Any) -> Call:
     """Return the call of a method that adds to a scene, which is then built and run for three steps."""
 
@@ -423,6 +435,11 @@ CALLS: dict[str, Call] = {
     "Scene.add_urdf": _adds(
         "add_urdf", path=HOPPER, base="free", position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"knee": 0.4},
         velocity={"hip": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="hopper", srdf=srdf(), locked=["knee"],
+        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2),
+    ),
+    "Scene.add_mjcf": _adds(
+        "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
+        velocity={"hinge": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="model", locked=["slide"],
         tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2),
     ),
     "Scene.add_sphere": _adds(

@@ -1,0 +1,147 @@
+"""A robot from a file, or by its name, above the floor z = 0."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection, Mapping, Sequence
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from ..errors import InadmissibleStartError, InputError, MbviWarning
+from ..scene import Scene
+from ..scene.reductions import DEFAULT_REDUCTIONS
+from ..scene.robot_names import format_of, is_robot_name
+from ..scene.urdf_checks import read_xml
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+
+# height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
+FAR_ABOVE = 1000.0
+DROP_HEIGHT = 0.5
+
+
+class Base(StrEnum):
+    """Whether the root link floats or is welded to the world."""
+
+    free = "free"
+    fixed = "fixed"
+
+
+RobotArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="ROBOT", help="A URDF, a MJCF, or robot:NAME of the package robot_descriptions.", show_default=False
+    ),
+]
+BaseOption = Annotated[
+    Base | None,
+    typer.Option(
+        help="Whether the root link floats or is welded to the world.", show_default="free; of a MJCF the file's own"
+    ),
+]
+SrdfOption = Annotated[Path | None, typer.Option(metavar="FILE", help="Leave out the pairs that this SRDF disables.")]
+
+
+class RobotOnFloor(NamedTuple):
+    """A robot and how it starts.
+
+    Attributes
+    ----------
+    robot : Path
+        Its file or name.
+    base : Base or None
+        None is free, and of a MJCF the file's own.
+    restitution, friction : float
+        Of every contact.
+    joints : mapping of str to float
+        Initial positions.
+    srdf : Path or None
+        File of pairs to leave out.
+    """
+
+    robot: Path
+    base: Base | None
+    restitution: float = 0.5
+    friction: float = 0.0
+    joints: Mapping[str, float] = MappingProxyType({})
+    srdf: Path | None = None
+
+    @property
+    def mjcf(self) -> bool:
+        """Whether the file is a MJCF."""
+        from ..scene.robot_names import format_of, is_robot_name
+        from ..scene.urdf_checks import read_xml
+
+        if is_robot_name(self.robot):
+            return format_of(self.robot) == "MJCF"
+        return read_xml(self.robot)[1].tag == "mujoco"
+
+    def problem(self, height: float | None, far_above: bool = False) -> Problem:
+        """Return the problem; the lowest point of a free robot is at a height above the floor [m].
+
+        A fixed base stands at that height instead, by default 0, and so does a MJCF with walls of its own, which
+        brings its floor. `far_above` puts all at a height at which nothing touches the floor.
+        """
+        mjcf = self._mjcf
+        if mjcf and (self.base is not None or self.srdf is not None):
+            raise InputError("a MJCF has its own base and its own pairs: leave out --base and --srdf")
+        own_floor, fixed = self._of_mjcf() if mjcf else (False, self.base is Base.fixed)
+        build = partial(self._problem_at, mjcf, not own_floor)
+        if far_above:
+            return build(FAR_ABOVE)
+        if fixed or own_floor:
+            try:
+                return build(height or 0.0)
+            except InadmissibleStartError as error:
+                raise InadmissibleStartError(f"{error}; --height raises the base, --joint bends a joint") from error
+        height = DROP_HEIGHT if height is None else height
+        problem = build(FAR_ABOVE, ())
+        floors = [family for family in problem.constraints.families if family.name(0).endswith(" | floor")]
+        lowest = [FAR_ABOVE - float(family.gap(problem.t0, problem.q0).min()) for family in floors]
+        return build(height + min(lowest, default=0.0))
+
+    @property
+    def _mjcf(self) -> bool:
+        if is_robot_name(self.robot):
+            return format_of(self.robot) == "MJCF"
+        return read_xml(self.robot)[1].tag == "mujoco"
+
+    def _of_mjcf(self) -> tuple[bool, bool]:
+        """Return whether a MJCF has walls of its own, and whether its base is fixed."""
+        model = self._problem_at(True, False, 0.0, ()).scene
+        assert model is not None
+        return bool(model.items.walls), model.items.robots[0].base == "fixed"
+
+    def _problem_at(self, mjcf: bool, floor: bool, z: float, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
+        scene = Scene(restitution=self.restitution, friction=self.friction)
+        if floor:
+            scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
+        if mjcf:
+            with warnings.catch_warnings():
+                # what is not modelled stands in the report
+                warnings.simplefilter("ignore", MbviWarning)
+                scene.add_mjcf(self.robot, position=(0.0, 0.0, z), joints=self.joints)
+        else:
+            base, srdf = (self.base or Base.free).value, None if self.srdf is None else str(self.srdf)
+            scene.add_urdf(self.robot, base=base, position=(0.0, 0.0, z), joints=self.joints, srdf=srdf)
+        return scene.build(reduce)
+
+
+def joint_positions(given: Sequence[str]) -> dict[str, float]:
+    """Return the positions that texts NAME=VALUE give."""
+    positions = {}
+    for text in given:
+        name, _, value = text.rpartition("=")
+        try:
+            positions[name] = float(value)
+        except ValueError:
+            name = ""
+        if not name:
+            raise InputError(f"--joint must be NAME=VALUE with a number; got {text!r}")
+    return positions

@@ -1,0 +1,164 @@
+"""Runs a problem on the command line: what is printed before and after, and the files that are written."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from ..errors import InputError, MbviWarning, TrajectoryFileError
+from ..run.interrupted import save_interrupted
+from ..schemes import EventDriven, Scheme
+from .replay import Shapes, write_page
+from .scheme_names import SchemeName
+from .solver_names import SolverName
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+
+SchemeOption = Annotated[
+    SchemeName | None, typer.Option(help="Scheme.", show_default="chosen for the problem, with the reason as a note")
+]
+StepOption = Annotated[
+    float | None,
+    typer.Option(help="Time step [s].", show_default="from the time scales of the problem; 1e-3 with --scheme"),
+]
+ToleranceOption = Annotated[float | None, typer.Option(help="Error bound of event-driven, instead of a step.")]
+SolverOption = Annotated[
+    SolverName | None,
+    typer.Option(
+        help="Solver of all projections.", show_default="several in order, until one residual is small enough"
+    ),
+]
+EveryOption = Annotated[int, typer.Option(help="Record every n-th step; impacts are always recorded.")]
+OutOption = Annotated[
+    Path | None, typer.Option(metavar="RUN.h5", help="File that the run is written to while it goes on.")
+]
+ReplayOption = Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page that plays the run.")]
+ShapesOption = Annotated[Shapes, typer.Option(help="Which shapes of robots the replay shows.")]
+
+
+class Request(NamedTuple):
+    """How to run a problem.
+
+    Attributes
+    ----------
+    scheme : Scheme, EventDriven or None
+        None is the default one.
+    duration : float
+        Simulated time [s].
+    step : float or None
+        Time step [s].
+    every : int
+        Record every n-th step.
+    out, page : Path or None
+        Files of the run and of its replay.
+    shapes : Shapes
+        What the replay shows.
+    more : mapping
+        Further arguments of `simulate`.
+    """
+
+    scheme: Scheme | EventDriven | None
+    duration: float
+    step: float | None = None
+    every: int = 1
+    out: Path | None = None
+    page: Path | None = None
+    shapes: Shapes = Shapes.visual
+    more: Mapping[str, Any] = MappingProxyType({})
+
+
+def check_targets(source: Path, *targets: Path | None) -> None:
+    """Raise before the run if a file cannot be written after it."""
+    files = [t for t in targets if t is not None]
+    if len({p.resolve() for p in (source, *files)}) <= len(files):
+        raise InputError("input and output files must be different")
+    for target in files:
+        folder = target.parent
+        if not folder.is_dir():
+            raise TrajectoryFileError(f"{target} cannot be written: there is no folder {folder}")
+        if target.is_dir():
+            raise TrajectoryFileError(f"{target} cannot be written: it is a folder")
+        if not os.access(target if target.exists() else folder, os.W_OK):
+            raise TrajectoryFileError(f"{target} cannot be written: permission denied")
+
+
+def print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> None:
+    """Print what is modelled; `named_by` is the command that lists the reductions."""
+    modelled, _, _ = problem.report().partition("\nLeft out")
+    print(modelled)
+    if problem.scene is None:
+        print(flush=True)
+        return
+    left_out = len(problem.scene.omitted)
+    if left_out:
+        print(f"{left_out} reductions" + (f": `{named_by}` lists them" if named_by else ""))
+    if problem.scene.items.robots and not any(placed.body for placed in problem.scene.shapes):
+        print("no link has a collision shape: the robot touches nothing")
+    print(flush=True)
+
+
+def chosen_scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | EventDriven | None:
+    """Return the scheme of a name, or None; a tolerance alone selects EventDriven."""
+    if tolerance is None:
+        return None if name is None else name.make()
+    if name not in (None, SchemeName.event_driven):
+        raise InputError(f"--tolerance is an option of event-driven; {name} needs --step")
+    return EventDriven(tolerance)
+
+
+def run_and_print(problem: Problem, request: Request) -> None:
+    """Run a problem; print its impacts, energy, penetration and notes, and write its files."""
+    from ..compiled import seconds_compiling
+    from ..results.energies import energies
+    from ..run.simulate import simulate as run_problem
+
+    scheme, duration, out = request.scheme, request.duration, request.out
+    # the time of compiling kernels is left out
+    begin = time.perf_counter() - seconds_compiling()
+    with warnings.catch_warnings():
+        # warnings are in the notes, too
+        warnings.simplefilter("ignore", MbviWarning)
+        try:
+            run = run_problem(
+                problem, scheme, step=request.step, duration=duration, every=request.every, out=out, **request.more
+            )
+        except KeyboardInterrupt as stop:
+            so_far = getattr(stop, "run", None)
+            if so_far is not None:
+                kept = save_interrupted(so_far) if out is None else out
+                print(f"run          {kept} (interrupted at t = {so_far.t[-1]:g} s)", flush=True)
+            raise
+    wall = time.perf_counter() - seconds_compiling() - begin
+    ends = [0, -1]
+    first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run.record.timing.jump).sum(axis=1)
+    # without fixed steps, the recorded states are counted
+    steps = max(math.ceil(duration / run.step - 1e-9), 1) if run.step else len(run.t) - 1
+    print(run.impact_table() if run.impacts else "no impact")
+    print()
+    print(f"energy       {first:.6g} J at the start, {last:.6g} J at the end")
+    print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most (rad at a joint limit)")
+    print(
+        f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"
+    )
+    print(f"scheme       {run.scheme}" + (f", h = {run.step:g} s" if run.step else ""))
+    for note in _first_notes(run.notes):
+        print(f"note         {note}")
+    if out is not None:
+        print(f"run          {out}")
+    if request.page is not None:
+        write_page(run, request.page, request.shapes)
+
+
+def _first_notes(notes: Sequence[str], most: int = 3) -> Iterator[str]:
+    yield from notes[:most]
+    if len(notes) > most:
+        yield f"and {len(notes) - most} more notes"

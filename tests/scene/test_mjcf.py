@@ -1,0 +1,368 @@
+"""A MJCF in mbvi has MuJoCo's mass matrix, bias and free motion; what is not taken is named."""
+
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mbvi
+from mbvi.geometry.shapes import Hull
+
+mujoco = pytest.importorskip("mujoco")
+
+FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
+WALKER = """<mujoco model="walker">
+  <compiler angle="degree" eulerseq="zyx" inertiafromgeom="auto"/>
+  <default><joint armature=".03" damping=".1"/><geom density="700"/>
+    <default class="arm"><joint axis="1 2 3" armature=".2"/></default></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body name="trunk" pos="0 0 1" euler="30 20 10"><freejoint/><geom type="box" size=".2 .1 .05"/>
+      <body name="a" pos=".3 0 .01" quat="1 .2 .3 .1">
+        <joint name="j1" axis="0 1 0" pos=".1 .02 0" ref="20" range="-90 90"/>
+        <joint name="j2" type="slide" axis="1 1 0" ref=".1" range="-.5 .5" limited="true"/>
+        <joint name="j3" class="arm" pos="0 .1 0"/>
+        <geom type="capsule" fromto="0 0 0 .1 .2 .3" size=".04"/>
+        <frame pos="0 .1 0" euler="0 0 40"><body name="b" pos=".4 .2 0">
+          <joint name="ball" type="ball" pos="0 0 .1"/><geom type="ellipsoid" size=".1 .05 .07"/>
+          <body name="weld" pos="0 0 .2"><geom type="cylinder" size=".04 .1"/></body>
+        </body></frame>
+      </body>
+    </body>
+  </worldbody></mujoco>"""
+ARM = """<mujoco model="arm"><compiler angle="radian"/><worldbody>
+  <body name="base" pos=".1 .2 .3" quat="1 1 0 0"><geom type="cylinder" size=".1 .05"/>
+    <body name="upper" pos="0 .1 .2"><joint name="s" axis="0 0 1" range="-2 2" armature=".1"/>
+      <inertial pos=".1 .02 0" mass="2" fullinertia=".02 .03 .04 .001 .002 .003"/>
+      <body name="lower" pos=".4 0 0" axisangle="0 1 0 .4"><joint name="e" axis="0 1 0" ref=".3" springref=".1"/>
+        <joint name="w" type="slide" axis="0 0 -1"/><geom type="capsule" size=".03 .1" pos=".1 0 0"/></body>
+    </body></body></worldbody></mujoco>"""
+LOOSE = """<mujoco model="loose"><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
+  <body name="one" pos="0 0 1"><joint type="free"/><geom type="sphere" size=".1"/></body>
+  <body name="two" pos="1 0 1" euler="10 20 30"><freejoint/><geom type="box" size=".1 .2 .3" pos=".1 0 0"/>
+    <body pos="0 0 .4"><joint axis="1 0 0"/><joint axis="0 1 0" pos=".1 0 0"/><geom size=".05" pos="0 0 .1"/></body>
+  </body></worldbody></mujoco>"""
+
+
+def scene_of(text, folder, **arguments):
+    """Return a scene with a MJCF, its name, and MuJoCo's own model."""
+    file = folder / "model.xml"
+    file.write_text(text)
+    scene = mbvi.Scene()
+    return scene, scene.add_mjcf(file, **arguments), mujoco.MjModel.from_xml_string(text)
+
+
+class Beside:
+    """A model of MuJoCo and one of Pinocchio, and how q and v of the first become those of the second."""
+
+    def __init__(self, m, model):
+        self.m, self.model = m, model
+        self.d, self.data = mujoco.MjData(m), model.createData()
+        # position in MuJoCo and in Pinocchio: joints have the same order
+        self.joints = [(int(m.jnt_type[j]), int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])) for j in range(m.njnt)]
+
+    def q(self, qpos):
+        q = np.array(qpos)
+        for kind, at, _ in self.joints:
+            if kind in (0, 1):
+                k = at + 3 * (kind == 0)
+                q[k : k + 4] = qpos[[k + 1, k + 2, k + 3, k]]
+        return q
+
+    def turn(self, qpos):
+        """Return S with v = S qvel, and dS/dt qvel as a function of qvel."""
+        S = np.eye(self.m.nv)
+        for kind, at, dof in self.joints:
+            if kind == 0:
+                w, x, y, z = qpos[at + 3 : at + 7]
+                S[dof : dof + 3, dof : dof + 3] = pin.Quaternion(w, x, y, z).toRotationMatrix().T
+        return S
+
+    def turning(self, S, qvel):
+        rate = np.zeros(self.m.nv)
+        for kind, _, dof in self.joints:
+            if kind == 0:
+                local = S[dof : dof + 3, dof : dof + 3] @ qvel[dof : dof + 3]
+                rate[dof : dof + 3] = -np.cross(qvel[dof + 3 : dof + 6], local)
+        return rate
+
+    def random(self, rng):
+        qpos = np.zeros(self.m.nq)
+        qpos[:] = self.m.qpos0
+        mujoco.mj_integratePos(self.m, qpos, rng.normal(size=self.m.nv), 1.0)
+        return qpos, rng.normal(size=self.m.nv)
+
+    def check(self, qpos, qvel, rtol=1e-12):
+        """Compare the mass matrix, the bias and the damped free acceleration."""
+        m, d, model, data = self.m, self.d, self.model, self.data
+        d.qpos[:], d.qvel[:] = qpos, qvel
+        mujoco.mj_forward(m, d)
+        mass = np.zeros((m.nv, m.nv))
+        full_mass(m, d, mass)
+        S, q = self.turn(qpos), self.q(qpos)
+        pin.crba(model, data, q, pin.Convention.WORLD)
+        ours = np.triu(data.M) + np.triu(data.M, 1).T
+        np.testing.assert_allclose(S.T @ ours @ S, mass, rtol=0, atol=rtol * np.abs(mass).max())
+        bias = S.T @ (pin.nonLinearEffects(model, data, q, S @ qvel) + ours @ self.turning(S, qvel))
+        scale = max(np.abs(bias).max(), np.abs(mass).max() * float(qvel @ qvel))
+        np.testing.assert_allclose(bias, d.qfrc_bias, rtol=0, atol=rtol * scale)
+        system = mbvi.system.ArticulatedSystem(model)
+        energy = 0.5 * float(qvel @ mass @ qvel)
+        np.testing.assert_allclose(system.kinetic_energy(q, S @ qvel), energy, rtol=1e-11)
+        np.testing.assert_allclose(model.damping * (S @ qvel), S @ -d.qfrc_damper, rtol=0, atol=rtol * scale)
+
+
+def full_mass(m, d, mass):
+    try:
+        mujoco.mj_fullM(m, d, mass)
+    except TypeError:
+        # before version 4
+        mujoco.mj_fullM(m, mass, d.qM)
+
+
+def beside(text, folder):
+    scene, name, m = scene_of(text, folder)
+    problem = scene.build(())
+    model = problem.model(name)
+    return problem, Beside(m, model)
+
+
+@pytest.mark.parametrize("text", [WALKER, ARM, LOOSE], ids=["walker", "arm", "loose"])
+def test_mass_matrix_and_bias_are_mujocos(text, tmp_path):
+    problem, both = beside(text, tmp_path)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        both.check(*both.random(rng))
+    np.testing.assert_allclose(problem.q0, both.q(both.m.qpos0), atol=1e-15)
+
+
+numbers = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
+triples = st.tuples(numbers, numbers, numbers)
+axes = triples.filter(lambda a: np.linalg.norm(a) > 0.1)
+joints = st.fixed_dictionaries(
+    {"type": st.sampled_from(["hinge", "slide", "ball"]), "pos": triples, "axis": axes, "ref": numbers}
+)
+shapes = st.sampled_from(
+    ["sphere' size='.1", "box' size='.1 .2 .05", "capsule' size='.05 .1", "cylinder' size='.1 .03"]
+)
+bodies = st.lists(
+    st.tuples(st.integers(0, 5), triples, triples, st.lists(joints, max_size=3), shapes, triples, numbers),
+    min_size=1, max_size=5,
+)  # fmt: skip
+
+
+def words(values):
+    return " ".join(map(str, values))
+
+
+def written(given, free, degrees):
+    """Return a MJCF of a random tree: each body hangs on one of those before it."""
+    inner = [""] * len(given)
+    for k in reversed(range(len(given))):
+        parent, pos, euler, jointed, shape, offset, armature = given[k]
+        some = [dict(j) for j in jointed]
+        # MuJoCo allows one ball or any number of others
+        if any(j["type"] == "ball" for j in some):
+            some = [next(j for j in some if j["type"] == "ball")]
+        if not some and k == 0 and not free:
+            some = [{"type": "hinge", "pos": (0, 0, 0), "axis": (0, 0, 1), "ref": 0}]
+        made = "<freejoint/>" if free and k == 0 else ""
+        if not made:
+            for j in some:
+                ref = f" ref='{j['ref']}'" if j["type"] != "ball" else ""
+                made += f"<joint type='{j['type']}' pos='{words(j['pos'])}' axis='{words(j['axis'])}'{ref}"
+                made += f" armature='{0.1 + abs(armature)}' damping='{abs(armature)}'/>"
+        geom = f"<geom type='{shape}' pos='{words(offset)}' euler='{words(offset)}' contype='0' conaffinity='0'/>"
+        body = f"<body pos='{words(pos)}' euler='{words(euler)}'>{made}{geom}{inner[k]}</body>"
+        if k:
+            inner[parent % k] += body
+    compiler = f"<compiler angle='{'degree' if degrees else 'radian'}'/>"
+    return f"<mujoco>{compiler}<worldbody>{body}</worldbody></mujoco>"
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(bodies, st.booleans(), st.booleans(), st.integers(0, 1000))
+def test_random_trees_have_mujocos_mass_matrix_and_bias(tmp_path_factory, given, free, degrees, seed):
+    text = written(given, free, degrees)
+    _, both = beside(text, tmp_path_factory.getbasetemp())
+    both.check(*both.random(np.random.default_rng(seed)))
+
+
+@pytest.mark.parametrize("text", [WALKER, ARM], ids=["walker", "arm"])
+def test_motion_without_contact_is_mujocos(text, tmp_path):
+    text = text.replace('range="-2 2"', "").replace("contype", "")
+    problem, both = beside(text.replace("<geom ", '<geom contype="0" conaffinity="0" '), tmp_path)
+    m, d = both.m, both.d
+    rng = np.random.default_rng(1)
+    m.opt.integrator, m.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 2.5e-4
+    m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    d.qpos[:], d.qvel[:] = m.qpos0, 0.5 * rng.normal(size=m.nv)
+    start = both.q(d.qpos), both.turn(d.qpos) @ d.qvel
+    for _ in range(800):
+        mujoco.mj_step(m, d)
+    run = mbvi.simulate(problem.at(*start), mbvi.EventDriven(tolerance=1e-11), duration=0.2)
+    np.testing.assert_allclose(problem.system.difference(run.q[-1], both.q(d.qpos)), 0.0, atol=1e-8)
+    np.testing.assert_allclose(run.v[-1], both.turn(d.qpos) @ d.qvel, atol=1e-8)
+    if not problem.system.damping.any():
+        energy = run.energy()
+        np.testing.assert_allclose(energy, energy[0], atol=1e-8 * np.abs(energy).max())
+
+
+GEOMS = """<mujoco model="box"><asset><mesh name="tetra" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"/></asset>
+  <worldbody><geom name="floor" type="plane" size="1 1 .1" pos="0 0 -.5"/>
+    <geom name="step" type="box" size=".1 .2 .3" pos="3 0 0"/>
+    <body name="table" pos="-3 0 0"><geom type="cylinder" size=".2 .1"/></body>
+    <body name="one" pos="0 0 1"><freejoint/><geom type="sphere" size=".1"/><geom type="mesh" mesh="tetra"/>
+      <geom type="box" size=".3 .3 .3" contype="0" conaffinity="0" mass="0"/></body>
+    <body name="two" pos="0 0 2"><freejoint/><geom type="capsule" size=".1 .2" friction=".4"/></body>
+    <body name="three" pos="0 0 3"><freejoint/>
+      <geom type="ellipsoid" size=".1 .2 .3" contype="2" conaffinity="2"/></body>
+    <body name="four" pos="0 0 4"><freejoint/><geom type="box" size=".1 .1 .1" condim="1" priority="1"/></body>
+  </worldbody><contact><exclude body1="one" body2="two"/></contact></mujoco>"""  # fmt: skip
+
+
+def test_geoms_walls_and_filters_are_taken(tmp_path):
+    scene, _, _ = scene_of(GEOMS, tmp_path)
+    problem = scene.build(())
+    shapes = {s.name: s for s in problem.scene.shapes}
+    assert set(shapes) == {"box/one_0", "box/one_1", "box/two", "box/three", "box/four", "step", "table"}
+    assert isinstance(shapes["box/one_1"].shape, Hull) and shapes["step"].body == shapes["table"].body == 0
+    assert shapes["step"].shape.size == (0.2, 0.4, 0.6) and shapes["box/two"].shape.length == 0.4
+    pairs = {family.name(k) for family in problem.constraints.families for k in range(family.count)}
+    touch = {frozenset(pair.split("#")[0].split(" | ")) for pair in pairs}
+    assert frozenset(("box/one_0", "box/two")) not in touch
+    assert frozenset(("box/one_0", "box/four")) in touch
+    # the third has masks of its own
+    assert not any("box/three" in pair for pair in touch)
+    assert {len(pair) for pair in touch} == {2}
+    # the hull, in the frame that MuJoCo centred it in, is where the file has it
+    hull = shapes["box/one_1"]
+    corners = hull.shape.vertices @ hull.rotation.T + hull.position
+    np.testing.assert_allclose(
+        sorted(corners.round(6).tolist()), [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0], [0.1, 0, 0]], atol=1e-7
+    )
+    items = problem.scene.items
+    assert items.friction_of("box/one_0", "floor") == 1.0 and items.friction_of("box/two", "floor") == 1.0
+    assert items.friction_of("box/four", "floor") == 0.0
+    assert "1 geoms without contact" in problem.report() and "excluded in the file" in problem.report()
+    assert items.walls["floor"].offset == -0.5
+
+
+def test_it_falls_on_its_floor_and_is_read_back(tmp_path):
+    scene, _, _ = scene_of(LOOSE, tmp_path, position=(0.0, 0.0, -0.5))
+    run = mbvi.simulate(scene.build(), duration=0.6, step=1e-3, out=tmp_path / "run.h5")
+    assert {i.constraint if hasattr(i, "constraint") else i.constraints[0] for i in run.impacts}
+    again = mbvi.load(tmp_path / "run.h5")
+    np.testing.assert_array_equal(again.q, run.q)
+    assert again.problem.scene is not None and again.problem.report() == run.problem.report()
+    more = mbvi.simulate(again.problem, duration=0.1, step=1e-3)
+    np.testing.assert_array_equal(more.q, run.q[:101])
+    again.replay_html(tmp_path / "run.html")
+
+
+def test_a_ball_joint_in_a_robot_that_falls(tmp_path):
+    scene, _, _ = scene_of(WALKER, tmp_path, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 1.0), velocity={"j1": 1.0})
+    problem = scene.build()
+    run = mbvi.simulate(problem, duration=0.5, step=1e-3)
+    assert run.impacts
+    np.testing.assert_allclose(np.linalg.norm(run.q[:, -4:], axis=1), 1.0, atol=1e-12)
+    mbvi.simulate(problem.at(run.q[100], run.v[100]), duration=0.01, step=1e-3)
+
+
+def test_a_pose_moves_the_whole_file(tmp_path):
+    R = pin.rpy.rpyToMatrix(0.0, 0.0, 0.7)
+    scene, name, m = scene_of(ARM, tmp_path, position=(1.0, 2.0, 3.0), rotation=R)
+    problem = scene.build(())
+    model = problem.model(name)
+    data, d = model.createData(), mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    pin.framesForwardKinematics(model, data, problem.q0)
+    for body in ("upper", "lower"):
+        frame = data.oMf[model.getFrameId(body)]
+        np.testing.assert_allclose(frame.translation, R @ d.body(body).xpos + (1, 2, 3), atol=1e-14)
+
+
+def test_forces_act_at_the_centre_of_mass_of_a_body(tmp_path):
+    scene, _, m = scene_of(ARM, tmp_path)
+    scene.add_force("arm/upper", lambda t, q, v: np.array([0.0, 3.0, 0.0, 0.0, 0.0, 0.0]))
+    problem = scene.build()
+    d = mujoco.MjData(m)
+    d.xfrc_applied[2, 1] = 3.0
+    mujoco.mj_forward(m, d)
+    np.testing.assert_allclose(problem.system.acceleration(0.0, problem.q0, problem.v0), d.qacc, atol=1e-9)
+
+
+REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></option>
+  <asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>
+  <worldbody><geom type="hfield" hfield="hills"/><site name="s"/><light/><camera name="c"/>
+    <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/><geom name="g" size=".1" margin=".01"/>
+      <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true"/>
+        <geom size=".1" condim="6"/></body>
+    </body>
+    <body name="m" mocap="true" pos="5 0 0"><geom size=".1"/></body></worldbody>
+  <tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>
+  <equality><joint joint1="j"/></equality><actuator><motor joint="j"/></actuator><sensor><jointpos joint="j"/></sensor>
+  <keyframe><key name="home"/></keyframe></mujoco>"""
+
+
+def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path):
+    file = tmp_path / "rest.xml"
+    file.write_text(REST)
+    scene = mbvi.Scene(gravity=(0, 0, -1))
+    with pytest.warns(mbvi.MbviWarning) as caught:
+        scene.add_mjcf(file)
+    (warning,) = caught
+    report = scene.build().report()
+    moving = (
+        "1 tendons", "1 equality constraints", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
+        "limits of k", "gravity compensation of a", "margin of 1 geoms", "torsional and rolling friction of 1 geoms",
+        "density", "disable gravity", "height field", "gravity [0.0, 0.0, -9.81] of the file",
+    )  # fmt: skip
+    for words in moving:
+        assert words in str(warning.message), words
+        assert words in report, words
+    for words in ("1 sites", "1 cameras", "1 lights", "1 sensors", "1 keyframes"):
+        assert words in report and words not in str(warning.message)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<mujoco><worldbody><body><geom size='.1'/></body></worldbody></mujoco>", "nothing moves"),
+        ("<mujoco><worldbody><body><joint/></body></worldbody></mujoco>", "MuJoCo refuses it: .*mass"),
+        ("<mujoco><worldbod/></mujoco>", "MuJoCo refuses it"),
+        ("<robot name='r'/>", "is a URDF: use add_urdf"),
+        ("<sdf/>", "no MJCF"),
+        ("<mujoco", "is no XML"),
+        (None, "no such file"),
+    ],
+)
+def test_files_that_are_no_model_are_refused(text, said, tmp_path):
+    file = tmp_path / "x.xml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(mbvi.MbviError, match=said):
+        mbvi.Scene().add_mjcf(file)
+
+
+def test_wrong_joints_and_bases_are_refused(tmp_path):
+    for wrong in ({"joints": {"none": 1.0}}, {"base_velocity": np.ones(6)}, {"locked": ["none"]}, {"name": "a/b"}):
+        with pytest.raises(mbvi.InputError):
+            scene_of(ARM, tmp_path, **wrong)
+
+
+def test_urdf_names_the_right_method_and_the_reason_against_sdf(tmp_path):
+    for text, said in (("<mujoco/>", "use add_mjcf"), ("<sdf version='1.9'/>", "no parser: convert it to URDF")):
+        file = tmp_path / "x.urdf"
+        file.write_text(text)
+        with pytest.raises(mbvi.UrdfError, match=re.escape(said)):
+            mbvi.Scene().add_urdf(file)
+
+
+def test_without_mujoco_the_error_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(mbvi.InputError, match=r"pip install 'mbvi\[mjcf\]'"):
+        scene_of(ARM, tmp_path)
