@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 # characters of a note that are shown, and names of things
 _NOTE, _THINGS = 100, 4
 _ROUNDING = 1e-12
+# impacts that a notebook shows
+_SHOWN = 12
 
 
 def summary(run: RunData) -> str:
@@ -131,3 +134,13 @@ def impact_table(run: RunData, most: int) -> str:
             )
     left = len(run.impacts) - len(strongest)
     return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))
+
+
+def notebook(run: RunData) -> str:
+    """Return the summary as HTML, and the strongest impacts behind a click."""
+    first, *lines = (html.escape(line) for line in summary(run).splitlines())
+    text = f"<b>{first}</b>" + "".join(f"<br>{line}" for line in lines)
+    if not run.impacts:
+        return f"<div>{text}</div>"
+    table = html.escape(impact_table(run, _SHOWN))
+    return f"<div>{text}<details><summary>strongest impacts</summary><pre>{table}</pre></details></div>"

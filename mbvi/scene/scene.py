@@ -34,6 +34,7 @@ from .assembly import assemble
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
+from .overview import overview, overview_html
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .still_joints import checked_locked
@@ -92,6 +93,13 @@ class Scene(Walls, Grains, Actions):
             energy_cap=boolean(energy_cap, "energy_cap"),
             plane=checked_plane(plane),
         )
+
+    def __repr__(self) -> str:
+        return overview(self._items)
+
+    def _repr_html_(self) -> str:
+        """Return the things in the scene as a table for a notebook."""
+        return overview_html(self._items)
 
     def add_urdf(
         self,

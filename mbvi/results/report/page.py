@@ -1,0 +1,140 @@
+"""The report of a run as one HTML page that needs no server and no network."""
+
+from __future__ import annotations
+
+import html
+import json
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError, TrajectoryFileError
+from ..plots.panel import Panel
+from ..plots.quantities import Omitted, panels
+from .sections import diagnosis_section, impact_section, model_section, rerun_section, version_section
+
+if TYPE_CHECKING:
+    from ..diagnosis import Diagnosis
+    from ..trajectory import Trajectory
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{title}</title>
+<style>
+{style}</style>
+</head>
+<body>
+<h1>{title}</h1>
+{summary}
+<div class="side">
+<div class="left">{replay}</div>
+<div><div id="charts"></div>{omitted}</div>
+</div>
+{sections}
+<script type="application/json" id="plots">{data}</script>
+<script>
+{script}</script>
+</body>
+</html>
+"""
+_HINT = (
+    '<p class="hint">The red line is the time of the replay. Click a plot or an impact to see its instant; drag over a '
+    "plot to enlarge a part of the time; double-click to see all of it.</p>"
+)
+
+
+def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_diagnosis: str) -> None:
+    """Write the page; see `Trajectory.report`.
+
+    Parameters
+    ----------
+    run : Trajectory
+        The run.
+    path : Path
+        The page.
+    diagnosis : Diagnosis or None
+        Its diagnosis.
+    no_diagnosis : str
+        Why there is none.
+
+    Raises
+    ------
+    TrajectoryFileError
+        If the page cannot be written.
+    """
+    # the last line is about notes, which have a section
+    title, *summary = (html.escape(line) for line in repr(run).splitlines()[:-1])
+    shown, omitted = panels(run, diagnosis, no_diagnosis)
+    sections = [
+        impact_section(run),
+        diagnosis_section(diagnosis, no_diagnosis),
+        model_section(run),
+        rerun_section(run),
+        version_section(),
+    ]
+    page = _PAGE.format(
+        title=title,
+        style=_beside("style.css"),
+        summary='<ul class="summary">' + "".join(f"<li>{line}</li>" for line in summary) + "</ul>",
+        replay=_replay(run),
+        omitted=_omitted(omitted),
+        sections="\n".join(sections),
+        data=_data(run, shown),
+        script=_beside("charts.js"),
+    )
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise TrajectoryFileError(f"the report {path} cannot be written: {error.strerror or error}") from error
+
+
+@cache
+def _beside(name: str) -> str:
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+def _replay(run: Trajectory) -> str:
+    """Return a frame with the page that `Trajectory.replay_html` writes, or why there is none."""
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder, "replay.html")
+        try:
+            run.replay_html(page)
+        except InputError as error:
+            return f'<p class="hint">No replay: {html.escape(str(error))}</p>{_HINT}'
+        text = page.read_text(encoding="utf-8")
+    # of a quoted attribute only these two characters end or change the text
+    text = text.replace("&", "&amp;").replace('"', "&quot;")
+    return f'<iframe id="replay" title="replay" srcdoc="{text}"></iframe>{_HINT}'
+
+
+def _omitted(omitted: Sequence[Omitted]) -> str:
+    if not omitted:
+        return ""
+    lines = (f"{html.escape(one.title)}: {html.escape(one.reason)}" for one in omitted)
+    return f'<p class="hint">Not shown: {"; ".join(lines)}.</p>'
+
+
+def _data(run: Trajectory, shown: Sequence[Panel]) -> str:
+    """Return the plots as JSON that may stand in a page; numbers have seven digits."""
+    made = [
+        {
+            **panel._asdict(),
+            "levels": [level._asdict() for level in panel.levels],
+            "curves": [{**curve._asdict(), "t": _rounded(curve.t), "y": _rounded(curve.y)} for curve in panel.curves],
+        }
+        for panel in shown
+    ]
+    data = {"start": float(run.t[0]), "end": max(float(run.t[-1]), float(run.t[0]) + 1e-9), "panels": made}
+    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _rounded(values: np.ndarray) -> list[Any]:
+    return [None if value != value else float(f"{value:.7g}") for value in values.tolist()]
