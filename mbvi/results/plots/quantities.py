@@ -92,9 +92,10 @@ def _percussions(run: Trajectory) -> Panel | str:
     if not run.impacts:
         return "no impacts"
     t, p, contact = _rows(run, lambda impact: impact.percussion)
+    others = "joint limits" if run.problem is not None and run.problem.scene is not None else "constraints"
     curves = [
         Curve(name, t[chosen], p[chosen], "dots", color)
-        for name, chosen, color in (("contacts", contact & (p > 0.0), RED), ("others", ~contact & (p > 0.0), PURPLE))
+        for name, chosen, color in (("contacts", contact & (p > 0.0), RED), (others, ~contact & (p > 0.0), PURPLE))
         if chosen.any()
     ]
     # limits of joints that turn, and given functions
@@ -203,7 +204,7 @@ def _contacts(run: Trajectory) -> Panel | str:
     closed = [len(problem.constraints.active(float(t), q, near).gap) for t, q in zip(states.t, states.q, strict=True)]
     if not any(closed):
         return "no contact was closed"
-    note = ", ".join(filter(None, [f"gap below {near:.2g} m", _note_of(run, states)]))
+    note = ", ".join(filter(None, [f"gap < {near:.2g} m", _note_of(run, states)]))
     curve = Curve("", states.t, np.array(closed, dtype=float), "steps", BLUE)
     return Panel("Closed contacts", "contacts", [curve], whole=True, note=note)
 

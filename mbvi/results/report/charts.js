@@ -56,7 +56,7 @@ class Chart {
         this.figure = html(parent, "figure", "chart");
         const head = html(this.figure, "figcaption", "head");
         html(head, "strong", "", panel.title);
-        html(head, "span", "note", panel.note);
+        html(head, "span", "note", panel.note).title = panel.note;
         const legend = html(this.figure, "div", "legend");
         this.values = panel.curves.map(curve => {
             const entry = html(legend, "span", "entry");
@@ -119,7 +119,7 @@ class Chart {
         for (const level of panel.levels) {
             const y = this.y(level.y);
             element(inside, "line", {x1: MARGIN.left, x2: right, y1: y, y2: y, class: level.label ? "level" : "zero"});
-            if (level.label) element(inside, "text", {x: right - 4, y: y - 3, "text-anchor": "end", class: "label"}, level.label);
+            if (level.label) element(inside, "text", {x: right - 4, y: y < MARGIN.top + 12 ? y + 11 : y - 3, "text-anchor": "end", class: "label"}, level.label);
         }
         for (const curve of panel.curves) this.curve(inside, curve, bottom);
         this.playing = element(svg, "line", {y1: MARGIN.top, y2: bottom, class: "playing"});
@@ -147,10 +147,10 @@ class Chart {
                 }
             }
         } else {
-            const {found, step} = ticks(low, high, 5, panel.whole ? 1 : 0);
+            const {found, step} = ticks(low, high, 6.5, panel.whole ? 1 : 0);
             for (const y of found) line(y, written(y, step));
         }
-        const {found, step} = ticks(...view, Math.max(3, Math.min(8, this.width / 80)), 0);
+        const {found, step} = ticks(...view, Math.max(3, Math.min(9, this.width / 65)), 0);
         for (const t of found) {
             const at = this.x(t);
             element(svg, "line", {x1: at, x2: at, y1: MARGIN.top, y2: bottom, class: "grid"});

@@ -34,10 +34,7 @@ _PAGE = """<!DOCTYPE html>
 <body>
 <h1>{title}</h1>
 {summary}
-<div class="side">
-<div class="left">{replay}</div>
-<div><div id="charts"></div>{omitted}</div>
-</div>
+{above}
 {sections}
 <script type="application/json" id="plots">{data}</script>
 <script>
@@ -45,10 +42,12 @@ _PAGE = """<!DOCTYPE html>
 </body>
 </html>
 """
-_HINT = (
-    '<p class="hint">The red line is the time of the replay. Click a plot or an impact to see its instant; drag over a '
-    "plot to enlarge a part of the time; double-click to see all of it.</p>"
-)
+_BESIDE = """<div class="side">
+<div class="left">{frame}<p class="hint">The red line is the time of the replay. Click a plot or an impact to see its
+instant. {hint}</p></div>
+<div>{charts}</div>
+</div>"""
+_HINT = "Drag over a plot to enlarge a part of the time; double-click to see all of it."
 
 
 def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_diagnosis: str) -> None:
@@ -84,8 +83,7 @@ def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_di
         title=title,
         style=_beside("style.css"),
         summary='<ul class="summary">' + "".join(f"<li>{line}</li>" for line in summary) + "</ul>",
-        replay=_replay(run),
-        omitted=_omitted(omitted),
+        above=_replay_and_charts(run, f'<div id="charts"></div>{_omitted(omitted)}'),
         sections="\n".join(sections),
         data=_data(run, shown),
         script=_beside("charts.js"),
@@ -101,18 +99,19 @@ def _beside(name: str) -> str:
     return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
-def _replay(run: Trajectory) -> str:
-    """Return a frame with the page that `Trajectory.replay_html` writes, or why there is none."""
+def _replay_and_charts(run: Trajectory, charts: str) -> str:
+    """Return the plots beside a frame with the page that `Trajectory.replay_html` writes, or why there is none."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "replay.html")
         try:
             run.replay_html(page)
         except InputError as error:
-            return f'<p class="hint">No replay: {html.escape(str(error))}</p>{_HINT}'
+            return f'<p class="hint">No replay: {html.escape(str(error))}. {_HINT}</p>{charts}'
         text = page.read_text(encoding="utf-8")
     # of a quoted attribute only these two characters end or change the text
     text = text.replace("&", "&amp;").replace('"', "&quot;")
-    return f'<iframe id="replay" title="replay" srcdoc="{text}"></iframe>{_HINT}'
+    frame = f'<iframe id="replay" title="replay" srcdoc="{text}"></iframe>'
+    return _BESIDE.format(frame=frame, hint=_HINT, charts=charts)
 
 
 def _omitted(omitted: Sequence[Omitted]) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # impacts in the table, and rows of each
 _MOST_IMPACTS, _MOST_ROWS = 30, 6
+_ROUNDING = 1e-12
 
 
 def impact_section(run: Trajectory) -> str:
@@ -43,17 +44,22 @@ def _rows(impact: Impact, friction: bool) -> list[str]:
     lines = []
     for place, k in enumerate(order[:_MOST_ROWS].tolist()):
         cells = [f"{impact.time:.6g}" if place == 0 else ""]
-        cells += [f"{values[k]:.4g}" for values in (impact.percussion, impact.before, impact.after)]
+        cells += [_written(values[k]) for values in (impact.percussion, impact.before, impact.after)]
         if friction:
             known = impact.tangential is not None and impact.regime is not None
             cells += [f"{np.linalg.norm(impact.tangential[k]):.4g}", impact.regime[k]] if known else ["", ""]  # type: ignore[index]
-        cells.append(f"{impact.energy_change:.4g}" if place == 0 else "")
+        cells.append(_written(impact.energy_change) if place == 0 else "")
         name = html.escape(impact.constraints[k])
         if place == 0 and len(order) > _MOST_ROWS:
             name += f' <span class="note">and {len(order) - 1} more, of which {_MOST_ROWS - 1} follow</span>'
         body = "".join(f"<td>{cell}</td>" for cell in cells)
         lines.append(f'<tr data-time="{impact.time!r}">{body}<td class="text">{name}</td></tr>')
     return lines
+
+
+def _written(value: float) -> str:
+    """Return a number in four digits, 0 where it is rounding."""
+    return "0" if abs(value) < _ROUNDING else f"{value:.4g}"
 
 
 def diagnosis_section(diagnosis: Diagnosis | None, reason: str) -> str:
@@ -108,5 +114,5 @@ def _start(run: Trajectory) -> bytes:
 
 def version_section() -> str:
     """Return the versions of the packages that computed."""
-    lines = (f'<tr><td class="text">{name}</td><td>{value}</td></tr>' for name, value in versions().items())
-    return f"<h2>Versions</h2><table>{''.join(lines)}</table>"
+    lines = (f"{name} {value}" for name, value in versions().items())
+    return f"<h2>Versions</h2><p>{html.escape(', '.join(lines))}</p>"
