@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ _SUFFIXES = (".csv", ".parquet", ".mcap")
 _ROWS = 4096
 
 
-def export(run: Any, path: Path, name: str | None) -> None:
+def export(run: RunData, path: Path, name: str | None) -> None:
     """Write a run to a file of the kind that its suffix names; see `Trajectory.export`.
 
     Raises

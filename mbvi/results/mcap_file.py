@@ -21,8 +21,7 @@ from .replay.keyframes import motion, shapes_of
 from .tables import table
 
 if TYPE_CHECKING:
-    from .run_data import Array
-    from .trajectory import Trajectory
+    from .run_data import Array, RunData
 
 _STATE, _IMPACT = "mbvi.State", "mbvi.Impact"
 _POSES, _SHAPES = "foxglove.FrameTransforms", "foxglove.SceneUpdate"
@@ -37,7 +36,7 @@ class _Message(NamedTuple):
     content: dict[str, Any]
 
 
-def write_mcap(run: Trajectory, path: Path) -> None:
+def write_mcap(run: RunData, path: Path) -> None:
     """Write the file; see `Trajectory.export`.
 
     Raises
@@ -88,7 +87,7 @@ def _schema(name: str) -> dict[str, Any]:
     return {"title": name, "type": "object", "properties": fields}
 
 
-def _states(run: Trajectory) -> Iterator[_Message]:
+def _states(run: RunData) -> Iterator[_Message]:
     columns = table(run, "states")
     names, rows = list(columns), np.stack([np.asarray(one.values) for one in columns.values()], axis=1).tolist()
     for row in rows:
@@ -102,7 +101,7 @@ def _states(run: Trajectory) -> Iterator[_Message]:
         yield _Message("/state", content["t"] - float(run.t[0]), content)
 
 
-def _impacts(run: Trajectory) -> Iterator[_Message]:
+def _impacts(run: RunData) -> Iterator[_Message]:
     columns = table(run, "impacts")
     lists = [one.values if isinstance(one.values, list) else one.values.tolist() for one in columns.values()]
     contacts: dict[int, list[dict[str, Any]]] = {}
@@ -117,7 +116,7 @@ def _impacts(run: Trajectory) -> Iterator[_Message]:
         yield _Message("/impacts", time - float(run.t[0]), {"time": time, "contacts": rows})
 
 
-def _scene(run: Trajectory) -> Iterator[_Message]:
+def _scene(run: RunData) -> Iterator[_Message]:
     """Yield the shapes once, and the poses of bodies at the frames of a replay."""
     assert run.problem is not None
     names, shown = run.problem.system.bodies, shapes_of(run)

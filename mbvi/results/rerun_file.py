@@ -16,15 +16,14 @@ from .replay.keyframes import bounds, carried, motion, scene_of, shapes_of
 from .tables import table
 
 if TYPE_CHECKING:
-    from .run_data import Array
-    from .trajectory import Trajectory
+    from .run_data import Array, RunData
 
 _WALL, _SHEET, _PERCUSSION, _CONTACT = (190, 198, 204), (90, 125, 154), (216, 27, 74), (21, 101, 192)
 # how long the arrow of an impact is shown [s], and its length of the greatest percussion, in sizes of the motion
 _FADE, _LENGTH = 0.1, 0.3
 
 
-def write_rerun(run: Trajectory, path: Path) -> None:
+def write_rerun(run: RunData, path: Path) -> None:
     """Write the file; see `Trajectory.to_rerun`."""
     scene = scene_of(run)
     try:
@@ -90,7 +89,7 @@ def write_rerun(run: Trajectory, path: Path) -> None:
 class _Names:
     """Entities of bodies."""
 
-    def __init__(self, rr: Any, run: Trajectory) -> None:
+    def __init__(self, rr: Any, run: RunData) -> None:
         assert run.problem is not None
         self._rr, self._bodies = rr, run.problem.system.bodies
 
@@ -132,7 +131,7 @@ def _plate(normal: Array, offset: float, middle: Array, size: float) -> Array:
     return centre + size * turn.apply([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 
 
-def _arrows(rr: Any, file: Any, run: Trajectory, length: float) -> None:
+def _arrows(rr: Any, file: Any, run: RunData, length: float) -> None:
     """Draw percussions of impacts for a moment, and those of recorded contacts while they last."""
     sets = {"world/impacts": ("impacts", _PERCUSSION)}
     if run.record.contacts is not None:
@@ -163,7 +162,7 @@ def _arrows(rr: Any, file: Any, run: Trajectory, length: float) -> None:
         file.send_columns(entity, [column], drawn.partition(partition))
 
 
-def _scalars(rr: Any, file: Any, run: Trajectory) -> None:
+def _scalars(rr: Any, file: Any, run: RunData) -> None:
     """Write energies and penetration over time."""
     kinetic, potential = energies_of_run(run).T
     series = {

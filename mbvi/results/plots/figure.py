@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..diagnosis import Diagnosis
-    from ..trajectory import Trajectory
+    from ..run_data import RunData
 
 # size of a panel [inches], and panels beside each other
 _WIDTH, _HEIGHT, _COLUMNS = 5.6, 2.7, 2
@@ -23,7 +23,7 @@ _LEVEL = "#888888"
 _ENTRIES, _LONG_ENTRIES, _SHORT, _LINE = 4, 3, 12, 11.0
 
 
-def figure(run: Trajectory, diagnosis: Diagnosis | None, no_diagnosis: str) -> Figure:
+def figure(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> Figure:
     """Return the plots of a run as a figure; see `Trajectory.plot`.
 
     Raises

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..energies import energies, energies_of_run
+from ..summary import regimes
 from .panel import Array, Curve, Level, Panel, thinned
 
 if TYPE_CHECKING:
     from ...problem import Problem
     from ..diagnosis import Diagnosis
-    from ..trajectory import Trajectory
+    from ..run_data import RunData
 
 BLUE, ORANGE, GREEN, RED, PURPLE, BLACK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8f5aa8", "#222222"
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE, "#56b4e9")
@@ -33,14 +34,14 @@ class Omitted(NamedTuple):
     reason: str
 
 
-def panels(run: Trajectory, diagnosis: Diagnosis | None, no_diagnosis: str) -> tuple[list[Panel], list[Omitted]]:
+def panels(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> tuple[list[Panel], list[Omitted]]:
     """Return the plots of a run, thinned, and those that are left out.
 
     Plots of friction are only mentioned where there is friction.
 
     Parameters
     ----------
-    run : Trajectory
+    run : RunData
         The run.
     diagnosis : Diagnosis or None
         Its diagnosis, for the kinetic angles.
@@ -70,7 +71,7 @@ def panels(run: Trajectory, diagnosis: Diagnosis | None, no_diagnosis: str) -> t
     return shown, omitted
 
 
-def _energy(run: Trajectory) -> Panel | str:
+def _energy(run: RunData) -> Panel | str:
     if run.record.energies is None and run.problem is None:
         return "the file of this run holds neither energies nor a problem"
     t, kinetic, potential = run.t, *energies_of_run(run).T
@@ -88,7 +89,7 @@ def _energy(run: Trajectory) -> Panel | str:
     return Panel("Energy", "energy [J]", curves)
 
 
-def _percussions(run: Trajectory) -> Panel | str:
+def _percussions(run: RunData) -> Panel | str:
     if not run.impacts:
         return "no impacts"
     t, p, contact = _rows(run, lambda impact: impact.percussion)
@@ -103,7 +104,7 @@ def _percussions(run: Trajectory) -> Panel | str:
     return Panel("Percussions of impacts", f"percussion [{unit}]", curves, log=_spread(p)) if curves else "none"
 
 
-def _rows(run: Trajectory, values: Callable[..., Array]) -> tuple[Array, Array, Array]:
+def _rows(run: RunData, values: Callable[..., Array]) -> tuple[Array, Array, Array]:
     """Return time and value of each row of the impacts, and whether it is a contact in space."""
     counts = [len(impact.constraints) for impact in run.impacts]
     t = np.repeat([impact.time for impact in run.impacts], counts)
@@ -125,7 +126,7 @@ class _States(NamedTuple):
     v: Array
 
 
-def _states(run: Trajectory, most: int) -> _States:
+def _states(run: RunData, most: int) -> _States:
     """Return at most so many recorded states, evenly in their order; of dense output as many more between them."""
     index = np.unique(np.linspace(0, len(run.t) - 1, min(most, len(run.t))).astype(np.int64))
     t, q, v = run.t[index], run.q[index], run.v[index]
@@ -140,12 +141,12 @@ def _states(run: Trajectory, most: int) -> _States:
     return _States(t, q, v)
 
 
-def _note_of(run: Trajectory, states: _States) -> str:
+def _note_of(run: RunData, states: _States) -> str:
     """Return at how many states a quantity was evaluated, "" if at all of them."""
     return f"at {len(states.t)} of {len(run.t)} states" if len(states.t) < len(run.t) else ""
 
 
-def _gaps(run: Trajectory) -> Panel | str:
+def _gaps(run: RunData) -> Panel | str:
     problem = run.problem
     if problem is None:
         return "the file of this run could not bring its problem back"
@@ -169,7 +170,7 @@ def _gaps(run: Trajectory) -> Panel | str:
     return Panel("Gaps", "gap [m or rad]", curves, note=_note_of(run, states), levels=[Level("", 0.0)])
 
 
-def _strongest(run: Trajectory, problem: Problem, gaps: Array) -> list[int]:
+def _strongest(run: RunData, problem: Problem, gaps: Array) -> list[int]:
     """Return the numbers of the constraints with the greatest sums of percussions, then of the smallest gaps."""
     total = Counter[str]()
     for impact in run.impacts:
@@ -181,7 +182,7 @@ def _strongest(run: Trajectory, problem: Problem, gaps: Array) -> list[int]:
     return sorted(range(len(names)), key=lambda k: (-total[names[k]], least[k]))[:_MOST_GAPS]
 
 
-def _penetration(run: Trajectory) -> Panel | str:
+def _penetration(run: RunData) -> Panel | str:
     depth = run.record.penetration
     if not (depth > 0.0).any():
         return "nothing penetrates"
@@ -189,7 +190,7 @@ def _penetration(run: Trajectory) -> Panel | str:
     return Panel("Penetration", "deepest [m or rad]", [curve], log=True)
 
 
-def _contacts(run: Trajectory) -> Panel | str:
+def _contacts(run: RunData) -> Panel | str:
     found, problem = run.record.contacts, run.problem
     if found is not None:
         counts = np.diff(found.starts)
@@ -228,7 +229,7 @@ def _angles(diagnosis: Diagnosis) -> Panel | str:
     return Panel("Kinetic angles", "angle [deg]", curves, note=note, levels=[Level("right angle", 90.0)])
 
 
-def _friction(run: Trajectory) -> Panel | str:
+def _friction(run: RunData) -> Panel | str:
     if not _frictional(run):
         return ""
     frictional = [impact for impact in run.impacts if impact.tangential is not None]
@@ -237,7 +238,8 @@ def _friction(run: Trajectory) -> Panel | str:
     t = np.repeat([impact.time for impact in frictional], [len(impact.constraints) for impact in frictional])
     p = np.concatenate([impact.percussion for impact in frictional])
     tangential = np.concatenate([np.linalg.norm(np.asarray(impact.tangential), axis=1) for impact in frictional])
-    regime = np.array([word for impact in frictional for word in impact.regime or ()])
+    # "" of joint limits and others without friction
+    regime = np.array([word for impact in frictional for word in regimes(impact)])
     acts = p > 0.0
     curves = []
     for word, color in (("stick", BLUE), ("slip", RED)):
@@ -249,14 +251,14 @@ def _friction(run: Trajectory) -> Panel | str:
     return Panel("Friction in impacts", axis, curves, levels=levels) if curves else "no percussion with friction"
 
 
-def _frictional(run: Trajectory) -> bool:
+def _frictional(run: RunData) -> bool:
     """Return whether the run has friction."""
     if run.problem is not None:
         return run.problem.constraints.frictional
     return any(impact.regime is not None for impact in run.impacts)
 
 
-def _coefficients(run: Trajectory) -> list[float]:
+def _coefficients(run: RunData) -> list[float]:
     """Return the coefficients of friction of the scene, none where there are many."""
     scene = None if run.problem is None else run.problem.scene
     if scene is None:
@@ -265,7 +267,7 @@ def _coefficients(run: Trajectory) -> list[float]:
     return found if len(found) <= 3 else []
 
 
-def _slip(run: Trajectory) -> Panel | str:
+def _slip(run: RunData) -> Panel | str:
     found = run.record.contacts
     if not _frictional(run):
         return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,12 @@ import numpy as np
 from ...errors import InputError, TrajectoryFileError
 from ..plots.panel import Panel
 from ..plots.quantities import Omitted, panels
+from ..summary import summary
 from .sections import diagnosis_section, impact_section, model_section, rerun_section, version_section
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
-    from ..trajectory import Trajectory
+    from ..run_data import RunData
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -50,15 +51,19 @@ instant. {hint}</p></div>
 _HINT = "Drag over a plot to enlarge a part of the time; double-click to see all of it."
 
 
-def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_diagnosis: str) -> None:
+def write_report(
+    run: RunData, path: Path, replay: Callable[[Path], None], diagnosis: Diagnosis | None, no_diagnosis: str
+) -> None:
     """Write the page; see `Trajectory.report`.
 
     Parameters
     ----------
-    run : Trajectory
+    run : RunData
         The run.
     path : Path
         The page.
+    replay : callable
+        replay(path) writes the page of its replay, or raises `InputError` where there is nothing to show.
     diagnosis : Diagnosis or None
         Its diagnosis.
     no_diagnosis : str
@@ -70,7 +75,7 @@ def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_di
         If the page cannot be written.
     """
     # the last line is about notes, which have a section
-    title, *summary = (html.escape(line) for line in repr(run).splitlines()[:-1])
+    title, *lines = (html.escape(line) for line in summary(run).splitlines()[:-1])
     shown, omitted = panels(run, diagnosis, no_diagnosis)
     sections = [
         impact_section(run),
@@ -82,8 +87,8 @@ def write_report(run: Trajectory, path: Path, diagnosis: Diagnosis | None, no_di
     page = _PAGE.format(
         title=title,
         style=_beside("style.css"),
-        summary='<ul class="summary">' + "".join(f"<li>{line}</li>" for line in summary) + "</ul>",
-        above=_replay_and_charts(run, f'<div id="charts"></div>{_omitted(omitted)}'),
+        summary='<ul class="summary">' + "".join(f"<li>{line}</li>" for line in lines) + "</ul>",
+        above=_replay_and_charts(replay, f'<div id="charts"></div>{_omitted(omitted)}'),
         sections="\n".join(sections),
         data=_data(run, shown),
         script=_beside("charts.js"),
@@ -99,12 +104,12 @@ def _beside(name: str) -> str:
     return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
-def _replay_and_charts(run: Trajectory, charts: str) -> str:
-    """Return the plots beside a frame with the page that `Trajectory.replay_html` writes, or why there is none."""
+def _replay_and_charts(replay: Callable[[Path], None], charts: str) -> str:
+    """Return the plots beside a frame with the page of the replay, or why there is none."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "replay.html")
         try:
-            run.replay_html(page)
+            replay(page)
         except InputError as error:
             return f'<p class="hint">No replay: {html.escape(str(error))}. {_HINT}</p>{charts}'
         text = page.read_text(encoding="utf-8")
@@ -121,7 +126,7 @@ def _omitted(omitted: Sequence[Omitted]) -> str:
     return f'<p class="hint">Not shown: {"; ".join(lines)}.</p>'
 
 
-def _data(run: Trajectory, shown: Sequence[Panel]) -> str:
+def _data(run: RunData, shown: Sequence[Panel]) -> str:
     """Return the plots as JSON that may stand in a page; numbers have seven digits."""
     made = [
         {

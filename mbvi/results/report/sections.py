@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..hdf5 import save
+from ..summary import regimes
 from ..versions import versions
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
-    from ..run_data import Impact
-    from ..trajectory import Trajectory
+    from ..run_data import Impact, RunData
 
 # impacts in the table, and rows of each
 _MOST_IMPACTS, _MOST_ROWS = 30, 6
 _ROUNDING = 1e-12
 
 
-def impact_section(run: Trajectory) -> str:
+def impact_section(run: RunData) -> str:
     """Return the table of the strongest impacts."""
     if not run.impacts:
         return "<h2>Impacts</h2><p>None.</p>"
@@ -46,8 +47,8 @@ def _rows(impact: Impact, friction: bool) -> list[str]:
         cells = [f"{impact.time:.6g}" if place == 0 else ""]
         cells += [_written(values[k]) for values in (impact.percussion, impact.before, impact.after)]
         if friction:
-            known = impact.tangential is not None and impact.regime is not None
-            cells += [f"{np.linalg.norm(impact.tangential[k]):.4g}", impact.regime[k]] if known else ["", ""]  # type: ignore[index]
+            known = impact.tangential is not None and regimes(impact)[k]
+            cells += [_written(float(np.linalg.norm(impact.tangential[k]))), known] if known else ["", ""]  # type: ignore[index]
         cells.append(_written(impact.energy_change) if place == 0 else "")
         name = html.escape(impact.constraints[k])
         if place == 0 and len(order) > _MOST_ROWS:
@@ -73,14 +74,14 @@ def diagnosis_section(diagnosis: Diagnosis | None, reason: str) -> str:
     return f"<h2>Diagnosis</h2>{sentences}" + (f"<pre>{text}</pre>" if text else "")
 
 
-def model_section(run: Trajectory) -> str:
+def model_section(run: RunData) -> str:
     """Return the notes of the run and the report of its problem."""
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in run.notes)
     model = "the file of this run could not bring its problem back" if run.problem is None else run.problem.report()
     return (f"<h2>Notes</h2><ul>{notes}</ul>" if notes else "") + f"<h2>Model</h2><pre>{html.escape(model)}</pre>"
 
 
-def rerun_section(run: Trajectory) -> str:
+def rerun_section(run: RunData) -> str:
     """Return how to run it again, with a file of its start where the problem can be kept."""
     step = f", step={run.step:g}" if run.step else ""
     scheme = f"mbvi.{run.record.scheme!r}" if run.record.scheme is not None else f"mbvi.{run.scheme}()"
@@ -99,7 +100,7 @@ def rerun_section(run: Trajectory) -> str:
     return f"<h2>Run it again</h2><p>{said}{link}{what}</p><pre>{html.escape(code)}</pre>"
 
 
-def _start(run: Trajectory) -> bytes:
+def _start(run: RunData) -> bytes:
     """Return the file of a run that holds the problem and the first state only."""
     assert run.problem is not None
     record = replace(
@@ -108,7 +109,7 @@ def _start(run: Trajectory) -> bytes:
     first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "v", "residual")}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "start.h5")
-        replace(run, impacts=(), record=record, **first).save(path)
+        save(replace(run, impacts=(), record=record, **first), path)
         return path.read_bytes()
 
 
