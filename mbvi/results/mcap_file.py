@@ -6,8 +6,9 @@ are Foxglove's messages `FrameTransforms` and `SceneUpdate`. Log times are nanos
 
 from __future__ import annotations
 
+import heapq
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -49,12 +50,11 @@ def write_mcap(run: RunData, path: Path) -> None:
     except ImportError as error:
         raise InputError("an MCAP file needs the package mcap: pip install 'mbvi[mcap]'") from error
     schemas = {"/state": _STATE, "/impacts": _IMPACT}
-    messages = [*_states(run), *_impacts(run)]
-    if run.problem is not None and run.problem.scene is not None:
+    messages = [_states(run), _impacts(run)]
+    # a scene may have nothing to show
+    with suppress(InputError):
+        messages.append(_scene(run, shapes_of(run)))
         schemas |= {"/tf": _POSES, "/scene": _SHAPES}
-        # a scene may have nothing to show
-        with suppress(InputError):
-            messages += list(_scene(run))
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="mbvi")
@@ -63,7 +63,7 @@ def write_mcap(run: RunData, path: Path) -> None:
             schema = writer.register_schema(name, "jsonschema", json.dumps(_schema(name)).encode())
             channels[topic] = writer.register_channel(topic, "json", schema)
         # readers expect messages in the order of their times
-        for k, message in enumerate(sorted(messages, key=lambda m: m.time)):
+        for k, message in enumerate(heapq.merge(*messages, key=lambda m: m.time)):
             time = round(message.time * _NANO)
             data = json.dumps(message.content, allow_nan=False).encode()
             writer.add_message(channels[message.topic], log_time=time, publish_time=time, data=data, sequence=k)
@@ -89,16 +89,17 @@ def _schema(name: str) -> dict[str, Any]:
 
 def _states(run: RunData) -> Iterator[_Message]:
     columns = table(run, "states")
-    names, rows = list(columns), np.stack([np.asarray(one.values) for one in columns.values()], axis=1).tolist()
-    for row in rows:
-        content: dict[str, Any] = {}
-        for name, value in zip(names, row, strict=True):
-            group, slash, inner = name.partition("/")
-            if slash:
-                content.setdefault(group, {})[inner] = value
-            else:
-                content[name] = value
-        yield _Message("/state", content["t"] - float(run.t[0]), content)
+    groups: dict[str, dict[str, Any]] = {}
+    for name, column in columns.items():
+        group, slash, inner = name.partition("/")
+        groups.setdefault(group, {})[inner if slash else ""] = column.values
+    rows = {group: np.stack(list(inner.values()), axis=1) for group, inner in groups.items()}
+    for i, time in enumerate(run.t.tolist()):
+        content = {
+            group: rows[group][i].item() if "" in inner else dict(zip(inner, rows[group][i].tolist(), strict=True))
+            for group, inner in groups.items()
+        }
+        yield _Message("/state", time - float(run.t[0]), content)
 
 
 def _impacts(run: RunData) -> Iterator[_Message]:
@@ -116,10 +117,10 @@ def _impacts(run: RunData) -> Iterator[_Message]:
         yield _Message("/impacts", time - float(run.t[0]), {"time": time, "contacts": rows})
 
 
-def _scene(run: RunData) -> Iterator[_Message]:
+def _scene(run: RunData, shown: Sequence[PlacedShape]) -> Iterator[_Message]:
     """Yield the shapes once, and the poses of bodies at the frames of a replay."""
     assert run.problem is not None
-    names, shown = run.problem.system.bodies, shapes_of(run)
+    names = run.problem.system.bodies
     stamp = _stamp(0.0)
     entities = [_entity(placed, names[placed.body], stamp) for placed in shown]
     yield _Message("/scene", 0.0, {"deletions": [], "entities": entities})
