@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 import mbvi
 from mbvi.results.diagnose import given_or_computed
@@ -55,6 +56,22 @@ def test_a_thinned_curve_has_the_envelope_of_the_curve(seed, count, holes):
         extreme.at(whole, place, y)
         extreme.at(part, place_kept, curve.y)
         np.testing.assert_array_equal(whole, part)
+
+
+@given(seed=st.integers(0, 2**32 - 1), log=st.booleans())
+def test_thinned_dots_leave_no_empty_place(seed, log):
+    rng = np.random.default_rng(seed)
+    t, y = np.sort(rng.uniform(0.0, 1.0, 5000)), np.exp(rng.normal(size=5000))
+    curve = thinned(Curve("", t, y, "dots"), 0.0, 1.0, log=log)
+    kept = np.searchsorted(t, curve.t)
+    np.testing.assert_array_equal(y[kept], curve.y)
+    assert curve.y.min() == y.min() and curve.y.max() == y.max()
+    # every dot has one that is drawn within a cell of it
+    place = np.log(y) if log else y
+    size = np.array([1 / 400, np.ptp(place) / 120])
+    dots = np.stack([t, place], axis=1) / size
+    distance = cKDTree(dots[kept]).query(dots, p=np.inf)[0]
+    assert distance.max() <= 1.0
 
 
 def test_curves_of_few_points_are_whole():

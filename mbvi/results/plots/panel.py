@@ -10,6 +10,8 @@ import numpy as np
 Array = np.ndarray
 # intervals of time of which the least and the greatest value are drawn
 BINS = 1000
+# cells of time and of value of which one dot is drawn
+_CELLS = 400, 120
 # a logarithmic axis ends so far below its largest value
 _DECADES = 1e-8
 # longest name in a legend
@@ -73,14 +75,27 @@ class Panel(NamedTuple):
     levels: Sequence[Level] = ()
 
 
-def thinned(curve: Curve, start: float, end: float) -> Curve:
-    """Return the points of a curve with the least and the greatest value in each of 1000 intervals of time.
+def thinned(curve: Curve, start: float, end: float, *, log: bool = False) -> Curve:
+    """Return a curve whose picture is that of the given one, with fewer points where it has many.
 
-    What is drawn has the same envelope as the curve. Curves of few points are returned as they are.
+    Of a line they have the least and the greatest value in each of 1000 intervals of time: its envelope is the same.
+    Of dots they are one in each cell of a grid of time and value, and the extremes.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+    start, end : float
+        Between which it is drawn [s].
+    log : bool
+        Whether its axis is logarithmic.
     """
     t, y = curve.t, curve.y
     if len(t) <= 2 * BINS:
         return curve
+    if curve.style == "dots":
+        kept = _spread_dots(t, np.log(np.where(y > 0.0, y, np.nan)) if log else y, start, end)
+        return curve._replace(t=t[kept], y=y[kept])
     place = np.minimum((BINS * (t - start) / (end - start)).astype(np.int64), BINS - 1)
     # values in the order of their size within each interval; NaN come last
     order = np.lexsort((y, place))
@@ -92,6 +107,19 @@ def thinned(curve: Curve, start: float, end: float) -> Curve:
     holes = np.flatnonzero(np.isnan(y) & ~np.isnan(np.roll(y, 1)))
     kept = np.unique(np.concatenate([order[first], order[last], ends, holes[:BINS]]))
     return curve._replace(t=t[kept], y=y[kept])
+
+
+def _spread_dots(t: Array, y: Array, start: float, end: float) -> Array:
+    """Return the indices of the first dot in each cell, and of the extremes, in ascending order."""
+    index = np.flatnonzero(np.isfinite(y))
+    if not index.size:
+        return index
+    t, y = t[index], y[index]
+    low, high = float(y.min()), float(y.max())
+    column = np.minimum((_CELLS[0] * (t - start) / (end - start)).astype(np.int64), _CELLS[0] - 1)
+    row = np.minimum((_CELLS[1] * (y - low) / max(high - low, 1e-300)).astype(np.int64), _CELLS[1] - 1)
+    _, first = np.unique(column * _CELLS[1] + row, return_index=True)
+    return np.asarray(index[np.unique([*first, y.argmin(), y.argmax()])])
 
 
 def positive_range(panel: Panel) -> tuple[float, float]:

@@ -67,7 +67,8 @@ def panels(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> tupl
         if isinstance(panel, str):
             omitted.append(Omitted(title, panel))
         else:
-            shown.append(panel._replace(curves=[thinned(curve, start, end) for curve in panel.curves]))
+            curves = [thinned(curve, start, end, log=panel.log) for curve in panel.curves]
+            shown.append(panel._replace(curves=curves))
     return shown, omitted
 
 
