@@ -157,7 +157,7 @@ ASK = """
     SVGElement.prototype.setPointerCapture = () => 0;
     const middle = (62 + box.width - 12) / 2;
     event("pointermove", middle);
-    const read = document.querySelectorAll(".value")[2].textContent;
+    const read = document.querySelector(".tip").children[3].textContent;
     event("pointerdown", middle); event("pointerup", middle);
     const shown = frame.contentDocument.querySelector("input[type=range]").value;
     event("pointerdown", middle); event("pointermove", box.width - 12); event("pointerup", box.width - 12);

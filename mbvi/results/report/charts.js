@@ -58,13 +58,13 @@ class Chart {
         html(head, "strong", "", panel.title);
         html(head, "span", "note", panel.note).title = panel.note;
         const legend = html(this.figure, "div", "legend");
-        this.values = panel.curves.map(curve => {
-            const entry = html(legend, "span", "entry");
-            if (curve.name) html(entry, "i", curve.style).style.background = curve.color;
-            html(entry, "span", "", curve.name);
-            return html(entry, "span", "value", "");
-        });
+        for (const curve of panel.curves) {
+            if (!curve.name) continue;
+            const entry = html(legend, "span", "entry", curve.name);
+            html(entry, "i", curve.style).style.background = curve.color;
+        }
         this.svg = element(this.figure, "svg", {height: HEIGHT, role: "img", "aria-label": panel.title});
+        this.tip = html(this.figure, "div", "tip");
         this.svg.addEventListener("pointermove", event => moved(this, event));
         this.svg.addEventListener("pointerdown", event => pressed(this, event));
         this.svg.addEventListener("pointerup", event => released(this, event));
@@ -166,7 +166,7 @@ class Chart {
     curve(parent, curve, bottom) {
         const first = Math.max(after(curve.t, view[0]) - 2, 0), last = Math.min(after(curve.t, view[1]) + 2, curve.t.length);
         let path = "", pen = false;
-        const radius = last - first < 300 ? 2.4 : 1.5;
+        const radius = last - first < 300 ? 2.4 : last - first < 3000 ? 1.5 : 0.9;
         for (let k = first; k < last; k++) {
             const value = curve.y[k], x = this.x(curve.t[k]).toFixed(1);
             if (curve.style === "ticks") { path += `M${x},${bottom}v-9`; continue; }
@@ -187,19 +187,24 @@ class Chart {
             "stroke-width": 1.3, "stroke-linejoin": "round", opacity: many ? 0.35 : dots ? 0.8 : 1});
     }
 
+    // the values at a time, on the side of the plot where the cursor is not
     read(t) {
-        const {panel} = this, near = 0.01 * (view[1] - view[0]);
-        panel.curves.forEach((curve, k) => {
-            if (!this.values[k]) return;
-            let text = "";
-            if (t !== null && curve.t.length && curve.style !== "ticks") {
-                let i = after(curve.t, t);
-                if (curve.style === "steps") i = Math.min(i, curve.t.length - 1);
-                else if (i === curve.t.length || (i > 0 && t - curve.t[i - 1] < curve.t[i] - t)) i--;
-                if (curve.y[i] !== null && (curve.style !== "dots" || Math.abs(curve.t[i] - t) < near)) text = written(curve.y[i]);
-            }
-            this.values[k].textContent = text;
-        });
+        const {panel, tip} = this, near = 0.01 * (view[1] - view[0]);
+        tip.replaceChildren();
+        tip.hidden = t === null;
+        if (t === null) return;
+        html(tip, "div", "", `${written(t)} s`);
+        for (const curve of panel.curves) {
+            if (!curve.t.length || curve.style === "ticks") continue;
+            let i = after(curve.t, t);
+            if (curve.style === "steps") i = Math.min(i, curve.t.length - 1);
+            else if (i === curve.t.length || (i > 0 && t - curve.t[i - 1] < curve.t[i] - t)) i--;
+            if (curve.y[i] === null || (curve.style === "dots" && Math.abs(curve.t[i] - t) > near)) continue;
+            html(tip, "div", "", written(curve.y[i])).style.color = curve.color;
+        }
+        const left = t > (view[0] + view[1]) / 2;
+        tip.style.left = left ? `${MARGIN.left + 4}px` : "";
+        tip.style.right = left ? "" : `${MARGIN.right + 4}px`;
     }
 }
 
