@@ -106,6 +106,10 @@ def test_angles_are_those_of_the_diagnosis(run):
         pairs = instant.angles[np.triu_indices(len(instant.constraints), 1)]
         np.testing.assert_allclose(instant.extreme_angles, (pairs.min(), pairs.max()), atol=1e-12)
         assert set(np.degrees(instant.extreme_angles)) <= shown
+    # a stretch without impacts is a line
+    lines = [curve for curve in found["Kinetic angles"].curves if curve.style == "line"]
+    stretches = [i for i in diagnosis.instants if i.until > i.time]
+    assert stretches and [len(curve.t) for curve in lines] == [3 * len(stretches)] * 2
 
 
 def test_friction_is_drawn_against_its_coefficient(sliding):

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
     from ..run_data import RunData
 
-BLUE, ORANGE, GREEN, RED, PURPLE, BLACK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8f5aa8", "#222222"
+BLUE, ORANGE, GREEN, RED, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8f5aa8"
+BLACK, GREY = "#222222", "#999999"
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE, "#56b4e9")
 # most gaps with a curve of their own, and constraints among which they are chosen
 _MOST_GAPS, _MOST_NAMED = 5, 2000
@@ -214,7 +215,13 @@ def _contacts(run: RunData) -> Panel | str:
 def _angles(diagnosis: Diagnosis) -> Panel | str:
     if not diagnosis.instants:
         return "several constraints were never active at once"
-    curves = []
+    curves = list[Curve]()
+    stretches = [instant for instant in diagnosis.instants if instant.until > instant.time]
+    for which in (0, 1) if stretches else ():
+        t = np.array([[i.time, i.until, i.until] for i in stretches]).ravel()
+        angles = np.degrees([i.extreme_angles[which] for i in stretches])
+        y = np.stack([angles, angles, np.full(len(angles), np.nan)], axis=1).ravel()
+        curves.append(Curve("", t, y, color=GREY))
     for name, holds, color in (("(12) holds", True, BLUE), ("(12) fails", False, RED)):
         points = [
             (time, angle)
