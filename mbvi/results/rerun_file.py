@@ -18,7 +18,7 @@ from .tables import table
 if TYPE_CHECKING:
     from .run_data import Array, RunData
 
-_WALL, _SHEET, _PERCUSSION, _CONTACT = (190, 198, 204), (90, 125, 154), (216, 27, 74), (21, 101, 192)
+_WALL, _SHEET, _PERCUSSION, _CONTACT = (190, 198, 204, 50), (90, 125, 154, 90), (216, 27, 74), (21, 101, 192)
 # how long the arrow of an impact is shown [s], and its length of the greatest percussion, in sizes of the motion
 _FADE, _LENGTH = 0.1, 0.3
 
@@ -77,7 +77,7 @@ def write_rerun(run: RunData, path: Path) -> None:
         entity = f"{driven[id(item.motion)]}/{rr.escape_entity_path_part(item.name)}"
         file.log(
             entity,
-            rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.triangles, albedo_factor=(*_SHEET, 90)),
+            rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.triangles, albedo_factor=_SHEET),
             static=True,
         )
     _arrows(rr, file, run, _LENGTH * float(np.linalg.norm(upper - lower)))
@@ -128,7 +128,7 @@ def _plate(normal: Array, offset: float, middle: Array, size: float) -> Array:
     """Return the corners of a square in the plane of a wall near a point, shape (4, 3)."""
     turn = Rotation.align_vectors([normal], [[0.0, 0.0, 1.0]])[0]
     centre = middle + (offset - normal @ middle) * normal
-    return centre + size * turn.apply([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    return centre + 0.6 * size * turn.apply([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 
 
 def _arrows(rr: Any, file: Any, run: RunData, length: float) -> None:

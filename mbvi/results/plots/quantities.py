@@ -289,4 +289,4 @@ def _slip(run: RunData) -> Panel | str:
     interval = np.repeat(np.arange(len(found.starts) - 1), np.diff(found.starts))[seen]
     fastest = np.full(len(run.t), np.nan)
     np.fmax.at(fastest, interval, speed[seen])
-    return Panel("Slip", "fastest slip [m/s]", [Curve("", run.t, fastest, color=GREEN)], log=_spread(speed[seen]))
+    return Panel("Slip", "fastest slip [m/s]", [Curve("", run.t, fastest, "dots", GREEN)], log=_spread(speed[seen]))
