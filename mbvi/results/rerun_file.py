@@ -9,13 +9,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError, TrajectoryFileError
-from ..geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
+from ..geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, PlacedShape, Sphere
 from .columns import STATES
 from .energies import energies_of_run
 from .replay.keyframes import bounds, carried, motion, scene_of, shapes_of
 from .tables import table
 
 if TYPE_CHECKING:
+    from ..geometry.motion import Motion
+    from ..scene.model import SceneModel
     from .run_data import Array, RunData
 
 _WALL, _SHEET, _PERCUSSION, _CONTACT = (190, 198, 204, 50), (90, 125, 154, 90), (216, 27, 74), (21, 101, 192)
@@ -47,56 +49,47 @@ def write_rerun(run: RunData, path: Path) -> None:
     file.save(path, default_blueprint=layout)
     frames = rr.TimeColumn("time", duration=moves.instants)
     file.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    names = _Names(rr, run)
+    entities = _Entities(rr, run, scene)
     for b, body in enumerate(moves.bodies):
         poses = rr.Transform3D.columns(translation=moves.position[:, b], quaternion=moves.quaternion[:, b])
-        file.send_columns(names.body(body), [frames], poses)
-    for k, drive in enumerate(scene.motions):
+        file.send_columns(entities.body(body), [frames], poses)
+    for drive in scene.motions:
         position, quaternion = carried(drive, moves.instants)
-        file.send_columns(
-            f"world/driven/{k}", [frames], rr.Transform3D.columns(translation=position, quaternion=quaternion)
-        )
-    driven = {id(drive): f"world/driven/{k}" for k, drive in enumerate(scene.motions)} | {id(None): "world/fixed"}
+        poses = rr.Transform3D.columns(translation=position, quaternion=quaternion)
+        file.send_columns(entities.driven[id(drive)], [frames], poses)
     for placed in shown:
-        where = names.body(placed.body) if placed.body else driven[id(placed.motion)]
-        entity = f"{where}/{rr.escape_entity_path_part(placed.name)}"
+        entity = entities.of(placed.name, placed.motion, placed.body)
         file.log(entity, rr.Transform3D(translation=placed.position, mat3x3=placed.rotation), static=True)
         file.log(entity, _shape(rr, placed), static=True)
     for name, wall in scene.walls.items():
-        entity = f"{driven[id(wall.motion)]}/{rr.escape_entity_path_part(name)}"
-        corners = _plate(
-            np.array(wall.normal), wall.offset, 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
-        )
-        file.log(
-            entity,
-            rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=_WALL),
-            static=True,
-        )
+        file.log(entities.of(name, wall.motion), _plate(rr, wall, lower, upper), static=True)
     for item in scene.surfaces:
         mesh = item.placed()
-        entity = f"{driven[id(item.motion)]}/{rr.escape_entity_path_part(item.name)}"
-        file.log(
-            entity,
-            rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.triangles, albedo_factor=_SHEET),
-            static=True,
-        )
+        sheet = rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.triangles, albedo_factor=_SHEET)
+        file.log(entities.of(item.name, item.motion), sheet, static=True)
     _arrows(rr, file, run, _LENGTH * float(np.linalg.norm(upper - lower)))
     _scalars(rr, file, run)
     file.flush()
     file.disconnect()
 
 
-class _Names:
-    """Entities of bodies."""
+class _Entities:
+    """Entities of bodies, and of parts of the world with the same prescribed motion or none."""
 
-    def __init__(self, rr: Any, run: RunData) -> None:
+    def __init__(self, rr: Any, run: RunData, scene: SceneModel) -> None:
         assert run.problem is not None
-        self._rr, self._bodies = rr, run.problem.system.bodies
+        self._escaped, self._bodies = rr.escape_entity_path_part, run.problem.system.bodies
+        self.driven = {id(drive): f"world/driven/{k}" for k, drive in enumerate(scene.motions)}
+        self.driven[id(None)] = "world/fixed"
 
     def body(self, number: int) -> str:
         """Return the entity of a body."""
         robot, slash, joint = self._bodies[number].partition("/")
-        return f"world/{self._rr.escape_entity_path_part(robot)}" + slash + self._rr.escape_entity_path_part(joint)
+        return f"world/bodies/{self._escaped(robot)}" + slash + self._escaped(joint)
+
+    def of(self, name: str, motion: Motion | None, body: int = 0) -> str:
+        """Return the entity of a shape, a wall or a mesh; body 0 is the world."""
+        return f"{self.body(body) if body else self.driven[id(motion)]}/{self._escaped(name)}"
 
 
 def _shape(rr: Any, placed: PlacedShape) -> Any:
@@ -124,11 +117,13 @@ def _shape(rr: Any, placed: PlacedShape) -> Any:
     )
 
 
-def _plate(normal: Array, offset: float, middle: Array, size: float) -> Array:
-    """Return the corners of a square in the plane of a wall near a point, shape (4, 3)."""
+def _plate(rr: Any, wall: HalfSpace, lower: Array, upper: Array) -> Any:
+    """Return a square in the plane of a wall, near the motion."""
+    normal, middle, size = np.array(wall.normal), 0.5 * (lower + upper), 0.6 * float(np.linalg.norm(upper - lower))
     turn = Rotation.align_vectors([normal], [[0.0, 0.0, 1.0]])[0]
-    centre = middle + (offset - normal @ middle) * normal
-    return centre + 0.6 * size * turn.apply([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    square = turn.apply([[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]])
+    corners = middle + (wall.offset - normal @ middle) * normal + square
+    return rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=_WALL)
 
 
 def _arrows(rr: Any, file: Any, run: RunData, length: float) -> None:

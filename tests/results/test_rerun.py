@@ -47,7 +47,7 @@ def test_poses_are_those_of_the_replay(run, read):
     for b, body in enumerate(moves.bodies):
         # the reader gives names as paths, where brackets are escaped
         name = system.bodies[body].replace("[", r"\[").replace("]", r"\]")
-        found = read[0][f"/world/{name}"]
+        found = read[0][f"/world/bodies/{name}"]
         assert np.abs(seconds(found["time"]) - moves.instants).max() < 1e-6
         for part, values in (("translation", moves.position), ("quaternion", moves.quaternion)):
             # in single precision
@@ -58,15 +58,15 @@ def test_poses_are_those_of_the_replay(run, read):
 
 def test_shapes_have_their_kinds_and_sizes(read):
     fixed = read[1]
-    assert fixed["/world/box/box"]["Boxes3D:half_sizes"] == [[pytest.approx([0.1, 0.05, 0.05])]]
-    assert fixed["/world/ellipsoid/ellipsoid"]["Ellipsoids3D:half_sizes"] == [[pytest.approx([0.05, 0.1, 0.1])]]
-    capsule = fixed["/world/capsule/capsule"]
+    assert fixed["/world/bodies/box/box"]["Boxes3D:half_sizes"] == [[pytest.approx([0.1, 0.05, 0.05])]]
+    assert fixed["/world/bodies/ellipsoid/ellipsoid"]["Ellipsoids3D:half_sizes"] == [[pytest.approx([0.05, 0.1, 0.1])]]
+    capsule = fixed["/world/bodies/capsule/capsule"]
     assert capsule["Capsules3D:lengths"] == [[pytest.approx(0.2)]]
     assert capsule["Capsules3D:translations"] == [[pytest.approx([0.0, 0.0, -0.1])]]
     assert fixed["/world/driven/0/piston"]["Cylinders3D:radii"] == [[pytest.approx(0.1)]]
     corners = np.array(fixed["/world/fixed/floor"]["Mesh3D:vertex_positions"][0])
     assert corners.shape == (4, 3) and np.abs(corners[:, 2]).max() < 1e-6
-    wedge = fixed[r"/world/wedge\[0\]/wedge\[0\]"]
+    wedge = fixed[r"/world/bodies/wedge\[0\]/wedge\[0\]"]
     assert len(wedge["Mesh3D:vertex_positions"][0]) == len(wedge["Mesh3D:triangle_indices"][0]) == 4
 
 
