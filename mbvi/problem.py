@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -165,6 +166,10 @@ class Problem:
 
     def __repr__(self) -> str:
         return f"Problem(nq={self.system.nq}, nv={self.system.nv}, constraints={len(self.constraints)}, t0={self.t0:g})"
+
+    def _repr_html_(self) -> str:
+        """Return the report for a notebook."""
+        return f"<div><b>{escape(repr(self))}</b><pre>{escape(self.report())}</pre></div>"
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

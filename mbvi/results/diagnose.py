@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..arguments import shown
 from ..constraints.rows import take
 from ..errors import InputError
 from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
@@ -33,6 +34,8 @@ _INSTANT, _ROUNDING = 1e-6, 1e-10
 _ENERGY_ROUNDING = 1e-9
 # most numbers of all gradients and angles at one instant
 _MOST_ENTRIES = 30_000_000
+# most constraints in one impact of a run that is diagnosed without being asked
+_MOST_AT_ONCE = 32
 # length below which a gradient counts as zero
 _VANISHING = 1e-12
 
@@ -111,6 +114,20 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         found.not_followed,
         tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
     )
+
+
+def given_or_computed(run: RunData, diagnosis: Diagnosis | None) -> tuple[Diagnosis | None, str]:
+    """Return a diagnosis for plots and pages, or None and why there is none: many constraints at once cost too much."""
+    if diagnosis is not None:
+        if not isinstance(diagnosis, Diagnosis):
+            raise InputError(f"diagnosis must be what run.diagnosis() returned; got {shown(diagnosis)}")
+        return diagnosis, ""
+    if run.problem is None:
+        return None, "the file of this run could not bring its problem back"
+    most = max((len(impact.constraints) for impact in run.impacts), default=0)
+    if most > _MOST_AT_ONCE:
+        return None, f"{most} constraints take part in one impact; give diagnosis=run.diagnosis(), which may take long"
+    return diagnose(run), ""
 
 
 def _gains_by_friction(impact: Impact) -> bool:

@@ -62,6 +62,16 @@ class Instant:
         np.fill_diagonal(cosines, 1.0)
         return np.arccos(cosines)
 
+    @property
+    def extreme_angles(self) -> tuple[float, float]:
+        """Smallest and largest kinetic angle between two different gradients [rad]."""
+        entries = self._cosines.tocoo()
+        cosines = entries.data[entries.row != entries.col]
+        # entries that are not kept are right angles
+        if cosines.size < len(self.constraints) * (len(self.constraints) - 1):
+            cosines = np.append(cosines, 0.0)
+        return float(np.arccos(cosines.max())), float(np.arccos(cosines.min()))
+
 
 @dataclass(frozen=True)
 class Diagnosis:

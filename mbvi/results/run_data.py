@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import number
+from ..errors import InputError
 from ..schemes import SchemeBase, Timing
 
 if TYPE_CHECKING:
@@ -94,7 +96,7 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class RunData:
-    """The fields of a `Trajectory`, which documents them, without its methods."""
+    """The fields of a `Trajectory`, which documents them, and the states between them, without its other methods."""
 
     t: Array
     q: Array
@@ -116,6 +118,46 @@ class RunData:
         self.__dict__.update(state)
         # the arrays of a copy are writeable
         RunData.__post_init__(self)
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
+
+        For a run of `EventDriven` thinned by `every` it is a cubic between the recorded states, which satisfies the
+        tolerance at these only.
+
+        Parameters
+        ----------
+        t : float
+            Time [s], in [t_0, t_n].
+
+        Returns
+        -------
+        q : ndarray, shape (nq,)
+            Between the recorded states, along the retraction: for `Paoli` q_i + (t - t_i) v_i.
+        v : ndarray, shape (nv,)
+            v_i until the part of the step after which the scheme lets it jump, then v_{i+1}: for `Paoli` v_i.
+
+        Raises
+        ------
+        InputError
+            If t lies outside the run.
+        """
+        t = number(t, "t")
+        if not self.t[0] <= t <= self.t[-1]:
+            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
+        i = int(np.searchsorted(self.t, t, side="right")) - 1
+        if i == len(self.t) - 1:
+            return self.q[i].copy(), self.v[i].copy()
+        part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        dense = self.record.dense
+        if dense is not None and self.problem is not None:
+            dq, dv = (self.t[i + 1] - self.t[i]) * (dense[i] @ part ** np.arange(1, 1 + dense.shape[-1]))
+            return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
+        v = self.v[i + (part >= self.record.timing.jump)].copy()
+        if self.problem is None:
+            return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
+        system = self.problem.system
+        return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), v
 
     @property
     def lacks_functions(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 # characters of a note that are shown, and names of things
 _NOTE, _THINGS = 100, 4
 _ROUNDING = 1e-12
+# impacts that a notebook shows
+_SHOWN = 12
 
 
 def summary(run: RunData) -> str:
@@ -68,12 +71,12 @@ def _impacts(run: RunData) -> str:
 
 def _regimes(run: RunData) -> str:
     """Return how many contacts with friction stick and slip in impacts; nothing without friction."""
-    found = Counter(word for impact in run.impacts for word in _words(impact))
+    found = Counter(word for impact in run.impacts for word in regimes(impact))
     return f", where {found['stick']} contacts stick and {found['slip']} slip" if found else ""
 
 
-def _words(impact: Impact) -> list[str]:
-    """Return the regime of each row, "" where it has no friction; an empty list in problems without friction."""
+def regimes(impact: Impact) -> list[str]:
+    """Return "stick", "slip" or "open" of each row, "" where it has no friction; an empty list without friction."""
     if impact.regime is None or impact.tangential is None:
         return []
     # the tangential percussion of a contact that slips is mu p
@@ -125,9 +128,19 @@ def impact_table(run: RunData, most: int) -> str:
         for k, name in enumerate(impact.constraints):
             time, more = f"{impact.time:10.4f}" if k == 0 else " " * 10, ""
             if impact.tangential is not None:
-                more = f"  {np.linalg.norm(impact.tangential[k]):10.4g}  {_words(impact)[k]:>6}"
+                more = f"  {np.linalg.norm(impact.tangential[k]):10.4g}  {regimes(impact)[k]:>6}"
             lines.append(
                 f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}{more}  {name}"
             )
     left = len(run.impacts) - len(strongest)
     return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))
+
+
+def notebook(run: RunData) -> str:
+    """Return the summary as HTML, and the strongest impacts behind a click."""
+    first, *lines = (html.escape(line) for line in summary(run).splitlines())
+    text = f"<b>{first}</b>" + "".join(f"<br>{line}" for line in lines)
+    if not run.impacts:
+        return f"<div>{text}</div>"
+    table = html.escape(impact_table(run, _SHOWN))
+    return f"<div>{text}<details><summary>strongest impacts</summary><pre>{table}</pre></details></div>"

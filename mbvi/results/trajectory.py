@@ -11,13 +11,19 @@ import numpy as np
 from ..arguments import between, choice, file_path, number, positive
 from ..errors import InputError
 from .contact_forces import ContactNames, durations, force_on, forces_between, recorded_contacts
-from .diagnose import diagnose
+from .diagnose import diagnose, given_or_computed
 from .energies import energies_of_run
+from .export import export
 from .hdf5 import save
 from .run_data import Array, RunData
-from .summary import impact_table, summary
+from .summary import impact_table, notebook, summary
+from .tables import to_pandas, to_xarray
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
     from ..constraints.contact import Contact
     from .diagnosis import Diagnosis
 
@@ -56,45 +62,9 @@ class Trajectory(RunData):
         """Return a summary of the run in five lines."""
         return summary(self)
 
-    def at(self, t: float) -> tuple[Array, Array]:
-        """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
-
-        For a run of `EventDriven` thinned by `every` it is a cubic between the recorded states, which satisfies the
-        tolerance at these only.
-
-        Parameters
-        ----------
-        t : float
-            Time [s], in [t_0, t_n].
-
-        Returns
-        -------
-        q : ndarray, shape (nq,)
-            Between the recorded states, along the retraction: for `Paoli` q_i + (t - t_i) v_i.
-        v : ndarray, shape (nv,)
-            v_i until the part of the step after which the scheme lets it jump, then v_{i+1}: for `Paoli` v_i.
-
-        Raises
-        ------
-        InputError
-            If t lies outside the run.
-        """
-        t = number(t, "t")
-        if not self.t[0] <= t <= self.t[-1]:
-            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
-        i = int(np.searchsorted(self.t, t, side="right")) - 1
-        if i == len(self.t) - 1:
-            return self.q[i].copy(), self.v[i].copy()
-        part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
-        dense = self.record.dense
-        if dense is not None and self.problem is not None:
-            dq, dv = (self.t[i + 1] - self.t[i]) * (dense[i] @ part ** np.arange(1, 1 + dense.shape[-1]))
-            return self.problem.system.integrate(self.q[i], dq), self.v[i] + dv
-        v = self.v[i + (part >= self.record.timing.jump)].copy()
-        if self.problem is None:
-            return self.q[i] + part * (self.q[i + 1] - self.q[i]), v
-        system = self.problem.system
-        return system.integrate(self.q[i], part * system.difference(self.q[i], self.q[i + 1])), v
+    def _repr_html_(self) -> str:
+        """Return the summary and the strongest impacts for a notebook."""
+        return notebook(self)
 
     def energies(self) -> tuple[Array, Array]:
         """Return kinetic and potential energy, shapes (n + 1,) [J].
@@ -245,6 +215,116 @@ class Trajectory(RunData):
         from .replay.replay import replay_html
 
         replay_html(self, file_path(path), choice(shapes, "shapes", ("visual", "collision")))
+
+    def report(self, path: str | os.PathLike[str], diagnosis: Diagnosis | None = None) -> None:
+        """Write one HTML page about the run, without a server or a network: replay, plots, impacts, diagnosis, model.
+
+        The plots are energies, percussions, gaps, penetration, closed contacts, kinetic angles, and with friction
+        the ratio |p_t| / p and the slip. Of long runs they show the least and the greatest value in each of 1000
+        intervals of time. The page holds the initial state as a file, from which the run can be made again.
+
+        Parameters
+        ----------
+        path : path
+            The page; an old one is replaced.
+        diagnosis : Diagnosis, optional
+            What `diagnosis()` returned. By default it is computed, unless more than 32 constraints take part in one
+            impact, where it may cost much more than the run.
+
+        Raises
+        ------
+        InputError
+            If an argument is of another kind.
+        TrajectoryFileError
+            If the page cannot be written.
+        """
+        from .report.page import write_report
+
+        write_report(self, file_path(path), self.replay_html, *given_or_computed(self, diagnosis))
+
+    def plot(self, diagnosis: Diagnosis | None = None) -> Figure:
+        """Return the plots of `report` as a matplotlib figure; `diagnosis` is as there.
+
+        Raises
+        ------
+        InputError
+            If matplotlib is not installed, the run has one state only, or the argument is of another kind.
+        """
+        from .plots.figure import figure
+
+        return figure(self, *given_or_computed(self, diagnosis))
+
+    def to_pandas(self, table: str = "states") -> pandas.DataFrame:
+        """Return a table of the run as a DataFrame; its `attrs["units"]` has the unit of each column.
+
+        Parameters
+        ----------
+        table : "states", "impacts" or "contacts"
+            States have the times as index "t", and the columns "q/robot/joint", "q/body/x", "v/robot/joint",
+            "v/body/vx", "penetration", "residual", "energy/kinetic" and "energy/potential". Impacts and recorded
+            contacts have a row for each contact point or limit.
+
+        Raises
+        ------
+        InputError
+            If `table` is another word, the run did not record contacts, or pandas is not installed.
+        """
+        return to_pandas(self, table)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return states, impacts and recorded contacts as a Dataset.
+
+        Its dimensions are "t", "coordinate" and "velocity", which have the names of the entries of q and v, "impact"
+        and "contact", which have a row for each contact point or limit, and "axis". Units are in the variables'
+        `attrs["units"]`, those of q and v along "coordinate_unit" and "velocity_unit".
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return to_xarray(self)
+
+    def export(self, path: str | os.PathLike[str], table: str | None = None) -> None:
+        """Write the run to a CSV, Parquet or MCAP file; numbers read from it have the same bits.
+
+        Parameters
+        ----------
+        path : path
+            A file that ends in .csv, .parquet or .mcap; an old one is replaced. CSV and Parquet hold one table with
+            the columns of `to_pandas`: CSV under a header row of names with units, Parquet with units as metadata of
+            the fields. MCAP, the log format of ROS 2 and Foxglove, holds states, impacts, shapes and poses.
+        table : "states", "impacts" or "contacts", optional
+            The table of a CSV or Parquet file, states by default.
+
+        Raises
+        ------
+        InputError
+            If the path has another end, `table` is another word or does not fit, the run did not record contacts, or a
+            package is not installed.
+        TrajectoryFileError
+            If the file cannot be written.
+        """
+        export(self, file_path(path), table)
+
+    def to_rerun(self, path: str | os.PathLike[str]) -> None:
+        """Write the run to a file for the Rerun viewer: shapes, poses, impacts, contacts, energies and penetration.
+
+        Parameters
+        ----------
+        path : path
+            The file, "run.rrd"; an old one is replaced.
+
+        Raises
+        ------
+        InputError
+            If the run has no scene to show, or rerun-sdk is not installed.
+        TrajectoryFileError
+            If the file cannot be written.
+        """
+        from .rerun_file import write_rerun
+
+        write_rerun(self, file_path(path))
 
     def impact_table(self, most: int = 20) -> str:
         """Return the impacts as a table, the `most` strongest if there are more."""

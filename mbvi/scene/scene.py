@@ -35,6 +35,7 @@ from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .mjcf_models import MjcfModels
+from .overview import overview, overview_html
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .robot_names import description_file
@@ -94,6 +95,13 @@ class Scene(Walls, Grains, MjcfModels, Actions):
             energy_cap=boolean(energy_cap, "energy_cap"),
             plane=checked_plane(plane),
         )
+
+    def __repr__(self) -> str:
+        return overview(self._items)
+
+    def _repr_html_(self) -> str:
+        """Return the things in the scene as a table for a notebook."""
+        return overview_html(self._items)
 
     def add_urdf(
         self,

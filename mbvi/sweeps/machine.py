@@ -1,32 +1,13 @@
-"""The machine a run was made on, and the versions that its numbers depend on."""
+"""The machine a run was made on."""
 
 from __future__ import annotations
 
 import ctypes
 import platform
-import sys
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
-
-_PACKAGES = ("numpy", "scipy", "numba", "pin", "coal", "proxsuite")
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return the versions of mbvi, Python and the packages that compute."""
-    # the package is imported whole before any of its functions is called
-    package = sys.modules[__name__.partition(".")[0]]
-    found = {"mbvi": package.__version__, "python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            # installed by other means than pip
-            found[name] = "unknown"
-    return found
 
 
 @cache

@@ -17,8 +17,8 @@ from typing import Any
 
 from ..arguments import shown
 from ..errors import InputError, TrajectoryFileError
+from ..results.versions import versions
 from .fingerprint import digest
-from .machine import versions
 from .points import Points
 
 FORMAT = "mbvi study 1"

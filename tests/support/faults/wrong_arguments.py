@@ -590,6 +590,15 @@ CALLS: dict[str, Call] = {
     "Trajectory.replay_html": Call(
         lambda **given: run().replay_html(**given), lambda: {"path": "run.html", "shapes": "collision"}
     ),
+    "Trajectory.report": Call(
+        lambda **given: run().report(**given), lambda: {"path": "report.html", "diagnosis": run().diagnosis()}
+    ),
+    "Trajectory.plot": Call(lambda **given: run().plot(**given), lambda: {"diagnosis": run().diagnosis()}),
+    "Trajectory.to_pandas": Call(lambda **given: run().to_pandas(**given), lambda: {"table": "impacts"}),
+    "Trajectory.export": Call(
+        lambda **given: run().export(**given), lambda: {"path": "run.csv", "table": "impacts"}
+    ),
+    "Trajectory.to_rerun": Call(lambda **given: run().to_rerun(**given), lambda: {"path": "run.rrd"}),
     "Trajectory.contacts": Call(lambda **given: run().contacts(**given), lambda: {"t": 0.015}),
     "Trajectory.contact_forces": Call(lambda **given: run().contact_forces(**given), lambda: {"name": "ball"}),
     "Trajectory.impact_table": Call(lambda **given: run().impact_table(**given), lambda: {"most": 3}),

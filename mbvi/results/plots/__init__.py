@@ -1,0 +1,1 @@
+"""The quantities of a run that are plotted, and their pictures by matplotlib."""

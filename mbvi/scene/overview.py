@@ -1,0 +1,55 @@
+"""The things in a scene as text, and as a table for a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from html import escape
+
+from .items import SceneItems, entity
+
+# most names of one kind
+_MOST_NAMED = 8
+
+
+def overview(items: SceneItems) -> str:
+    """Return one line on a scene."""
+    things = [f"{kind} {names}" for kind, names in _things(items).items()]
+    return f"Scene({', '.join(things) or 'empty'})"
+
+
+def overview_html(items: SceneItems) -> str:
+    """Return a table of the things in a scene and its settings."""
+    settings = {
+        "gravity [m/s^2]": ", ".join(f"{g:g}" for g in items.gravity),
+        "restitution": _coefficients(items.restitution, items.pair_restitution.values()),
+        "friction": _coefficients(items.friction, items.pair_friction.values()),
+    }
+    if items.plane is not None:
+        settings["plane"] = items.plane
+    rows = (_things(items) | settings).items()
+    cells = "".join(f"<tr><th>{escape(head)}</th><td>{escape(text)}</td></tr>" for head, text in rows)
+    return f"<table><caption>Scene</caption>{cells}</table>"
+
+
+def _things(items: SceneItems) -> dict[str, str]:
+    """Return the names of the things of each kind that there are."""
+    groups: dict[str, Collection[str]] = {
+        "robots": [item.robot.name for item in items.robots],
+        "bodies": dict.fromkeys(entity(b.name) for b in items.bodies if not b.fixed),
+        "spheres": [s.name if len(s.radii) == 1 else f"{s.name} ({len(s.radii)})" for s in items.spheres],
+        "walls": items.walls,
+        "meshes": [s.name for s in items.surfaces],
+        "fixed bodies": dict.fromkeys(entity(b.name) for b in items.bodies if b.fixed),
+    }
+    return {kind: _listed(names) for kind, names in groups.items() if names}
+
+
+def _listed(names: Collection[str]) -> str:
+    shown = list(names)[:_MOST_NAMED]
+    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(names) > len(shown) else "")
+
+
+def _coefficients(common: float, own: Collection[float]) -> str:
+    """Return a coefficient, and those that pairs have of their own."""
+    others = sorted(set(own))
+    return f"{common:g}" + (f"; of some pairs {', '.join(f'{e:g}' for e in others)}" if others else "")
