@@ -18,7 +18,7 @@ from ..errors import InadmissibleStartError, InputError, MbviError, MbviWarning,
 from ..run.interrupted import save_interrupted
 from ..schemes import EventDriven, Scheme
 from .chart import chart
-from .replay import Shapes, warnings_as_notes, write_page
+from .replay import Shapes, play, write_page
 from .scheme_names import SchemeName
 from .solver_names import SolverName
 from .stress import stress
@@ -149,9 +149,7 @@ def replay(
     if not trajectory.complete:
         print(f"this run is incomplete: it ends at t = {trajectory.t[-1]:g} s")
     if html is None:
-        print("playing in the browser", flush=True)
-        with warnings_as_notes():
-            trajectory.replay(shapes=shapes.value)
+        play(trajectory, shapes)
     else:
         write_page(trajectory, html, shapes)
 

@@ -103,9 +103,7 @@ class Browser:
 
     def resize(self, width: int, height: int) -> None:
         """Set the size of the window [pixels]."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
-        )
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def open(self, address: str, until: str = "true") -> None:
         """Open a page and wait until an expression of it is true.
@@ -124,7 +122,9 @@ class Browser:
         end = time.monotonic() + _START
         while not self.evaluate(f"(() => {{ try {{ return Boolean({until}); }} catch {{ return false; }} }})()"):
             if time.monotonic() > end:
-                raise MbviError(f"the page did not get ready in Chromium; it says: {'; '.join(self.errors) or 'nothing'}")
+                raise MbviError(
+                    f"the page did not get ready in Chromium; it says: {'; '.join(self.errors) or 'nothing'}"
+                )
             time.sleep(0.02)
 
     def evaluate(self, expression: str) -> Any:
@@ -143,7 +143,9 @@ class Browser:
         assert self._process.stderr is not None
         stopper = threading.Timer(_START, self._process.kill)
         stopper.start()
-        port = next((found[1] for line in self._process.stderr if (found := re.search(r"ws://[^:]+:(\d+)/", line))), None)
+        port = next(
+            (found[1] for line in self._process.stderr if (found := re.search(r"ws://[^:]+:(\d+)/", line))), None
+        )
         stopper.cancel()
         if port is None:
             raise MbviError("Chromium did not start")

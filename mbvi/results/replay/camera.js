@@ -15,17 +15,24 @@ const Camera = {
     view(name) {
         const towards = VIEWS[name], long = Math.hypot(...towards), back = new THREE.Vector3(towards[0], towards[2], -towards[1]).divideScalar(long);
         const right = new THREE.Vector3(0, 1, 0).cross(back).normalize(), up = back.clone().cross(right);
-        const slope = Math.tan(FIELD * Math.PI / 360), aspect = innerWidth / innerHeight;
+        const slope = Math.tan(FIELD * Math.PI / 360), aspect = innerWidth / innerHeight, clear = 1 - ($("bar").hidden ? 0 : $("bar").offsetHeight + 10) / innerHeight;
         let distance = 0.1;
         for (let k = 0; k < 8; k++) {
             const corner = local([0, 1, 2].map(j => (k >> j) & 1 ? DATA.upper[j] : DATA.lower[j]));
-            const wide = Math.abs(corner.dot(right)) / (aspect * slope), high = Math.abs(corner.dot(up)) / slope;
+            const wide = Math.abs(corner.dot(right)) / (aspect * slope), high = Math.abs(corner.dot(up)) / (clear * slope);
             distance = Math.max(distance, corner.dot(back) + Math.max(wide, high));
         }
         const middle = this.followed < 0 ? new THREE.Vector3() : this.place();
         viewer.controls.target.copy(middle);
         viewer.camera.position.copy(back.multiplyScalar(1.12 * distance).add(middle));
         viewer.camera.fov = FIELD;
+        this.lift();
+    },
+
+    // keeps the middle of the picture above the bar
+    lift() {
+        const high = $("bar").hidden ? 0 : $("bar").offsetHeight + 10;
+        viewer.camera.setViewOffset(innerWidth, innerHeight, 0, high / 2, innerWidth, innerHeight);
         viewer.set_dirty();
     },
 

@@ -39,20 +39,22 @@ def quantised(position: Array, quaternion: Array, origin: Array, step: float) ->
     return np.concatenate([places, turns], axis=-1).astype(np.uint16).reshape(*position.shape[:-2], -1)
 
 
-def encode(position: Array, quaternion: Array) -> Encoded:
+def encode(position: Array, quaternion: Array, beside: Array) -> Encoded:
     """Encode poses at the frames.
 
     Parameters
     ----------
     position, quaternion : ndarray, shape (frames, n, 3) and (frames, n, 4)
         Positions [m] and rotations (x, y, z, w), both finite.
+    beside : ndarray, shape (k, 3)
+        Other positions that `quantised` shall know by the same origin and step [m].
 
     Returns
     -------
     Encoded
         Decoded, a position is wrong by 1e-5 of the longest side of the motion at most, and a quaternion by 1e-4.
     """
-    flat = position.reshape(-1, 3)
+    flat = np.concatenate([position.reshape(-1, 3), beside])
     origin = flat.min(axis=0, initial=np.inf) if len(flat) else np.zeros(3)
     side = float((flat.max(axis=0) - origin).max()) if len(flat) else 0.0
     # where nothing moves any step does; a step that is lost beside the coordinates would divide by zero

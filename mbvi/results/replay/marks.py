@@ -108,12 +108,11 @@ class _Row(NamedTuple):
         return Arrow(i.time, i.point[k], i.normal[k], length, i.constraints[k], direction, i.regime[k] == "stick")
 
 
-
 def marks(run: PlayableRun, moves: Motion, length: float) -> Array:
     """Return the marks in order of their beginnings, shape (n, 12).
 
-    A row holds the times between which it is seen [s], what it is, whether its contact sticks, where it stands, its unit
-    direction, and its width and length [m]. Marks of impacts end when they begin: the page shows them for a while.
+    A row holds the times between which it is seen [s], what it is, its regime, where it stands [m], its unit direction,
+    and its width and length [m]. Marks of impacts end when they begin: the page shows them for a while.
 
     Parameters
     ----------
@@ -163,18 +162,16 @@ def _contact_marks(run: PlayableRun, moves: Motion, names: ContactNames, most: f
     seen = (moves.times[frame], ends[frame])
     slant = most / np.hypot(1.0, mu)
 
-    def columns(kind: int, direction: Array, wide: Array, high: Array) -> Array:
-        kinds = np.full(len(row), kind)
-        return np.column_stack([*seen, kinds, np.where(kind == ARROW, state % SMOOTH, state), table.point[row], direction,
-                                wide, high])  # fmt: skip
-
     every = np.full(len(row), most)
-    return np.concatenate([
-        # thick enough to be seen, however short
-        columns(ARROW, whole / size[:, None], every, long),
-        columns(NORMAL, table.normal[row], every, every),
-        columns(CONE, table.normal[row], mu * slant, slant)[mu > 0.0],
-    ])  # fmt: skip
+
+    def rows(kind: int, regime: Array, direction: Array, wide: Array, high: Array) -> Array:
+        return np.column_stack([*seen, np.full(len(row), kind), regime, table.point[row], direction, wide, high])
+
+    # thick enough to be seen, however short
+    found_arrows = rows(ARROW, np.where(state == SMOOTH, SLIPS, state), whole / size[:, None], every, long)
+    normals = rows(NORMAL, state, table.normal[row], every, every)
+    cones = rows(CONE, state, table.normal[row], mu * slant, slant)[mu > 0.0]
+    return np.concatenate([found_arrows, normals, cones])
 
 
 def _closed(table: Any, i: int) -> Array:
@@ -185,7 +182,7 @@ def _closed(table: Any, i: int) -> Array:
 
 
 def strikes(run: PlayableRun, moves: Motion) -> Array:
-    """Return times [s], columns of `moves` and percussions [N s], shape (n, 3), in order, of bodies that were struck."""
+    """Return when [s] which columns of `moves` were struck by which percussion [N s], shape (n, 3), in order of time."""
     names, column = ContactNames(run), {body: moves.driven + k for k, body in enumerate(moves.bodies)}
     known = dict[str, tuple[int, ...]]()
     rows = list[tuple[float, int, float]]()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -160,7 +160,10 @@ def _poses(run: PlayableRun, drives: Sequence[Drive], bodies: list[int], times: 
     """Return positions and quaternions of prescribed motions, then of bodies, at some times."""
     assert run.problem is not None
     system, which, driven = run.problem.system, np.array(bodies, dtype=np.int64), len(drives)
-    position, quaternion = np.zeros((len(times), driven + len(bodies), 3)), np.zeros((len(times), driven + len(bodies), 4))
+    position, quaternion = (
+        np.zeros((len(times), driven + len(bodies), 3)),
+        np.zeros((len(times), driven + len(bodies), 4)),
+    )
     quaternion[..., 3] = 1.0
     for k, t in enumerate(times.tolist()):
         for column, drive in enumerate(drives):
@@ -206,7 +209,10 @@ def bounds(scene: SceneModel, moves: Motion, shown: Sequence[PlacedShape] | None
                 low, high = places.min(axis=0) - placed.shape.radius, places.max(axis=0) + placed.shape.radius
             else:
                 turn = Rotation.from_quat(quaternions)
-                centre, reach = places + turn.apply(placed.position), _reach(placed.shape, turn.as_matrix() @ placed.rotation)
+                centre, reach = (
+                    places + turn.apply(placed.position),
+                    _reach(placed.shape, turn.as_matrix() @ placed.rotation),
+                )
                 low, high = (centre - reach).min(axis=0), (centre + reach).max(axis=0)
             lower, upper = np.minimum(lower, low), np.maximum(upper, high)
     near = 0.5 * float((upper - lower).max())

@@ -33,6 +33,14 @@ const replay = {
         $("clock").textContent = `${(DATA.start + this.time).toFixed(3)} s`;
     },
 
+    // for pictures: without controls, and not playing
+    still() {
+        this.autoplay = false;
+        this.pause();
+        $("bar").hidden = $("options").hidden = true;
+        Camera.view("fit");
+    },
+
     paint() { this.painter.paint(this.time, this.rate, this.poses, this.groups); },
 
     choose(kind) {
@@ -106,6 +114,7 @@ function loop(now) {
     replay.choose(DATA.shapes);
     Camera.view("fit");
     replay.ready = true;
+    addEventListener("resize", () => Camera.lift());
     requestAnimationFrame(loop);
     // the first picture takes long: time starts after it
     requestAnimationFrame(() => requestAnimationFrame(() => replay.autoplay === false || replay.play()));

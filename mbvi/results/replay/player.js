@@ -207,7 +207,7 @@ class Marks {
         const counts = [0, 0, 0];
         for (let k = 0; k < marks.begins.length; k++) counts[rows[12 * k + 2]]++;
         marks.meshes = counts.map((count, kind) => instanced(["meshcat", "marks", String(kind), "<object>"], count));
-        // the page begins with a contact's longest time
+        // the longest time of a contact, which bounds the search
         marks.longest = 0;
         for (let k = 0; k < marks.begins.length; k++)
             if (isFinite(rows[12 * k + 1])) marks.longest = Math.max(marks.longest, rows[12 * k + 1] - rows[12 * k]);

@@ -104,15 +104,16 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
 
 def _poses(moves: Motion) -> dict[str, Any]:
     """Return frames and keys as the page reads them."""
-    code = encode(moves.position, moves.quaternion)
-    keys = quantised(moves.key_position, moves.key_quaternion, code.origin, code.step) if len(moves.key_times) else []
+    code = encode(moves.position, moves.quaternion, moves.key_position)
+    # each key holds one pose
+    keys = quantised(moves.key_position[:, None], moves.key_quaternion[:, None], code.origin, code.step)
     return {
         "start": float(moves.times[0]), "end": float(moves.times[-1]), "frames": code.frames,
         "columns": moves.position.shape[1], "origin": code.origin.tolist(), "step": code.step, "turnStep": TURN_STEP,
         "first": packed(code.first), "varying": packed(code.varying.astype(np.uint8)),
         "differences": text_of(code.differences),
         "keyTimes": packed(moves.key_times - moves.times[0]), "keyColumns": packed(moves.key_columns.astype(np.int32)),
-        "keys": packed(np.reshape(keys, -1).astype(np.uint16)),
+        "keys": packed(keys),
     }  # fmt: skip
 
 
