@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..errors import MbviWarning
-from .replay import Shapes, warnings_as_notes, write_page
+from .replay import Shapes, play, write_page
 from .running import ShapesOption, check_targets
 
 
@@ -29,8 +29,6 @@ def replay(
     if not trajectory.complete:
         print(f"this run is incomplete: it ends at t = {trajectory.t[-1]:g} s")
     if html is None:
-        print("playing in the browser", flush=True)
-        with warnings_as_notes():
-            trajectory.replay(shapes=shapes.value)
+        play(trajectory, shapes)
     else:
         write_page(trajectory, html, shapes)

@@ -1,10 +1,10 @@
-"""Replay on the command line: the choice of shapes, writing a page, printing warnings as notes."""
+"""Replay on the command line: the choice of shapes, playing, writing a page, printing warnings as notes."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +27,17 @@ def write_page(run: Trajectory, page: Path, shapes: Shapes) -> None:
     with warnings_as_notes():
         run.replay_html(page, shapes.value)
     print(f"replay       {page} (opens in any browser)")
+
+
+def play(run: Trajectory, shapes: Shapes) -> None:
+    """Show a run in the browser until the user interrupts; its page can be closed and opened again."""
+    from ..results.replay.live import replay
+
+    with suppress(KeyboardInterrupt):
+        with warnings_as_notes():
+            server = replay(run, shapes=shapes.value)
+        print("Ctrl-C ends; a page that is open goes on playing", flush=True)
+        server.wait()
 
 
 @contextmanager

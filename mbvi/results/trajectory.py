@@ -181,17 +181,64 @@ class Trajectory(RunData):
         save(self, file_path(path))
 
     def replay(self, speed: float = 1.0, shapes: str = "visual") -> None:
-        """Play the run in a browser through meshcat; `speed` 1 is true time, `shapes` is as for `replay_html`.
+        """Show the run in a browser; returns when the browser has the page, which it can reopen while the program runs.
+
+        Parameters
+        ----------
+        speed : float
+            Seconds of the run per second of the replay, until the user chooses another.
+        shapes : "visual" or "collision"
+            As for `replay_html`.
 
         Raises
         ------
         InputError
             If the run has no scene to show, the speed is not positive, or `shapes` is another word.
         """
-        from .replay.replay import replay
+        from .replay.live import replay
 
         shown = choice(shapes, "shapes", ("visual", "collision"))
         replay(self, speed=between(positive(speed, "speed"), "speed", 1e-6, 1e6), shapes=shown)
+
+    def replay_video(
+        self,
+        path: str | os.PathLike[str],
+        t: float | tuple[float, float] | None = None,
+        speed: float = 1.0,
+        shapes: str = "visual",
+    ) -> None:
+        """Write a picture (.png) or a video (.mp4, .gif) of the replay, by an installed Chromium.
+
+        Parameters
+        ----------
+        path : path
+            The file; its name ends with .png, .gif or .mp4. A .mp4 needs ffmpeg, a .gif pillow or ffmpeg.
+        t : float or pair of float, optional
+            Of a picture its instant, the last one by default; of a video its first and last instant, the whole run by
+            default [s].
+        speed : float
+            Seconds of the run per second of the video.
+        shapes : "visual" or "collision"
+            As for `replay_html`.
+
+        Raises
+        ------
+        InputError
+            If the run has no scene to show, `t` lies outside the run, the name ends otherwise, or Chromium or ffmpeg is
+            not installed.
+        TrajectoryFileError
+            If the file cannot be written.
+        """
+        from .replay.video import replay_video
+
+        if isinstance(t, tuple | list):
+            if len(t) != 2:
+                raise InputError(f"t of a video is a pair, its first and its last instant; got {t}")
+            span: float | tuple[float, float] | None = (number(t[0], "t"), number(t[1], "t"))
+        else:
+            span = None if t is None else number(t, "t")
+        rate = between(positive(speed, "speed"), "speed", 1e-6, 1e6)
+        replay_video(self, file_path(path), span, rate, choice(shapes, "shapes", ("visual", "collision")))
 
     def replay_html(self, path: str | os.PathLike[str], shapes: str = "visual") -> None:
         """Write one HTML page that plays the run without a server or a network.
@@ -201,9 +248,10 @@ class Trajectory(RunData):
         path : path
             The page; an old one is replaced.
         shapes : "visual" or "collision"
-            Whether robots show the visual shapes of their URDFs or the collision shapes that impacts happen on. A robot
-            without visual shapes shows its collision shapes, and so does one whose mesh files cannot be read any more,
-            with an `MbviWarning`. The colours of a DAE or OBJ file go before those of the URDF.
+            Whether robots show at first the visual shapes of their URDFs or the collision shapes that impacts happen
+            on; a button of the page switches. A robot without visual shapes shows its collision shapes, and so does one
+            whose mesh files cannot be read any more, with an `MbviWarning`. The colours of a DAE or OBJ file go before
+            those of the URDF.
 
         Raises
         ------

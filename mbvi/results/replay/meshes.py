@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import meshcat.geometry as g
 import numpy as np
@@ -15,8 +15,6 @@ from ...scene.meshes import Mesh
 Array = np.ndarray
 
 _SEGMENTS = 32
-# of percussions; with friction of contacts that slip, and of those that stick
-_ARROW_COLOR, _STICK_COLOR = 0xD81B4A, 0x1565C0
 _CONE_OPACITY = 0.3
 # of a sphere that rolls, and how dark every second one is
 _STRIPES, _SHADE = 8, 0.45
@@ -30,33 +28,55 @@ _SHEET_COLOR = 0x5A7D9A
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def shape_mesh(placed: PlacedShape) -> tuple[g.Mesh, Array]:
-    """Return the mesh of a shape in its color, and the rotation, shape (3, 3), from the mesh to the shape's frame."""
-    shape, turn = placed.shape, np.eye(3)
-    if isinstance(shape, Sphere):
-        geometry = _Round((shape.radius,) * 3)
-    elif isinstance(shape, Ellipsoid):
-        geometry = _Round(shape.radii)
+class ShapeMesh(NamedTuple):
+    """The mesh that shapes share, what tells it from others, and the map, shape (3, 3), from it to one shape."""
+
+    mesh: g.Mesh
+    key: tuple[Any, ...]
+    scale: Array
+    striped: bool = False
+
+
+def shape_mesh(placed: PlacedShape, *, rolling: bool = False) -> ShapeMesh:
+    """Return the white mesh of a shape; boxes, cylinders and round shapes of all sizes share one of unit size.
+
+    Parameters
+    ----------
+    placed : PlacedShape
+        The shape.
+    rolling : bool
+        Whether a sphere has stripes, which show that it turns.
+    """
+    shape, opacity = placed.shape, float(placed.color[3])
+    stripes = rolling and isinstance(shape, Sphere)
+    scale, key = np.eye(3), tuple[Any, ...]()
+    geometry: g.Geometry
+    if isinstance(shape, Sphere | Ellipsoid):
+        radii = (shape.radius,) * 3 if isinstance(shape, Sphere) else shape.radii
+        geometry, scale, key = _striped() if stripes else _Round((1.0,) * 3), np.diag(radii), ("round", stripes)
     elif isinstance(shape, Box):
-        geometry = g.Box(shape.size)
+        geometry, scale, key = g.Box((1.0, 1.0, 1.0)), np.diag(shape.size), ("box",)
     elif isinstance(shape, Cylinder):
-        geometry, turn = g.Cylinder(shape.length, shape.radius), _Y_TO_Z
+        size = np.diag([shape.radius, shape.radius, shape.length])
+        geometry, scale, key = g.Cylinder(1.0, 1.0), size @ _Y_TO_Z, ("cylinder",)
     elif isinstance(shape, Capsule):
-        geometry = _capsule(shape)
-    elif isinstance(shape, Mesh):
-        geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles, shape.colors)
+        geometry, key = _capsule(shape), ("capsule", shape.radius, shape.length)
     else:
-        geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles)
-    colored = isinstance(shape, Mesh) and shape.colors is not None
+        colors = shape.colors if isinstance(shape, Mesh) else None
+        geometry = g.TriangularMeshGeometry(shape.vertices, shape.triangles, colors)
+        arrays = (shape.vertices, shape.triangles) if colors is None else (shape.vertices, shape.triangles, colors)
+        key = ("mesh", *(np.ascontiguousarray(a).tobytes() for a in arrays))
+    colored = stripes or (isinstance(shape, Mesh) and shape.colors is not None)
     material = g.MeshPhongMaterial(
-        # the colours of vertices are multiplied by this one
-        color=0xFFFFFF if colored else _number_of(placed.color),
-        vertexColors=colored,
-        opacity=float(placed.color[3]),
-        flatShading=isinstance(shape, Hull | Mesh),
-        shininess=20,
+        color=0xFFFFFF, vertexColors=colored, opacity=opacity, flatShading=isinstance(shape, Hull | Mesh), shininess=20
     )
-    return g.Mesh(geometry, material), turn
+    return ShapeMesh(g.Mesh(geometry, material), (*key, opacity), scale, stripes)
+
+
+def shape_color(placed: PlacedShape) -> tuple[float, ...]:
+    """Return red, green and blue by which the colors of a shape's mesh are multiplied."""
+    own = isinstance(placed.shape, Mesh) and placed.shape.colors is not None
+    return (1.0, 1.0, 1.0) if own else tuple(float(part) for part in placed.color[:3])
 
 
 class _Round(g.Ellipsoid):
@@ -66,24 +86,29 @@ class _Round(g.Ellipsoid):
         return {**super().lower(object_data), "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
 
 
-def arrow_mesh(*, sticks: bool = False) -> g.Mesh:
-    """Return an arrow of length 1 along z in the color of its contact; it shines through whatever it is in."""
+def arrow_mesh() -> g.Mesh:
+    """Return an arrow of length 1 along z; it shines through whatever it is in."""
     profile = [(0.0, 0.0), (0.014, 0.0), (0.014, 0.82), (0.045, 0.82), (0.0, 1.0)]
     # only what counts as transparent is drawn after all else
-    material = g.MeshBasicMaterial(color=_color(sticks), transparent=True, depthTest=False)
-    return g.Mesh(_revolved(profile, 12), material)
+    return g.Mesh(_revolved(profile, 12), g.MeshBasicMaterial(color=0xFFFFFF, transparent=True, depthTest=False))
 
 
-def cone_mesh(*, sticks: bool) -> g.Mesh:
+def normal_mesh() -> g.Mesh:
+    """Return a rod of length 1 along z; it shines through whatever it is in."""
+    profile = [(0.0, 0.0), (0.012, 0.0), (0.012, 1.0), (0.0, 1.0)]
+    return g.Mesh(_revolved(profile, 8), g.MeshBasicMaterial(color=0xFFFFFF, transparent=True, depthTest=False))
+
+
+def cone_mesh() -> g.Mesh:
     """Return a cone of radius 1 and height 1 that opens along z from its tip, seen through."""
     material = g.MeshBasicMaterial(
-        color=_color(sticks), transparent=True, opacity=_CONE_OPACITY, side=_BOTH, depthWrite=False
+        color=0xFFFFFF, transparent=True, opacity=_CONE_OPACITY, side=_BOTH, depthWrite=False
     )
     return g.Mesh(_revolved([(0.0, 0.0), (1.0, 1.0)], _SEGMENTS), material)
 
 
-def striped(radius: float, color: Sequence[float]) -> tuple[g.Mesh, Array]:
-    """Return a sphere with dark stripes from pole to pole, which show that it turns, and its scaling, shape (3, 3)."""
+def _striped() -> g.Geometry:
+    """Return a unit sphere with dark stripes from pole to pole."""
     down = np.linspace(0.0, np.pi, _SEGMENTS // 2 + 1)
     wide = _SEGMENTS // _STRIPES
     points, triangles, shades = list[Array](), list[Array](), list[Array]()
@@ -99,19 +124,7 @@ def striped(radius: float, color: Sequence[float]) -> tuple[g.Mesh, Array]:
         below = corner + wide + 1
         triangles += [np.stack([corner, below, below + 1], axis=1), np.stack([corner, below + 1, corner + 1], axis=1)]
         shades.append(np.full(points[-1].shape, _SHADE if k % 2 else 1.0))
-    geometry = g.TriangularMeshGeometry(np.concatenate(points), np.concatenate(triangles), np.concatenate(shades))
-    # the shades of corners are multiplied by this color
-    material = g.MeshPhongMaterial(color=_number_of(color), vertexColors=True, opacity=float(color[3]), shininess=20)
-    return g.Mesh(geometry, material), radius * np.eye(3)
-
-
-def _number_of(color: Sequence[float]) -> int:
-    red, green, blue = (round(255 * part) for part in color[:3])
-    return red << 16 | green << 8 | blue
-
-
-def _color(sticks: bool) -> int:
-    return _STICK_COLOR if sticks else _ARROW_COLOR
+    return g.TriangularMeshGeometry(np.concatenate(points), np.concatenate(triangles), np.concatenate(shades))
 
 
 def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper: Array) -> g.Mesh:

@@ -1,0 +1,209 @@
+"""Marks of a replay: percussions, contact normals and friction cones, and which bodies an impact struck."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .motion import Array, Motion, PlayableRun, scene_of
+
+_BETWEEN = " | "
+_MOST_ARROWS, _MOST_STRIKES = 300, 20000
+# contacts of one frame that have marks, of the strongest percussions
+_MOST_CONTACTS = 300
+# largest length of cones of recorded contacts, in the largest length of an arrow and in lengths of the scene; those of
+# impacts are up to twice as long
+_CONE, _OF_BODIES = 0.25, 1.0
+# part of the percussions of recorded contacts whose arrows are shorter than that
+_LONG = 0.9
+# what a mark is; the page knows the same numbers
+ARROW, CONE, NORMAL = 0, 1, 2
+# whether its contact slips or sticks, or knows no friction
+SLIPS, STICKS, SMOOTH = 0, 1, 2
+
+
+class ContactNames:
+    """Bodies and coefficients of friction by the names of constraints.
+
+    Parameters
+    ----------
+    run : PlayableRun
+        A run with a scene.
+    """
+
+    def __init__(self, run: PlayableRun) -> None:
+        scene = scene_of(run)
+        self._items, self._known = scene.items, dict[str, float]()
+        self.body_of = {s.name: s.body for s in scene.shapes}
+        self._parts = {*scene.walls, *(s.name for s in scene.surfaces), *self.body_of}
+
+    def friction(self, name: str) -> float:
+        """Return mu of a constraint, 0 where it has none."""
+        if not self._items.frictional:
+            return 0.0
+        if name not in self._known:
+            pair = self._pair(name)
+            self._known[name] = 0.0 if pair is None else self._items.friction_of(*pair)
+        return self._known[name]
+
+    def bodies(self, name: str) -> tuple[int, ...]:
+        """Return the moving bodies of a constraint."""
+        return tuple(body for part in self._pair(name) or () if (body := self.body_of.get(part, 0)))
+
+    def _pair(self, name: str) -> tuple[str, str] | None:
+        words = name.split(_BETWEEN)
+        splits = [(_BETWEEN.join(words[:k]), _BETWEEN.join(words[k:])) for k in range(1, len(words))]
+        # a link's name in a file may hold what stands between two names
+        return next((pair for pair in splits if self._parts.issuperset(pair)), None)
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A percussion: when [s], where [m], along which normal, and how long in half diagonals of the motion.
+
+    With friction, also the name of its constraint, its own direction, and whether the contact sticks.
+    """
+
+    time: float
+    point: Array
+    normal: Array
+    length: float
+    name: str = ""
+    direction: Array | None = None
+    sticks: bool = False
+
+
+def arrows(run: PlayableRun) -> list[Arrow]:
+    """Return the percussions at contact points in order of time, the 300 strongest if there are more.
+
+    The arrow has the direction of the percussion on the second body; its length grows from 0.1 to 0.6 as the root of
+    the percussion.
+    """
+    found = [
+        _Row(float(p), impact, k)
+        for impact in run.impacts
+        for k, p in enumerate(impact.percussion)
+        if p > 0.0 and np.isfinite(impact.point[k]).all()
+    ]
+    strongest = sorted(found, key=lambda row: -row.percussion)[:_MOST_ARROWS]
+    shown = [row.arrow(0.1 + 0.5 * float(np.sqrt(row.percussion / strongest[0].percussion))) for row in strongest]
+    return sorted(shown, key=lambda a: a.time)
+
+
+class _Row(NamedTuple):
+    """One contact of an impact."""
+
+    percussion: float
+    impact: Any
+    k: int
+
+    def arrow(self, length: float) -> Arrow:
+        i, k = self.impact, self.k
+        if i.tangential is None:
+            return Arrow(i.time, i.point[k], i.normal[k], length)
+        whole = self.percussion * i.normal[k] + i.tangential[k]
+        direction = whole / np.linalg.norm(whole)
+        return Arrow(i.time, i.point[k], i.normal[k], length, i.constraints[k], direction, i.regime[k] == "stick")
+
+
+def marks(run: PlayableRun, moves: Motion, length: float) -> Array:
+    """Return the marks in order of their beginnings, shape (n, 12).
+
+    A row holds the times between which it is seen [s], what it is, its regime, where it stands [m], its unit direction,
+    and its width and length [m]. Marks of impacts end when they begin: the page shows them for a while.
+
+    Parameters
+    ----------
+    run, moves : PlayableRun and Motion
+        A run with a scene, and its poses.
+    length : float
+        Largest length of an arrow [m].
+    """
+    names, most = ContactNames(run), cone_length(run, length)
+    rows = list[tuple[float, ...]]()
+    for arrow in arrows(run):
+        state = STICKS if arrow.sticks else SLIPS
+        here, size = (arrow.time, arrow.time), arrow.length * length
+        direction = arrow.normal if arrow.direction is None else arrow.direction
+        rows.append((*here, ARROW, state, *arrow.point, *direction, size, size))
+        mu = names.friction(arrow.name) if arrow.name else 0.0
+        rows.append((*here, NORMAL, state if mu > 0.0 else SMOOTH, *arrow.point, *arrow.normal, most, most))
+        if mu > 0.0:
+            _, wide, high = cone_size(mu, min(size, 2.0 * most))
+            rows.append((*here, CONE, state, *arrow.point, *arrow.normal, wide, high))
+    found = np.concatenate([np.reshape(rows, (-1, 12)), _contact_marks(run, moves, names, most)])
+    return found[np.argsort(found[:, 0], kind="stable")]
+
+
+def _contact_marks(run: PlayableRun, moves: Motion, names: ContactNames, most: float) -> Array:
+    """Return the marks of recorded contacts, each from its frame to the next."""
+    table = run.record.contacts
+    if table is None:
+        return np.zeros((0, 12))
+    intervals = np.searchsorted(run.t, moves.times - 1e-9)
+    ends = np.append(moves.times[1:], np.inf)
+    found = [_closed(table, int(i)) for i in intervals]
+    frame = np.repeat(np.arange(len(found)), [len(rows) for rows in found])
+    row = np.concatenate(found)
+    if not len(row):
+        return np.zeros((0, 12))
+    whole = table.percussion[row, None] * table.normal[row]
+    state = np.full(len(row), SMOOTH)
+    if table.sticks is not None:
+        whole = whole + table.tangential[row]
+        state = np.where(table.sticks[row], STICKS, SLIPS)
+    mu = np.array([names.friction(table.names[c]) for c in table.constraint[row].tolist()])
+    state = np.where(mu > 0.0, state, SMOOTH)
+    size = np.linalg.norm(whole, axis=1)
+    # percussions of impacts would make all others invisible
+    long = most * np.sqrt(np.minimum(size / np.quantile(size, _LONG), 1.0))
+    seen = (moves.times[frame], ends[frame])
+    slant = most / np.hypot(1.0, mu)
+
+    every = np.full(len(row), most)
+
+    def rows(kind: int, regime: Array, direction: Array, wide: Array, high: Array) -> Array:
+        return np.column_stack([*seen, np.full(len(row), kind), regime, table.point[row], direction, wide, high])
+
+    # thick enough to be seen, however short
+    found_arrows = rows(ARROW, np.where(state == SMOOTH, SLIPS, state), whole / size[:, None], every, long)
+    normals = rows(NORMAL, state, table.normal[row], every, every)
+    cones = rows(CONE, state, table.normal[row], mu * slant, slant)[mu > 0.0]
+    return np.concatenate([found_arrows, normals, cones])
+
+
+def _closed(table: Any, i: int) -> Array:
+    """Return the rows of an interval that have a point and a percussion, the strongest if there are many."""
+    rows = np.arange(int(table.starts[i]), int(table.starts[i + 1]))
+    rows = rows[np.isfinite(table.point[rows]).all(axis=1) & (table.percussion[rows] > 0.0)]
+    return rows[np.argsort(-table.percussion[rows], kind="stable")[:_MOST_CONTACTS]]
+
+
+def strikes(run: PlayableRun, moves: Motion) -> Array:
+    """Return when [s] which columns of `moves` were struck by which percussion [N s], shape (n, 3), in order of time."""
+    names, column = ContactNames(run), {body: moves.driven + k for k, body in enumerate(moves.bodies)}
+    known = dict[str, tuple[int, ...]]()
+    rows = list[tuple[float, int, float]]()
+    for impact in run.impacts:
+        for name, p in zip(impact.constraints, impact.percussion.tolist(), strict=True):
+            if name not in known:
+                known[name] = names.bodies(name)
+            rows += [(impact.time, column[body], p) for body in known[name] if body in column and p > 0.0]
+    found = np.reshape(rows, (-1, 3))
+    found = found[np.argsort(-found[:, 2], kind="stable")[:_MOST_STRIKES]]
+    return found[np.argsort(found[:, 0], kind="stable")]
+
+
+def cone_length(run: PlayableRun, length: float) -> float:
+    """Return the length of the cones of recorded contacts [m], where arrows are up to `length` [m] long."""
+    assert run.problem is not None
+    # longer cones would hide the bodies of a pile
+    return min(_CONE * length, _OF_BODIES * run.problem.length)
+
+
+def cone_size(friction: float, length: float) -> Array:
+    """Return the scales of a cone along its axes, shape (3,), so that its rays have a length."""
+    height = length / np.hypot(1.0, friction)
+    return height * np.array([friction, friction, 1.0])

@@ -1,0 +1,121 @@
+// The page: time, controls, and the loop that draws.
+const $ = id => document.getElementById(id);
+const replay = {
+    time: 0, rate: DATA.speed, playing: false, duration: DATA.end - DATA.start, kind: DATA.shapes, ready: false,
+
+    seek(time) {
+        this.time = Math.max(0, Math.min(time, this.duration));
+        this.draw();
+    },
+
+    play() {
+        if (this.time >= this.duration) this.time = 0;
+        this.playing = this.duration > 0;
+        this.last = performance.now();
+    },
+
+    pause() { this.playing = false; },
+
+    draw() {
+        this.poses.set(this.time);
+        DRIVEN.forEach((node, c) => {
+            const { position, turn } = this.poses;
+            node.position.set(...position.slice(3 * c, 3 * c + 3));
+            node.quaternion.set(...turn.slice(4 * c, 4 * c + 4)).normalize();
+        });
+        for (const group of this.groups) group.place(this.poses);
+        this.marks.set(this.time, this.rate);
+        if (["speed", "percussion"].includes(this.painter.mode)) this.paint();
+        Trails.set(this.time);
+        Camera.move();
+        viewer.set_dirty();
+        $("time").value = this.time;
+        $("clock").textContent = `${(DATA.start + this.time).toFixed(3)} s`;
+    },
+
+    // for pictures: without controls, and not playing
+    still() {
+        this.autoplay = false;
+        this.pause();
+        $("bar").hidden = $("options").hidden = true;
+        Camera.view("fit");
+    },
+
+    paint() { this.painter.paint(this.time, this.rate, this.poses, this.groups); },
+
+    choose(kind) {
+        this.kind = kind;
+        for (const group of this.groups) group.choose(kind);
+        $("shapes").textContent = kind === 1 ? "Show collision shapes" : "Show visual shapes";
+        this.paint();
+        this.draw();
+    },
+};
+const DRIVEN = [];
+
+function shortNumber(value, unit) { return `${Number(value.toPrecision(3))} ${unit}`; }
+
+function controls() {
+    $("time").max = replay.duration || 1;
+    $("time").oninput = () => { replay.pause(); replay.seek(Number($("time").value)); };
+    $("play").onclick = () => replay.playing ? replay.pause() : replay.play();
+    const rates = [...new Set([4, 2, 1, 0.5, 0.25, 0.1, 0.02, 0.004, DATA.speed])].sort((a, b) => b - a);
+    $("speed").append(...rates.map(rate => new Option(`${rate} ×`, rate, false, rate === DATA.speed)));
+    $("speed").onchange = () => { replay.rate = Number($("speed").value); replay.draw(); };
+    $("color").onchange = () => {
+        const mode = replay.painter.mode = $("color").value;
+        $("legend").style.display = ["speed", "percussion"].includes(mode) ? "flex" : "none";
+        $("largest").textContent = mode === "speed" ? shortNumber(DATA.fast, "m/s") : shortNumber(DATA.strong, "N s");
+        replay.paint();
+        viewer.set_dirty();
+    };
+    $("body").append(...DATA.names.map((name, k) => new Option(name, DATA.driven + k)));
+    const chosen = () => Number($("body").value), state = () => {
+        $("follow").classList.toggle("on", Camera.followed === chosen());
+        $("trail").classList.toggle("on", Trails.lines.has(chosen()));
+    };
+    $("body").onchange = state;
+    $("follow").onclick = () => { Camera.follow(Camera.followed === chosen() ? -1 : chosen()); replay.draw(); state(); };
+    $("trail").onclick = () => { Trails.toggle(chosen()); viewer.set_dirty(); state(); };
+    $("shapes").onclick = () => replay.choose(3 - replay.kind);
+    $("shapes").hidden = replay.groups.every(group => group.kinds.every(kind => kind === 3));
+    ["percussions", "cones", "normals"].forEach((id, kind) => {
+        $(id).onchange = () => { replay.marks.shown[kind] = $(id).checked; replay.draw(); };
+    });
+    if (!DATA.frictional) $("with-friction").style.display = $("regimes").style.display = "none";
+    for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => Camera.view(button.dataset.view);
+    const small = () => innerWidth < 560 || innerHeight < 420;
+    $("more").onclick = () => { $("options").hidden = !$("options").hidden; $("more").classList.toggle("on", !$("options").hidden); };
+    if (!small()) $("more").classList.add("on"); else $("options").hidden = true;
+}
+
+function loop(now) {
+    if (replay.playing) {
+        replay.time += replay.rate * Math.max(0, now - replay.last) / 1000;
+        replay.last = now;
+        if (replay.time >= replay.duration) { replay.time = replay.duration; replay.pause(); }
+        replay.draw();
+    }
+    $("play").textContent = replay.playing ? "Pause" : "Play";
+    requestAnimationFrame(loop);
+}
+
+(async () => {
+    for (const command of COMMANDS) viewer.handle_command_bytearray(bytesOf(command));
+    const root = viewer.scene_tree.find(["meshcat"]).object;
+    root.scale.setScalar(1 / DATA.radius);
+    root.position.set(...CENTRE.map(x => -x / DATA.radius));
+    replay.poses = await Poses.decoded();
+    replay.groups = await Promise.all(DATA.groups.map((_, k) => Group.decoded(k)));
+    replay.marks = await Marks.decoded();
+    replay.painter = await Painter.decoded();
+    for (let k = 0; k < DATA.driven; k++) DRIVEN.push(viewer.scene_tree.find(["meshcat", "driven", String(k)]).object);
+    controls();
+    replay.choose(DATA.shapes);
+    Camera.view("fit");
+    replay.ready = true;
+    addEventListener("resize", () => Camera.lift());
+    requestAnimationFrame(loop);
+    // the first picture takes long: time starts after it
+    requestAnimationFrame(() => requestAnimationFrame(() => replay.autoplay === false || replay.play()));
+})();
