@@ -12,6 +12,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows
 from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
+from ..projection.closed_contacts import is_closed
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from ..projection.friction import AIM
 from ..projection.frictional_step import interleave, wide_speeds
@@ -45,7 +46,7 @@ def closed_contacts(s: MechanismStep, h: float, closed: Array) -> int:
     restitution = rises = bounces = False
     for a in range(k):
         rise, percussion = h * rows.lever[a] * s.rates[2 * k + a], s.rates[a]
-        closed[a] = abs(rise) <= tolerance
+        closed[a] = is_closed(percussion, rise, tolerance)
         some += closed[a]
         restitution = restitution or rows.e[a] != 0.0
         if not closed[a]:
