@@ -8,6 +8,12 @@ from ..compiled import kernel
 from .metric import Array
 
 
+@kernel("b1(f8, f8, f8)")
+def is_closed(percussion: float, rise: float, tolerance: float) -> bool:
+    """Return whether a contact is closed that rises so far within a step [m]: one that bears load and closes lands."""
+    return abs(rise) <= tolerance or (percussion > 0.0 and rise < 0.0)
+
+
 @kernel("b1(f8[::1], f8[::1], f8[::1], b1[::1], f8[:,::1], f8, f8, f8, b1[::1])")
 def find_closed(
     gap: Array, lever: Array, e: Array, law: Array, rates: Array, h: float, drift: float, tolerance: float,
@@ -31,9 +37,7 @@ def find_closed(
     for a in range(len(gap)):
         closed[a] = False
         if law[a]:
-            # one that bears load and closes lands within the step
-            lands = rates[0, a] > 0.0 and rates[2, a] < 0.0
-            closed[a] = lands or h * lever[a] * abs(rates[2, a]) <= tolerance
+            closed[a] = is_closed(rates[0, a], h * lever[a] * rates[2, a], tolerance)
             some = some or closed[a]
             restitution = restitution or e[a] > 0.0
             # its gap where the law acts

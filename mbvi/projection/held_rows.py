@@ -14,17 +14,40 @@ from .tree import solve
 HARDLY = 1e-4
 # a displacement that holds tangents is at most so many times as long as one row by itself needs without
 FARTHEST = 100.0
-# a tangent of which less than this is left by others depends on them
-_DEPENDENT = 1e-10
+# a tangent of which less than this is left by others depends on them, and a basis without less than that is exact
+_DEPENDENT, _EXACT = 1e-4, 1e-13
 # rows of which a smaller part of the squared length is left are not known to rounding
 _LEAST = 1e-8
 
 
+@kernel("void(f8[:,::1], b1[::1], b1[::1], i8, f8[:,::1], f8[:,::1])")
+def turn_basis(W: Array, near: Array, sticks: Array, size: int, L: Array, Q: Array) -> None:
+    """Turn a basis towards the displacements of the largest slip, by a step of orthogonal iteration.
+
+    The arguments are those of `held_tangents`, with the size of the basis.
+    """
+    half, n, row = len(Q) // 2, W.shape[1], Q[size]
+    for c in range(size):
+        for k in range(n):
+            row[k] = 0.0
+        for i in range(len(W)):
+            if i % 3 > 0 and near[i // 3] and sticks[i // 3]:
+                part = 0.0
+                for k in range(n):
+                    part += Q[c, k] * W[i, k]
+                for k in range(n):
+                    row[k] += part * W[i, k]
+        append_row(row, c, 0.0, L, Q[half:])
+    for c in range(size):
+        for k in range(n):
+            Q[c, k] = Q[half + c, k]
+
+
 @kernel("i8(f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1])")
 def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> int:
-    """Write an orthonormal basis of the tangents that are held; return its size.
+    """Write an orthonormal basis of the displacements that are held; return its size.
 
-    It is -1 where some displacement might be one of those that `HARDLY` leaves out, and the basis not the one to take.
+    It is -1 where it is not certain on which side of `HARDLY` some displacement lies.
 
     Parameters
     ----------
@@ -32,21 +55,23 @@ def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> i
         Whitened rows of contacts, each normal followed by its two tangents.
     near, sticks : ndarray of bool, shape (m,)
         The contacts that take part, and those that stick. Tangents are held of contacts that are both.
-    L, Q : ndarray, shapes (k, k) and (k, nv), k > 2 m
-        Factors as of `append_row`.
+    L, Q : ndarray, shapes (k, k) and (2 k, nv), k > 2 m
+        Factors as of `append_row`; the second half of Q is overwritten.
     """
-    size, squares, n = 0, 0.0, W.shape[1]
-    for a in range(len(near)):
-        if not (near[a] and sticks[a]):
+    size, squares, largest, lost, n = 0, 0.0, 0.0, 0.0, W.shape[1]
+    for i in range(len(W)):
+        if i % 3 == 0 or not (near[i // 3] and sticks[i // 3]):
             continue
-        for i in range(3 * a + 1, 3 * a + 3):
-            square = 0.0
-            for k in range(n):
-                square += W[i, k] * W[i, k]
-            squares += square
-            if append_row(W[i], size, 0.0, L, Q) > _DEPENDENT * np.sqrt(square):
-                size += 1
-    # squared slips are between the inverse of |L^-1|^2 and the sum of the squares of all rows
+        square = 0.0
+        for k in range(n):
+            square += W[i, k] * W[i, k]
+        squares, largest = squares + square, max(largest, square)
+        rest = append_row(W[i], size, 0.0, L, Q)
+        if rest > _DEPENDENT * np.sqrt(square):
+            size += 1
+        else:
+            lost += rest * rest
+    # squared slips of the basis are between the inverse of |L^-1|^2 and the sum of the squares of all rows
     inverse, column = 0.0, L[size]
     for c in range(size):
         for i in range(c, size):
@@ -56,7 +81,11 @@ def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> i
             column[i] /= L[i, i]
             inverse += column[i] * column[i]
     # written so that a NaN is refused too
-    return size if squares * inverse * HARDLY < 1.0 or size == 0 else -1
+    if size > 0 and not (squares * inverse * HARDLY < 1.0 and lost < HARDLY * largest):
+        return -1
+    if lost > _EXACT * _EXACT * squares:
+        turn_basis(W, near, sticks, size, L, Q)
+    return size
 
 
 @kernel("i8(f8[:,::1], i8[::1], f8[:,::1], b1[::1], i8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")

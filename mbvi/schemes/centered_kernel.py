@@ -6,7 +6,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows
 from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
-from ..projection.closed_contacts import find_sunk
+from ..projection.closed_contacts import find_sunk, is_closed
 from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_bend, largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
@@ -270,7 +270,7 @@ def some_closed(s: MechanismStep, middle: Array, h: float) -> bool:
     rows, k, scales, rises = s.rows, s.rows.size[0], s.scales, False
     for a in range(k):
         rise = h * rows.lever[a] * s.rates[2 * k + a]
-        if abs(rise) <= scales.tolerance or (a > 0 and rows.number[a] < rows.number[a - 1]):
+        if is_closed(s.rates[a], rise, scales.tolerance) or (a > 0 and rows.number[a] < rows.number[a - 1]):
             return True
         rises = rises or (rise > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0)
     if not rises:

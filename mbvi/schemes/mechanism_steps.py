@@ -94,7 +94,7 @@ class Room(NamedTuple):
         Factor of the mass matrix, and rows solved with it.
     wide, held : ndarray, shapes (3, 3 MOST_CONTACTS, nv) and (3, MOST_CONTACTS, nv)
         Rows of contacts with friction and their normal rows, each with M^-1 times them and whitened.
-    basis, triangle : ndarray, shapes (k, nv) and (k, k), k = 2 MOST_CONTACTS + 1
+    basis, triangle : ndarray, shapes (2 k, nv) and (k, k), k = 2 MOST_CONTACTS + 1
         Factors of tangents.
     change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
         Of rows.
@@ -140,7 +140,7 @@ def room(nq: int, nv: int) -> Room:
     tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
     matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
     contacts, most = np.zeros((3, 3 * MOST_CONTACTS, nv)), 2 * MOST_CONTACTS + 1
-    rough = contacts, np.zeros((3, MOST_CONTACTS, nv)), np.zeros((most, nv)), np.zeros((most, most))
+    rough = contacts, np.zeros((3, MOST_CONTACTS, nv)), np.zeros((2 * most, nv)), np.zeros((most, most))
     floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
     fields: Any = *tangents, *places, *matrices, *rough, *floats, table, *numbers, *masks

@@ -1,5 +1,7 @@
 """Contacts that a step leaves slightly open bear load in the next step, where positions are projected."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,9 @@ from mbvi.studies.shipped import robot_path
 LEGS = np.tile([0.0, 0.6, -1.2], 4)
 
 
-def landing(friction):
+def landing(friction, e=0.0):
     """A quadruped on soft PD control, dropped by two centimetres."""
-    scene = mbvi.Scene(friction=friction)
+    scene = mbvi.Scene(friction=friction, restitution=e)
     scene.add_halfspace((0, 0, 1))
     names = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
     control = mbvi.PDControl(LEGS, 60.0, 1.5)
@@ -32,3 +34,16 @@ def test_a_robot_that_has_landed_stands_still(friction, h):
     assert run.penetration()[-10:].max() <= 10 * problem.tolerance
     feet = problem.constraints.gap(run.t[-1], run.q[-1])
     assert (np.sort(feet)[:4] <= 100 * problem.tolerance).all()
+
+
+@pytest.mark.parametrize(("friction", "e"), [(0.0, 0.5), (0.7, 0.5), (0.7, 0.0)])
+def test_it_lands_the_same_by_the_loop_and_by_python(friction, e, monkeypatch):
+    """A row that bears load and closes within the step is closed: each part of the code that asks must know."""
+    runs, scheme = [], mbvi.Centered(project_positions=True)
+    for loop in (True, False):
+        if not loop:
+            monkeypatch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
+        runs.append(mbvi.simulate(landing(friction, e), scheme, step=1e-3, duration=0.2, progress=False))
+    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
+    assert [i.time for i in runs[0].impacts] == [i.time for i in runs[1].impacts]

@@ -22,7 +22,7 @@ class Standing:
         self.J = rng.normal(size=(3 * m, system.nv)) * (rng.random((3 * m, system.nv)) < 0.5)
         if m > 1 and rng.random() < 0.3:
             # nearly the same now and then
-            self.J[3:6] = self.J[:3] + rng.choice([0.0, 1e-3]) * rng.normal(size=(3, system.nv))
+            self.J[3:6] = self.J[:3] + rng.choice([0.0, 1e-6, 1e-3]) * rng.normal(size=(3, system.nv))
         if rng.random() < 0.1:
             self.J[0] = 0.0
         self.A, self.W = np.empty(self.J.shape), np.empty(self.J.shape)
@@ -35,12 +35,23 @@ class Standing:
 
     def room(self):
         most = 2 * len(self.near) + 1
-        return np.zeros((most, most)), np.zeros((most, self.size))
+        return np.zeros((most, most)), np.zeros((2 * most, self.size))
 
 
 def held_tangents(rng):
     of = Standing(rng)
     return of.W, of.near, of.sticks, *of.room()
+
+
+def turn_basis(rng):
+    of = Standing(rng)
+    L, Q = of.room()
+    size = min(2, of.size)
+    Q[:size] = np.linalg.qr(rng.normal(size=(of.size, of.size)))[0][:size]
+    # all tangents are held: of fewer rows than the basis has, rounding would be left
+    held = np.ones(len(of.near), bool)
+    W = rng.normal(size=of.W.shape)
+    return W, held, held, size, L, Q
 
 
 def hold_rows(rng):
@@ -58,4 +69,4 @@ def raises_near(rng):
     return of.metric.lower, of.J, of.W, of.near, moved, lower, 1e-8
 
 
-HELD_ARGUMENTS = {kernel.__name__: kernel for kernel in (held_tangents, hold_rows, raises_near)}
+HELD_ARGUMENTS = {kernel.__name__: kernel for kernel in (held_tangents, turn_basis, hold_rows, raises_near)}

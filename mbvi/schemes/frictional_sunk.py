@@ -1,0 +1,140 @@
+"""Kernels that find closed contacts with friction that have sunk at the end of a step; see `frictional_settle`."""
+
+from __future__ import annotations
+
+from ..compiled import kernel
+from ..constraints.mechanism_rows import active_rows
+from ..constraints.mechanism_tables import FOUND, copy_row
+from ..constraints.rows import mutual_nearest
+from ..projection.closed_contacts import is_closed
+from ..projection.raise_gaps import largest_travel
+from ..projection.tree import advance_by, factor
+from ..system.pinocchio_address import tangent
+from ..system.system import Array
+from .mechanism_steps import DONE, UNSOLVED, MechanismStep
+from .nearby_rows import largest_reach
+
+
+@kernel("i8(MechanismStep, f8, b1[::1])")
+def closed_contacts(s: MechanismStep, h: float, closed: Array) -> int:
+    """Find which rows of the law are closed; return how many, -1 where the rates do not tell; see `project_positions`.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the step before position projection; gaps are those where the law was applied.
+    h : float
+        Length of the step [s].
+    closed : ndarray of bool, shape (k,)
+        Receives which are closed.
+    """
+    rows, k, tolerance, some = s.rows, s.rows.size[0], s.scales.tolerance, 0
+    restitution = rises = bounces = False
+    for a in range(k):
+        rise, percussion = h * rows.lever[a] * s.rates[2 * k + a], s.rates[a]
+        closed[a] = is_closed(percussion, rise, tolerance)
+        some += closed[a]
+        restitution = restitution or rows.e[a] != 0.0
+        if not closed[a]:
+            # it may be closed for all that if its gap is no larger after a whole step
+            rises = rises or (rise > tolerance and rows.e[a] < 1.0 and percussion > 0.0)
+            bounces = bounces or percussion > 0.0 or rows.lever[a] * rows.gap[a] < -tolerance
+    return -1 if restitution and (rises or (bounces and some > 0)) else some
+
+
+@kernel("f8(MechanismStep, f8[::1])")
+def known_gaps(s: MechanismStep, place: Array) -> float:
+    """Write the gaps of the known rows at a place to first order (`room.gap`); return the travel to it [m]."""
+    known, gap, displacement = s.ahead, s.room.gap, s.room.displacement
+    tangent(s.mechanism.calls, s.room.end, place, displacement)
+    for a in range(known.size[0]):
+        change = 0.0
+        for k in range(len(displacement)):
+            change += known.J[a, k] * displacement[k]
+        gap[a] = known.gap[a] + change
+    return largest_travel(s.scales.squares, displacement)
+
+
+@kernel("b1(MechanismStep)")
+def some_below(s: MechanismStep) -> bool:
+    """Return whether some gap of the known rows is below zero by more than the tolerance."""
+    for a in range(s.ahead.size[0]):
+        if s.ahead.lever[a] * s.room.gap[a] < -s.scales.tolerance:
+            return True
+    return False
+
+
+@kernel("b1(MechanismStep, f8[::1], f8)")
+def write_free_motion(s: MechanismStep, v: Array, h: float) -> bool:
+    """Write the free motion of v, and the factor of M where the mechanism is placed; False where M has none."""
+    m, room, damped = s.mechanism, s.room, False
+    if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
+        return False
+    for d in m.damping:
+        damped = damped or d != 0.0
+    # L is that of M already where there is no damping
+    return not (damped and factor(m.mass, 0.0, m.damping, m.parent, room.L))
+
+
+@kernel("i8(MechanismStep, f8[::1], f8)")
+def search_at_end(s: MechanismStep, v: Array, h: float) -> int:
+    """Find the rows at the end of the step, which becomes the place where rows are known; return a code.
+
+    `room.owner` receives for each of them the row of the law at the same contact, -1 where there is none, and
+    `s.middle` the rows of the law with what they are there. The free motion of v is written before: it takes the mass
+    matrix at the place of the law.
+    """
+    known, rows, room, reach = s.ahead, s.rows, s.room, largest_reach(s.scales.length)
+    if not write_free_motion(s, v, h):
+        return UNSOLVED
+    code = active_rows(s.mechanism, s.constraints, s.q[:0], room.moved, s.q, s.scales.tolerance + 2.0 * reach, known)
+    if code != FOUND:
+        return code
+    for j in range(len(s.q)):
+        room.end[j] = s.q[j]
+    m, k = known.size[0], rows.size[0]
+    owner, order = room.owner[:m], room.order[:k]
+    for i in range(k):
+        # rows are found in the order of their numbers
+        order[i] = i
+    mutual_nearest(known.number[:m], known.point[:m], rows.number[:k], rows.point[:k], order, owner)
+    for i in range(k):
+        order[i] = -1
+    for a in range(m):
+        if owner[a] >= 0:
+            order[owner[a]] = a
+    s.middle.size[0] = 0
+    for i in range(k):
+        if order[i] >= 0:
+            copy_row(known, order[i], s.middle)
+        else:
+            copy_row(rows, i, s.middle)
+    return DONE
+
+
+@kernel("f8(MechanismStep)")
+def find_sunk_contacts(s: MechanismStep) -> float:
+    """Return how deep the closed contacts have sunk [m], 0 for no more than the tolerance; -1 where rows may join.
+
+    The room of the step has the gaps of known rows, their rows of the law (`owner`), and which of these are closed. It
+    receives for each row of the law its place among the known ones, -1 for none (`order`), whether it is active at the
+    end (`settled`), and the lower bound of its gap (`bound`).
+    """
+    known, room, tolerance, depth, other, others = s.ahead, s.room, s.scales.tolerance, 0.0, 0.0, False
+    for i in range(s.rows.size[0]):
+        room.order[i], room.settled[i], room.bound[i] = -1, False, 0.0
+    for a in range(known.size[0]):
+        i, length = room.owner[a], known.lever[a] * room.gap[a]
+        active = length <= tolerance
+        if i < 0:
+            other, others = max(other, -length), others or active
+            continue
+        sunk = room.closed[i] and length < -tolerance
+        room.order[i], room.settled[i] = a, active
+        # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
+        room.bound[i] = 0.0 if sunk or not active else min(room.gap[a], 0.0)
+        depth = max(depth, -length if sunk else 0.0)
+    # of the others each may belong to a contact that has moved
+    if other > tolerance or (others and depth > tolerance):
+        return -1.0
+    return depth if depth > tolerance else 0.0
