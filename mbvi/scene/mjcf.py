@@ -138,7 +138,8 @@ def _tree(m: Any, pose: pin.SE3) -> Tree:
         if parent:
             model.appendBodyToJoint(parent, inertia, place)
         # the inertia of a frame is kept for forces at its centre of mass; it is part of the joint's already
-        frame = pin.Frame(tree.names[-1], parent, 0, place, pin.FrameType.BODY, inertia)
+        above = model.getFrameId(model.names[parent], pin.FrameType.JOINT) if parent else 0
+        frame = pin.Frame(tree.names[-1], parent, above, place, pin.FrameType.BODY, inertia)
         model.addFrame(frame, False)
     return tree
 
@@ -150,6 +151,7 @@ def _add_joint(m: Any, j: int, name: str, model: pin.Model, parent: int, place: 
     dof = int(m.jnt_dofadr[j])
     if kind == _FREE:
         joint = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+        model.addJointFrame(joint)
         model.damping[model.idx_vs[joint] :][:6] = m.dof_damping[dof : dof + 6]
         return joint, pin.SE3.Identity()
     here = place * pin.SE3(np.eye(3), anchor)
@@ -165,6 +167,7 @@ def _add_joint(m: Any, j: int, name: str, model: pin.Model, parent: int, place: 
         if m.jnt_limited[j]:
             k = model.idx_qs[joint]
             model.lowerPositionLimit[k], model.upperPositionLimit[k] = m.jnt_range[j]
+    model.addJointFrame(joint)
     v = model.idx_vs[joint]
     model.armature[v : v + width] = m.dof_armature[dof : dof + width]
     model.damping[v : v + width] = m.dof_damping[dof : dof + width]

@@ -91,7 +91,7 @@ def _moved(placed: PlacedShape, model: pin.Model, reduced: pin.Model, still: Seq
     if placed.body not in still:
         return replace(placed, body=reduced.getJointId(name))
     # a joint that was left out is a frame of the new model
-    frame = reduced.frames[reduced.getFrameId(name)]
+    frame = reduced.frames[reduced.getFrameId(name, pin.FrameType.FIXED_JOINT)]
     turn, shift = frame.placement.rotation, frame.placement.translation
     rotation, position = turn @ placed.rotation, turn @ placed.position + shift
     return replace(placed, body=int(frame.parentJoint), rotation=rotation, position=position)

@@ -366,3 +366,21 @@ def test_without_mujoco_the_error_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(mbvi.InputError, match=r"pip install 'mbvi\[mjcf\]'"):
         scene_of(ARM, tmp_path)
+
+
+def test_a_locked_joint_holds_its_links_even_if_a_body_has_its_name(tmp_path):
+    text = ARM.replace('name="s"', 'name="upper"').replace('name="w"', 'name="lower"')
+    scene, _, m = scene_of(text, tmp_path, locked=["lower"], joints={"lower": 0.1, "upper": -0.2, "e": 0.7})
+    problem = scene.build()
+    assert problem.system.nv == 2
+    d = mujoco.MjData(m)
+    d.qpos[:] = -0.2, 0.7, 0.1
+    mujoco.mj_forward(m, d)
+    placed = next(s for s in problem.scene.shapes if s.name == "arm/lower")
+    pose = problem.system.placements(problem.q0, np.array([placed.body]))[0]
+    np.testing.assert_allclose(pose[:3].T @ placed.position + pose[3], d.geom_xpos[-1], atol=1e-14)
+    mass = np.zeros((3, 3))
+    full_mass(m, d, mass)
+    model = problem.system.model
+    ours = pin.crba(model, model.createData(), problem.q0, pin.Convention.WORLD)
+    np.testing.assert_allclose(np.triu(ours), np.triu(mass[:2, :2]), atol=1e-14)
