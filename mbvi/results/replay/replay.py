@@ -90,12 +90,14 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
         vis["instances"][str(k)].set_object(group.drawn.mesh)
     for k, mesh in enumerate((arrow_mesh(), cone_mesh(), normal_mesh())):
         vis["marks"][str(k)].set_object(mesh)
+    both = sum(_KINDS.values())
+    first = both if all(set(group.kinds) == {both} for group in groups) else _KINDS[shapes]
     # long arrows would hide many small bodies
     assert run.problem is not None
     length = min(radius, _LONGEST * run.problem.length)
     page.data = {
         **_poses(moves),
-        "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": _KINDS[shapes],
+        "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": first,
         "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
         "groups": [group.data() for group in groups],
         "marks": packed(marks(run, moves, length).astype(np.float32)),

@@ -22,7 +22,8 @@ from mbvi.scene.collada import collada_mesh
 from mbvi.scene.inputs import mesh_of
 from mbvi.scene.meshes import Mesh, visual_mesh
 from mbvi.scene.visuals import visual_shapes
-from support.browser import HEIGHT, WIDTH, distinct_colors, look, needs_browser, shown
+from support.browser import HEIGHT, WIDTH, distinct_colors, look, needs_browser
+from support.browser import shown as page_shown
 from support.paths import REAL_ROBOTS, ROBOTS, real_robot
 
 G1 = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
@@ -445,7 +446,7 @@ def test_a_browser_shows_g1_with_its_feet(tmp_path):
     ask = """replay.groups.flatMap(g => g.shown.map((k, n) => [g.columns[k],
         Math.round(255 * g.mesh.instanceColor.array[3 * n])]))"""
     with Browser(WIDTH, HEIGHT) as browser:
-        shown(browser, page)
+        page_shown(browser, page)
         found = browser.evaluate(ask)
         feet = [
             browser.evaluate("DATA.names").index(name)
@@ -467,7 +468,7 @@ def test_a_browser_shows_go2_in_its_colours(tmp_path):
     ask = """[...new Set(replay.groups.filter(g => g.colored && g.mesh.geometry.attributes.color).flatMap(g => {
         const c = g.mesh.geometry.attributes.color; return [`${c.getX(0)},${c.getY(0)},${c.getZ(0)}`]; }))]"""
     with Browser(WIDTH, HEIGHT) as browser:
-        shown(browser, page)
+        page_shown(browser, page)
         assert "0,0,0" in browser.evaluate(ask)
         # the feet are black; the collision shapes are white all over; the panel is at the right
         assert (look(browser, 0.0)[:390, :420].max(axis=2) < 12).sum() > 20
