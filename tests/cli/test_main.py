@@ -197,16 +197,6 @@ def test_demo_and_replay(command):
     assert Path("again.html").stat().st_size == pytest.approx(page.stat().st_size, rel=0.01)
 
 
-def test_replay_plays_live(command, monkeypatch):
-    command("simulate", HOPPER, "--duration", 0.01, "--out", "run.h5")
-    played = []
-    monkeypatch.setattr(mbvi.Trajectory, "replay", lambda self, shapes: played.append((self.t[-1], shapes)))
-    for options in ((), ("--shapes", "collision")):
-        code, *_ = command("replay", "run.h5", *options)
-        assert code == 0
-    assert played == [(0.01, "visual"), (0.01, "collision")]
-
-
 def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt

@@ -36,7 +36,9 @@ def quantised(position: Array, quaternion: Array, origin: Array, step: float) ->
     """Return positions (..., n, 3) and quaternions (..., n, 4) as whole numbers modulo 2^16, shape (..., 7 n)."""
     places = np.rint((position - origin) / step).astype(np.int32)
     turns = np.rint(quaternion / TURN_STEP).astype(np.int32)
-    return np.concatenate([places, turns], axis=-1).astype(np.uint16).reshape(*position.shape[:-2], -1)
+    return (
+        np.concatenate([places, turns], axis=-1).astype(np.uint16).reshape(*position.shape[:-2], 7 * position.shape[-2])
+    )
 
 
 def encode(position: Array, quaternion: Array, beside: Array) -> Encoded:

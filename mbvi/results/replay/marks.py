@@ -182,7 +182,7 @@ def _closed(table: Any, i: int) -> Array:
 
 
 def strikes(run: PlayableRun, moves: Motion) -> Array:
-    """Return when [s] which columns of `moves` were struck by which percussion [N s], shape (n, 3), in order of time."""
+    """Return rows of time [s], column of `moves` that was struck, and percussion [N s], in order, shape (n, 3)."""
     names, column = ContactNames(run), {body: moves.driven + k for k, body in enumerate(moves.bodies)}
     known = dict[str, tuple[int, ...]]()
     rows = list[tuple[float, int, float]]()

@@ -37,7 +37,7 @@ class ShapeMesh(NamedTuple):
     striped: bool = False
 
 
-def shape_mesh(placed: PlacedShape, *, rolling: bool = False) -> ShapeMesh:
+def shape_mesh(placed: PlacedShape, *, rolling: bool = False, coarse: bool = False) -> ShapeMesh:
     """Return the white mesh of a shape; boxes, cylinders and round shapes of all sizes share one of unit size.
 
     Parameters
@@ -46,14 +46,18 @@ def shape_mesh(placed: PlacedShape, *, rolling: bool = False) -> ShapeMesh:
         The shape.
     rolling : bool
         Whether a sphere has stripes, which show that it turns.
+    coarse : bool
+        Whether round shapes have a quarter of the facets, because there are many.
     """
+    segments = _SEGMENTS // 2 if coarse else _SEGMENTS
     shape, opacity = placed.shape, float(placed.color[3])
     stripes = rolling and isinstance(shape, Sphere)
     scale, key = np.eye(3), tuple[Any, ...]()
     geometry: g.Geometry
     if isinstance(shape, Sphere | Ellipsoid):
         radii = (shape.radius,) * 3 if isinstance(shape, Sphere) else shape.radii
-        geometry, scale, key = _striped() if stripes else _Round((1.0,) * 3), np.diag(radii), ("round", stripes)
+        geometry = _striped(segments) if stripes else _Round(segments)
+        scale, key = np.diag(radii), ("round", stripes)
     elif isinstance(shape, Box):
         geometry, scale, key = g.Box((1.0, 1.0, 1.0)), np.diag(shape.size), ("box",)
     elif isinstance(shape, Cylinder):
@@ -80,10 +84,14 @@ def shape_color(placed: PlacedShape) -> tuple[float, ...]:
 
 
 class _Round(g.Ellipsoid):
-    """An ellipsoid in finer facets than meshcat's."""
+    """A unit sphere of some facets around its equator."""
+
+    def __init__(self, segments: int) -> None:
+        super().__init__((1.0, 1.0, 1.0))
+        self._segments = segments
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        return {**super().lower(object_data), "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
+        return {**super().lower(object_data), "widthSegments": self._segments, "heightSegments": self._segments // 2}
 
 
 def arrow_mesh() -> g.Mesh:
@@ -107,10 +115,10 @@ def cone_mesh() -> g.Mesh:
     return g.Mesh(_revolved([(0.0, 0.0), (1.0, 1.0)], _SEGMENTS), material)
 
 
-def _striped() -> g.Geometry:
+def _striped(segments: int) -> g.Geometry:
     """Return a unit sphere with dark stripes from pole to pole."""
-    down = np.linspace(0.0, np.pi, _SEGMENTS // 2 + 1)
-    wide = _SEGMENTS // _STRIPES
+    down = np.linspace(0.0, np.pi, segments // 2 + 1)
+    wide = segments // _STRIPES
     points, triangles, shades = list[Array](), list[Array](), list[Array]()
     for k in range(_STRIPES):
         # stripes share no corners, so that colors end at their edges

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _LONGEST = 10.0
 # the part of speeds and percussions that colors tell apart
 _COLORED = 0.995
+# shapes from which on round ones are coarse
+_MANY = 2000
 # the shapes of an instance: visual ones, collision ones, or both
 _KINDS = {"visual": 1, "collision": 2}
 
@@ -88,12 +90,14 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
         vis["instances"][str(k)].set_object(group.drawn.mesh)
     for k, mesh in enumerate((arrow_mesh(), cone_mesh(), normal_mesh())):
         vis["marks"][str(k)].set_object(mesh)
+    both = sum(_KINDS.values())
+    first = both if all(set(group.kinds) == {both} for group in groups) else _KINDS[shapes]
     # long arrows would hide many small bodies
     assert run.problem is not None
     length = min(radius, _LONGEST * run.problem.length)
     page.data = {
         **_poses(moves),
-        "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": _KINDS[shapes],
+        "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": first,
         "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
         "groups": [group.data() for group in groups],
         "marks": packed(marks(run, moves, length).astype(np.float32)),
@@ -161,7 +165,7 @@ def _groups(
     column = {body: moves.driven + k for k, body in enumerate(moves.bodies)}
     driven = {id(drive): k for k, drive in enumerate(scene.motions)}
     groups, seen = dict[Any, _Group](), dict[int, tuple[_Group, int]]()
-    meshes = dict[Any, ShapeMesh]()
+    meshes, coarse = dict[Any, ShapeMesh](), max(len(shown) for shown in kinds.values()) > _MANY
     for kind, shown in kinds.items():
         for placed in shown:
             if id(placed) in seen:
@@ -172,7 +176,7 @@ def _groups(
             rolls = rolling and bool(placed.body) and "/" not in placed.name
             known = (id(placed.shape), placed.color[3], rolls)
             if known not in meshes:
-                meshes[known] = shape_mesh(placed, rolling=rolls)
+                meshes[known] = shape_mesh(placed, rolling=rolls, coarse=coarse)
             drawn = meshes[known]
             group = groups.setdefault(drawn.key, _Group(drawn))
             seen[id(placed)] = group, len(group.columns)

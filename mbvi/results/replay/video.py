@@ -35,6 +35,10 @@ def replay_video(
     shapes: str = "visual",
 ) -> None:
     """Write a picture or a video of a run; see `Trajectory.replay_video`."""
+    start, end = float(run.t[0]), float(run.t[-1])
+    given = t if isinstance(t, tuple) else () if t is None else (t,)
+    if not all(start <= one <= end for one in given):
+        raise InputError(f"t = {t} lies outside the run, [{start:g}, {end:g}] s")
     kind = path.suffix.lower()
     if kind not in _FORMATS:
         raise InputError(f"the name of a video ends with one of {', '.join(_FORMATS)}; got {path.name}")
@@ -70,9 +74,7 @@ def _instants(run: PlayableRun, t: float | tuple[float, float] | None, kind: str
             raise InputError(f"the first instant of a video must not be after the last; got t = ({first}, {last})")
         count = int((last - first) / speed * _RATES[kind]) + 1
         given = first + np.arange(count) * speed / _RATES[kind]
-    if not (start <= given[0] and given[-1] <= end + 1e-12 * abs(end)):
-        raise InputError(f"t = {t} lies outside the run, [{start:g}, {end:g}] s")
-    return given - start
+    return np.minimum(given, end) - start
 
 
 def _pictures(run: PlayableRun, instants: Array, shapes: str) -> Iterator[bytes]:

@@ -1,26 +1,29 @@
 """Visual shapes in the replay: where Pinocchio has them, in the colours of their files, and what is shown without."""
 
+import base64
+import json
 import re
-import subprocess
-import threading
 import xml.etree.ElementTree as ElementTree
+import zlib
 
-import meshcat
 import numpy as np
 import pinocchio as pin
 import pytest
+import umsgpack
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
+from mbvi.results.replay.browser import Browser
 from mbvi.results.replay.page import Page
-from mbvi.results.replay.replay import stage
+from mbvi.results.replay.replay import page_of
 from mbvi.scene.collada import collada_mesh
 from mbvi.scene.inputs import mesh_of
 from mbvi.scene.meshes import Mesh, visual_mesh
 from mbvi.scene.visuals import visual_shapes
-from support.browser import chromium, distinct_colors, look, needs_browser, with_script
+from support.browser import HEIGHT, WIDTH, distinct_colors, look, needs_browser
+from support.browser import shown as page_shown
 from support.paths import REAL_ROBOTS, ROBOTS, real_robot
 
 G1 = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
@@ -37,13 +40,19 @@ def short(scene):
 
 
 def drawn(run, shapes="visual"):
-    """The objects that a page draws, by the path of their node."""
-    from mbvi.results.replay.keyframes import shapes_of
-
-    page = Page()
-    stage(meshcat.Visualizer(window=page), run, shown=shapes_of(run, shapes))
-    found = [c for c in page.commands if c["type"] == "set_object"]
-    return {c["path"]: c["object"] for c in found if "/bodies/" in c["path"] or "/fixed/" in c["path"]}
+    """The instances that a page shows at first: (column, color, material) of each; column -1 is the world."""
+    page = page_of(run, shapes)
+    meshes = [c["object"] for c in page.commands if c["type"] == "set_object" and "/instances/" in c["path"]]
+    found = []
+    for group, mesh in zip(page.data["groups"], meshes, strict=True):
+        columns, kinds, rows = (
+            np.frombuffer(zlib.decompress(base64.b64decode(group[name])), kind)
+            for name, kind in (("columns", np.int32), ("kinds", np.uint8), ("rows", np.float32))
+        )
+        for column, kind, row in zip(columns, kinds, rows.reshape(-1, 15), strict=True):
+            if kind & page.data["shapes"]:
+                found.append((int(column), tuple(row[:3].tolist()), mesh["materials"][0]))
+    return found
 
 
 def robot_file(folder, links, extra=""):
@@ -143,12 +152,10 @@ def test_several_robots_and_other_things_are_all_shown():
     scene.add_box((0.1, 0.1, 0.1), position=(0, 3, 1))
     scene.add_box((0.1, 0.1, 0.1), position=(0, 4, 1), fixed=True)
     scene.add_sphere(0.1, position=(0, 5, 1))
-    paths = list(drawn(short(scene)))
+    found = drawn(short(scene))
     visuals = len(ElementTree.parse(ROBOTS / "hopper/hopper.urdf").findall("link/visual"))
-    for k in range(3):
-        assert sum(f" h{k} " in path.rpartition("/")[2] for path in paths) == visuals
-    assert len(paths) == 3 * visuals + 3
-    assert sum("/fixed/" in path for path in paths) == 1
+    assert len(found) == 3 * visuals + 3
+    assert sum(column < 0 for column, *_ in found) == 1
 
 
 def test_collision_shapes_are_shown_where_asked_for():
@@ -157,8 +164,6 @@ def test_collision_shapes_are_shown_where_asked_for():
     run = short(scene)
     shapes = run.problem.scene.shapes
     assert len(drawn(run, "collision")) == len(shapes) != len(drawn(run))
-    names = {path.rpartition("/")[2].partition(" ")[2] for path in drawn(run, "collision")}
-    assert names == {s.name.replace("/", " ") for s in shapes}
 
 
 @pytest.mark.parametrize("wrong", ["visuals", "", None, 3, ["visual"]])
@@ -191,9 +196,9 @@ def test_colours_are_those_of_the_urdf(tmp_path):
     found = [shape.color for shape in visual_shapes(short(scene).problem.scene)[0]]
     assert found[:5] == [(1, 0, 0, 1), (0, 0, 1, 1), (0, 0, 1, 1), (0, 1, 0, 0.5), (1, 1, 0, 1)]
     assert found[5] == found[6]
-    materials = [o["materials"][0] for o in drawn(short(scene)).values()]
-    assert [m["color"] for m in materials[:5]] == [0xFF0000, 0x0000FF, 0x0000FF, 0x00FF00, 0xFFFF00]
-    assert [(m["transparent"], m["opacity"]) for m in materials[2:4]] == [(False, 1.0), (True, 0.5)]
+    shapes = sorted(drawn(short(scene)), key=lambda one: one[0])
+    assert [color for _, color, _ in shapes[:5]] == [(1, 0, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 1, 0)]
+    assert [(m["transparent"], m["opacity"]) for _, _, m in shapes[2:4]] == [(False, 1.0), (True, 0.5)]
 
 
 def file_colours(path):
@@ -291,25 +296,12 @@ def test_a_mesh_used_many_times_is_stored_once(tmp_path):
     assert sizes[1] - sizes[0] < 0.5 * mesh
 
 
-def test_page_commands_come_back_as_they_were(tmp_path):
-    """Arrays that several commands share are put together again."""
-    import base64
-    import json
-
-    import umsgpack
-
+def test_page_commands_come_back_as_they_were():
     page = Page()
-    random = np.random.default_rng(1)
-    shared = umsgpack.Ext(0x17, random.normal(size=900).astype(np.float32).tobytes())
-    other = umsgpack.Ext(0x17, random.normal(size=900).astype(np.float32).tobytes())
-    page.commands = [{"a": [shared, {"b": other}], "n": k, "c": shared} for k in range(3)] + [{"d": "no array"}]
-    text = page.html()
-    (chunks,) = re.findall(r"^const chunks = (\[.*\]);$", text, re.M)
-    (commands,) = re.findall(r"^for \(const parts of (\[.*\])\) \{$", text, re.M)
-    parts = [base64.b64decode(chunk) for chunk in json.loads(chunks)]
-    found = [umsgpack.unpackb(b"".join(parts[k] for k in numbers)) for numbers in json.loads(commands)]
-    assert found == page.commands
-    assert len(parts) < 2 + 4 * 3
+    array = umsgpack.Ext(0x17, np.random.default_rng(1).normal(size=900).astype(np.float32).tobytes())
+    page.commands = [{"a": [array, {"b": array}], "n": k} for k in range(3)] + [{"d": "no array"}]
+    (texts,) = re.findall(r"^const COMMANDS = (\[.*\]);$", page.html(), re.M)
+    assert [umsgpack.unpackb(base64.b64decode(text)) for text in json.loads(texts)] == page.commands
 
 
 def test_the_command_line_has_both_kinds_of_shapes(tmp_path, monkeypatch, capsys):
@@ -437,19 +429,6 @@ def test_damaged_mesh_files_are_refused_or_shown(tmp_path_factory, seed):
     assert 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.vertices)
 
 
-def in_browser(page, script):
-    """What a script at the end of a page writes to the console after "said"."""
-    command = [*chromium(page.parent), "--remote-debugging-port=0", with_script(page, script)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as browser:
-        limit = threading.Timer(100, browser.kill)
-        limit.start()
-        said = next((found for line in browser.stderr if (found := re.search(r'said (.*?)", source', line))), None)
-        limit.cancel()
-        browser.terminate()
-    assert said is not None
-    return said[1]
-
-
 @pytest.mark.slow
 @needs_browser
 def test_a_browser_shows_g1_with_its_feet(tmp_path):
@@ -464,17 +443,19 @@ def test_a_browser_shows_g1_with_its_feet(tmp_path):
     links = ElementTree.parse(path).findall("link")
     visuals = [link.get("name") for link in links for _ in link.findall("visual")]
     assert {"left_ankle_roll_link", "right_ankle_roll_link"} <= set(visuals)
-    count = """const names = [], black = [];
-        viewer.scene.traverse(o => { if (o.isMesh && o.parent && /^[0-9]+ g1/.test(o.parent.name)) {
-            names.push(o.parent.name);
-            if (/ankle_roll/.test(o.parent.name)) black.push(o.material.color.getHex()); } });
-        console.log(`said ${names.length} ${names.filter(n => /ankle_roll/.test(n)).length} ${black}`);"""
-    meshes, feet, colors = in_browser(page, count).split()
-    assert int(meshes) == len(visuals)
-    assert int(feet) == sum("ankle_roll" in name for name in visuals) == 2
-    wanted = round(0.2 * 255) * 0x010101
-    assert {int(c) for c in colors.split(",")} == {wanted}
-    assert distinct_colors(look(page, 0.0)) > 500
+    ask = """replay.groups.flatMap(g => g.shown.map((k, n) => [g.columns[k],
+        Math.round(255 * g.mesh.instanceColor.array[3 * n])]))"""
+    with Browser(WIDTH, HEIGHT) as browser:
+        page_shown(browser, page)
+        found = browser.evaluate(ask)
+        feet = [
+            browser.evaluate("DATA.names").index(name)
+            for name in browser.evaluate("DATA.names")
+            if "ankle_roll" in name
+        ]
+        assert distinct_colors(look(browser, 0.0)) > 500
+    assert len(found) == len(visuals) and len(feet) == 2
+    assert {color for column, color in found if column in feet} == {round(0.2 * 255)}
 
 
 @needs_browser
@@ -484,15 +465,15 @@ def test_a_browser_shows_go2_in_its_colours(tmp_path):
     run = short(scene)
     page = tmp_path / "go2.html"
     run.replay_html(page)
-    ask = """const feet = new Set();
-        viewer.scene.traverse(o => { if (o.isMesh && o.parent && /FL_foot/.test(o.parent.name)) {
-            const c = o.geometry.attributes.color; feet.add(`${c.getX(0)},${c.getY(0)},${c.getZ(0)}`); } });
-        console.log("said " + [...feet].join(";"));"""
-    assert in_browser(page, ask) == "0,0,0"
-    # the feet are black; the collision shapes are white all over; the viewer's own menu is in the uppermost rows
-    assert (look(page, 0.0)[30:].max(axis=2) < 12).sum() > 20
-    run.replay_html(page, shapes="collision")
-    assert (look(page, 0.0)[30:].max(axis=2) < 12).sum() == 0
+    ask = """[...new Set(replay.groups.filter(g => g.colored && g.mesh.geometry.attributes.color).flatMap(g => {
+        const c = g.mesh.geometry.attributes.color; return [`${c.getX(0)},${c.getY(0)},${c.getZ(0)}`]; }))]"""
+    with Browser(WIDTH, HEIGHT) as browser:
+        page_shown(browser, page)
+        assert "0,0,0" in browser.evaluate(ask)
+        # the feet are black; the collision shapes are white all over; the panel is at the right
+        assert (look(browser, 0.0)[:390, :420].max(axis=2) < 12).sum() > 20
+        browser.evaluate("replay.choose(2)")
+        assert (look(browser, 0.0)[:390, :420].max(axis=2) < 12).sum() == 0
 
 
 def area(corners):

@@ -380,6 +380,15 @@ def _replay(speed: Any, shapes: Any) -> None:
         run().replay(speed=speed, shapes=shapes)
 
 
+def _replay_video(path: Any, **given: Any) -> None:
+    # right arguments start a browser
+    try:
+        run().replay_video(path, **given)
+    except mbvi.InputError as error:
+        if not (isinstance(path, str) and path == "run" and "ends with one of" in str(error)):
+            raise
+
+
 def _sweep(**given: Any) -> Any:
     # without a client it is the current one
     with _client().as_current():
@@ -599,6 +608,9 @@ CALLS: dict[str, Call] = {
         lambda **given: run().export(**given), lambda: {"path": "run.csv", "table": "impacts"}
     ),
     "Trajectory.to_rerun": Call(lambda **given: run().to_rerun(**given), lambda: {"path": "run.rrd"}),
+    "Trajectory.replay_video": Call(
+        _replay_video, lambda: {"path": "run", "t": (0.0, 0.01), "speed": 1.0, "shapes": "visual"}
+    ),
     "Trajectory.contacts": Call(lambda **given: run().contacts(**given), lambda: {"t": 0.015}),
     "Trajectory.contact_forces": Call(lambda **given: run().contact_forces(**given), lambda: {"name": "ball"}),
     "Trajectory.impact_table": Call(lambda **given: run().impact_table(**given), lambda: {"most": 3}),
