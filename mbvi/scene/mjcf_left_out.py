@@ -28,6 +28,8 @@ _COUNTED = (
     ("nlight", "lights", "not kept", False),
     ("nkey", "keyframes", "give joints and velocity", False),
 )
+# MuJoCo's defaults of soft constraints
+_SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 _FLAGS = ("CONTACT", "LIMIT", "GRAVITY", "CONSTRAINT", "DAMPER")
 
 
@@ -40,6 +42,9 @@ def left_out(m: Any, bodies: Sequence[str]) -> tuple[list[Omission], list[str]]:
             omitted.append(Omission(f"{count} {words}", why))
             if moves:
                 ignored.append(f"{count} {words}")
+    softened = _softened(m)
+    if softened:
+        omitted.append(Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given"))
     for what, why in (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m), *_of_options(m)):
         omitted.append(Omission(what, why))
         ignored.append(what)
@@ -90,6 +95,19 @@ def _of_geoms(m: Any) -> Iterator[tuple[str, str]]:
         count = int(np.count_nonzero(np.asarray(values).reshape(m.ngeom, -1).any(axis=1) & touching))
         if count:
             yield f"{what} of {count} geoms", why
+
+
+def _softened(m: Any) -> str:
+    """Return how many geoms and joints have other parameters of MuJoCo's soft constraints than its defaults, if any."""
+    found = []
+    for kind, count in (("geom", m.ngeom), ("jnt", m.njnt)):
+        other = np.zeros(count, bool)
+        for name, default in (("solref", _SOLREF), ("solimp", _SOLIMP)):
+            values = np.asarray(getattr(m, f"{kind}_{name}")).reshape(count, -1)
+            other |= (values != default).any(axis=1)
+        if other.any():
+            found.append(f"{np.count_nonzero(other)} {'geoms' if kind == 'geom' else 'joints'}")
+    return " and ".join(found)
 
 
 def _of_options(m: Any) -> Iterator[tuple[str, str]]:
