@@ -298,7 +298,7 @@ def test_forces_act_at_the_centre_of_mass_of_a_body(tmp_path):
 REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></option>
   <asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>
   <worldbody><geom type="hfield" hfield="hills"/><site name="s"/><light/><camera name="c"/>
-    <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/><geom name="g" size=".1" margin=".01"/>
+    <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/><geom name="g" size=".1" margin=".01" solref=".01 1"/>
       <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true"/>
         <geom size=".1" condim="6"/></body>
     </body>
@@ -324,7 +324,8 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     for words in moving:
         assert words in str(warning.message), words
         assert words in report, words
-    for words in ("1 sites", "1 cameras", "1 lights", "1 sensors", "1 keyframes"):
+    softness = "softness (solref, solimp) of 1 geoms"
+    for words in ("1 sites", "1 cameras", "1 lights", "1 sensors", "1 keyframes", softness):
         assert words in report and words not in str(warning.message)
 
 
