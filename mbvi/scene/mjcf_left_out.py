@@ -103,7 +103,7 @@ def _softened(m: Any) -> str:
     for kind, count in (("geom", m.ngeom), ("jnt", m.njnt)):
         other = np.zeros(count, bool)
         for name, default in (("solref", _SOLREF), ("solimp", _SOLIMP)):
-            values = np.asarray(getattr(m, f"{kind}_{name}")).reshape(count, -1)
+            values = np.asarray(getattr(m, f"{kind}_{name}")).reshape(count, len(default))
             other |= (values != default).any(axis=1)
         if other.any():
             found.append(f"{np.count_nonzero(other)} {'geoms' if kind == 'geom' else 'joints'}")
