@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
-from .replay.keyframes import motion, shapes_of
+from .replay.motion import motion, shapes_of
 from .tables import table
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def write_mcap(run: RunData, path: Path) -> None:
     messages = [_states(run), _impacts(run)]
     # a scene may have nothing to show
     with suppress(InputError):
-        messages.append(_scene(run, shapes_of(run)))
+        messages.append(_scene(run, shapes_of(run)["visual"]))
         schemas |= {"/tf": _POSES, "/scene": _SHAPES}
     with path.open("wb") as file:
         writer = Writer(file)
@@ -125,7 +125,8 @@ def _scene(run: RunData, shown: Sequence[PlacedShape]) -> Iterator[_Message]:
     entities = [_entity(placed, names[placed.body], stamp) for placed in shown]
     yield _Message("/scene", 0.0, {"deletions": [], "entities": entities})
     moves = motion(run, shown=shown)
-    for time, places, turns in zip(moves.times.tolist(), moves.position, moves.quaternion, strict=True):
+    times, first = moves.times - moves.times[0], moves.driven
+    for time, places, turns in zip(times.tolist(), moves.position[:, first:], moves.quaternion[:, first:], strict=True):
         stamp = _stamp(time)
         transforms = [
             {"timestamp": stamp, "parent_frame_id": names[0], "child_frame_id": names[body], **_pose(p, x)}

@@ -12,7 +12,7 @@ from ..errors import InputError, TrajectoryFileError
 from ..geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, PlacedShape, Sphere
 from .columns import STATES
 from .energies import energies_of_run
-from .replay.keyframes import bounds, carried, motion, scene_of, shapes_of
+from .replay.motion import bounds, motion, scene_of, shapes_of
 from .tables import table
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def write_rerun(run: RunData, path: Path) -> None:
         import rerun.blueprint as rrb
     except ImportError as error:
         raise InputError("run.to_rerun() needs the Rerun SDK: pip install 'mbvi[rerun]'") from error
-    shown = shapes_of(run)
+    shown = shapes_of(run)["visual"]
     moves = motion(run, shown=shown)
     lower, upper = bounds(scene, moves, shown)
     views = [rrb.TimeSeriesView(origin=name, name=name) for name in ("energy", "penetration")]
@@ -47,16 +47,13 @@ def write_rerun(run: RunData, path: Path) -> None:
         raise TrajectoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
     file = rr.RecordingStream("mbvi")
     file.save(path, default_blueprint=layout)
-    frames = rr.TimeColumn("time", duration=moves.instants)
+    frames = rr.TimeColumn("time", duration=moves.times)
     file.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     entities = _Entities(rr, run, scene)
-    for b, body in enumerate(moves.bodies):
-        poses = rr.Transform3D.columns(translation=moves.position[:, b], quaternion=moves.quaternion[:, b])
-        file.send_columns(entities.body(body), [frames], poses)
-    for drive in scene.motions:
-        position, quaternion = carried(drive, moves.instants)
-        poses = rr.Transform3D.columns(translation=position, quaternion=quaternion)
-        file.send_columns(entities.driven[id(drive)], [frames], poses)
+    carriers = [*(entities.driven[id(drive)] for drive in scene.motions), *map(entities.body, moves.bodies)]
+    for k, entity in enumerate(carriers):
+        poses = rr.Transform3D.columns(translation=moves.position[:, k], quaternion=moves.quaternion[:, k])
+        file.send_columns(entity, [frames], poses)
     for placed in shown:
         entity = entities.of(placed.name, placed.motion, placed.body)
         file.log(entity, rr.Transform3D(translation=placed.position, mat3x3=placed.rotation), static=True)

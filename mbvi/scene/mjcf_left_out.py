@@ -44,7 +44,9 @@ def left_out(m: Any, bodies: Sequence[str]) -> tuple[list[Omission], list[str]]:
                 ignored.append(f"{count} {words}")
     softened = _softened(m)
     if softened:
-        omitted.append(Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given"))
+        omitted.append(
+            Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given")
+        )
     for what, why in (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m), *_of_options(m)):
         omitted.append(Omission(what, why))
         ignored.append(what)

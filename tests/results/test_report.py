@@ -3,14 +3,14 @@
 import base64
 import json
 import re
-import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import mbvi
-from support.browser import chromium, distinct_colors, needs_browser, read_png, with_script
+from mbvi.results.replay.browser import Browser, page_address
+from support.browser import distinct_colors, needs_browser, read_png
 from support.paths import ROBOTS
 
 
@@ -134,20 +134,14 @@ def test_a_notebook_shows_run_problem_and_scene(run):
 
 
 def browse(page, script, width):
-    """Run a script in a page when its replay is there; return what it says and the picture [pixels]."""
-    wrapped = f"""setTimeout(() => {{ try {{ {script} }} catch (error) {{ console.log("said " + error); }} }}, 500);"""
-    picture = page.with_name(f"picture_{width}.png")
-    flags = ["--virtual-time-budget=1000", f"--window-size={width},600", f"--screenshot={picture}"]
-    done = subprocess.run(
-        [*chromium(page.parent), *flags, with_script(page, wrapped)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    bad = [line for line in done.stderr.splitlines() if re.search("CONSOLE.*(Uncaught|Error|Failed|Refused)", line)]
-    assert not bad
-    return re.search(r'"said (.*?)", source', done.stderr)[1], read_png(picture.read_bytes())
+    """Run a script in a page when its replay is there; return what it returns and the picture [pixels]."""
+    with Browser(width, 600) as browser:
+        browser.open(page_address(page), "frame.contentWindow.eval('replay.ready')")
+        # clicks in plots show instants: the replay must not go on by itself
+        browser.evaluate("frame.contentWindow.eval('replay.autoplay = false; replay.pause()')")
+        said, picture = browser.evaluate(f"(() => {{ {script} }})()"), read_png(browser.picture())
+        assert not browser.errors
+    return said, picture
 
 
 ASK = """
@@ -165,9 +159,9 @@ ASK = """
     charts_[0].dispatchEvent(new MouseEvent("dblclick"));
     const requests = [performance, frame.contentWindow.performance].flatMap(p => p.getEntriesByType("resource"))
         .filter(r => !r.name.startsWith("data:") && !r.name.startsWith("blob:")).length;
-    console.log("said " + JSON.stringify({
+    return JSON.stringify({
         charts: charts_.length, paths: document.querySelectorAll(".chart path").length, read, shown, zoomed, view,
-        requests, wide: document.documentElement.scrollWidth - innerWidth}));
+        requests, wide: document.documentElement.scrollWidth - innerWidth});
 """
 
 

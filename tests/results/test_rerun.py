@@ -7,7 +7,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import mbvi
-from mbvi.results.replay.keyframes import motion
+from mbvi.results.replay.motion import motion
 from support.paths import ROBOTS
 
 
@@ -48,12 +48,14 @@ def test_poses_are_those_of_the_replay(run, read):
         # the reader gives names as paths, where brackets are escaped
         name = system.bodies[body].replace("[", r"\[").replace("]", r"\]")
         found = read[0][f"/world/bodies/{name}"]
-        assert np.abs(seconds(found["time"]) - moves.instants).max() < 1e-6
+        assert np.abs(seconds(found["time"]) - moves.times).max() < 1e-6
         for part, values in (("translation", moves.position), ("quaternion", moves.quaternion)):
             # in single precision
-            np.testing.assert_allclose(np.array(found[f"Transform3D:{part}"])[:, 0], values[:, b], atol=1e-6)
+            np.testing.assert_allclose(
+                np.array(found[f"Transform3D:{part}"])[:, 0], values[:, moves.driven + b], atol=1e-6
+            )
     driven = np.array(read[0]["/world/driven/0"]["Transform3D:translation"])[:, 0, 2]
-    np.testing.assert_allclose(driven, 0.1 * np.sin(4.0 * np.pi * moves.instants), atol=1e-6)
+    np.testing.assert_allclose(driven, 0.1 * np.sin(4.0 * np.pi * moves.times), atol=1e-6)
 
 
 def test_shapes_have_their_kinds_and_sizes(read):

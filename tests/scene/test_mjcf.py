@@ -298,7 +298,8 @@ def test_forces_act_at_the_centre_of_mass_of_a_body(tmp_path):
 REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></option>
   <asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>
   <worldbody><geom type="hfield" hfield="hills"/><site name="s"/><light/><camera name="c"/>
-    <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/><geom name="g" size=".1" margin=".01" solref=".01 1"/>
+    <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/>
+      <geom name="g" size=".1" margin=".01" solref=".01 1"/>
       <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true"/>
         <geom size=".1" condim="6"/></body>
     </body>

@@ -237,7 +237,7 @@ def test_restitution_outside_the_unit_interval(e):
 NO_INERTIA = URDF[URDF.index('<inertial><origin xyz="0 0 -0.25"/>') :].split("</inertial>")[0] + "</inertial>"
 BAD_URDFS = {
     "no XML": (lambda text: text[:-20], "is no XML"),
-    "another root": (lambda text: "<sdf/>", "root element is <sdf>"),
+    "another root": (lambda text: "<sdf/>", "is SDF, for which Pinocchio's wheels have no parser"),
     "no inertia": (lambda text: text.replace(NO_INERTIA, ""), "'lower' moves with joint 'elbow' but has no mass"),
     "a joint that turns no inertia": (
         lambda text: text.replace(

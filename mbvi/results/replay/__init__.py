@@ -1,1 +1,1 @@
-"""Replays: one HTML page with meshcat inside, shapes and keyframes."""
+"""Replays: one HTML page with meshcat inside, shapes and poses."""
