@@ -66,7 +66,7 @@ class Centered(Scheme):
             active = _rows_in_the_middle(problem, t, middle, ahead, change)
         motion = system.free_motion(t, middle, force_velocity, h)
         motion = motion if force_velocity is v else motion.of(v, force_velocity)
-        opened = closing_speeds(problem, active, half, half * active.speeds(v))
+        opened = closing_speeds(problem, active, half, half * active.speeds(v)) if margin > 0.0 else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:

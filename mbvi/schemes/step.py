@@ -164,16 +164,16 @@ def joins(gap: float, change: float, lever: float, tolerance: float) -> bool:
     """Return whether a row within the margin joins the law.
 
     It does if it is very near, or if it may have opened by the bend of its path alone: then it was closed at the start
-    of the step, and `change`, that of a step at the rate of the end, is twice the gap. Twice that is allowed, as no
-    change at all is. `lever` makes lengths of both.
+    of the step, and `change`, that of a step at the rate of the end, is twice the gap. A good deal less and more is
+    allowed, down to bodies that do not move. `lever` makes lengths of both.
     """
-    return lever * gap <= NEAR * tolerance or abs(change - 2.0 * gap) <= 2.0 * gap
+    return lever * gap <= NEAR * tolerance or abs(change - 2.0 * gap) <= 2.5 * gap
 
 
 def joining(problem: Problem, rows: Rows, change: Array) -> Array:
     """Return which rows within the margin join the law, shape (k,), as of `joins`; `change` has the same shape."""
     near = problem.constraints.levers(rows.constraint) * rows.gap <= NEAR * problem.tolerance
-    return np.asarray(near | (np.abs(change - 2.0 * rows.gap) <= 2.0 * rows.gap))
+    return np.asarray(near | (np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap))
 
 
 @kernel("b1(f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])")

@@ -115,7 +115,12 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0):
             np.testing.assert_allclose(state.active.gap, step.active.gap, rtol=0.0, atol=1e-12)
             np.testing.assert_array_equal(state.active.restitution, step.active.restitution)
             most = np.abs(step.rates).max(initial=1.0)
-            np.testing.assert_allclose(state.rates, step.rates, rtol=0.0, atol=1e-11 * most)
+            J, p, unique = step.active.jacobian, state.rates[0] - step.percussion, 0
+            if step.slip is None and len(p) and np.linalg.matrix_rank(J) < len(p):
+                # rows that depend on each other: only what their percussions do together is unique
+                np.testing.assert_allclose(J.T @ p, 0.0, rtol=0.0, atol=1e-11 * most)
+                unique = 1
+            np.testing.assert_allclose(state.rates[unique:], step.rates[unique:], rtol=0.0, atol=1e-11 * most)
             if step.slip is not None:
                 np.testing.assert_allclose(state.slip, step.slip, rtol=0.0, atol=1e-11 * most)
         yield None if state is None else step

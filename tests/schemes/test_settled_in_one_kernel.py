@@ -51,7 +51,11 @@ def test_the_kernel_gives_the_step_that_searches_give(name, kind, least, monkeyp
         other, *_ = settled(problem, state, monkeypatch, by_kernel=False)
         # the same to the second-order part of gaps
         np.testing.assert_allclose(problem.system.difference(other.q, step.q), 0.0, atol=1e-7 * problem.length)
-        np.testing.assert_allclose(step.v, other.v, atol=1e-6 * max(1.0, np.abs(other.v).max()))
+        close = 1e-6 * max(1.0, np.abs(other.v).max())
+        if (step.active.gap > problem.tolerance).any():
+            # a contact that lands within half a step does so at a speed that follows from its gap
+            close = max(close, 1e-7 * problem.length / (0.5 * STEP))
+        np.testing.assert_allclose(step.v, other.v, atol=close)
         assert sorted(step.active.constraint) == sorted(other.active.constraint)
     assert raised >= least
 
