@@ -14,7 +14,7 @@ from .running import Request, check_targets, print_problem, run_and_print
 def demo(
     out_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the run and its replay.")] = Path("out"),
 ) -> None:
-    """Drop a quadruped on sprung legs, hit it with a ball, and write the replay."""
+    """Drop a quadruped on the floor and hit it with a ball. Write the replay."""
     from ..studies.shipped import demo_problem
 
     try:
@@ -24,5 +24,5 @@ def demo(
     out, page = out_dir / "demo.h5", out_dir / "demo.html"
     check_targets(out, page)
     problem = demo_problem()
-    print_problem(problem, named_by=None)
+    print_problem(problem)
     run_and_print(problem, Request(None, 2.0, 1e-3, out=out, page=page))

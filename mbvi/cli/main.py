@@ -102,7 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         code = app(args=None if arguments is None else list(arguments), prog_name="mbvi", standalone_mode=False)
     except usage as error:
-        _fail(f"{error.format_message()} (see: mbvi --help)")
+        # pydantic, inside typer, begins its messages so
+        said = error.format_message().replace("Value error, ", "")
+        _fail(f"{said} (see: {error.ctx.command_path if error.ctx else 'mbvi'} --help)")
     except MbviError as error:
         _fail(str(error), 1 if isinstance(error, _FAILED) else 2)
     except typer.Abort:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from enum import StrEnum
 from functools import partial
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from ..errors import InadmissibleStartError, InputError, MbviWarning
+from ..errors import InadmissibleStartError, InputError
 from ..scene import Scene
 from ..scene.reductions import DEFAULT_REDUCTIONS
 from ..scene.robot_names import format_of, is_robot_name
@@ -123,10 +122,7 @@ class RobotOnFloor(NamedTuple):
         if floor:
             scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
         if mjcf:
-            with warnings.catch_warnings():
-                # what is not modelled stands in the report
-                warnings.simplefilter("ignore", MbviWarning)
-                scene.add_mjcf(self.robot, position=(0.0, 0.0, z), joints=self.joints)
+            scene.add_mjcf(self.robot, position=(0.0, 0.0, z), joints=self.joints)
         else:
             base, srdf = (self.base or Base.free).value, None if self.srdf is None else str(self.srdf)
             scene.add_urdf(self.robot, base=base, position=(0.0, 0.0, z), joints=self.joints, srdf=srdf)

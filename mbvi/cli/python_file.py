@@ -18,8 +18,10 @@ def imported(path: Path) -> ModuleType:
     InputError
         If there is no such file, it has no name that can be imported, that of another module, or it raises.
     """
+    if not path.exists():
+        raise InputError(f"no such file: {path}")
     if path.suffix != ".py" or not path.is_file() or not path.stem.isidentifier():
-        raise InputError(f"{path} must be a file of Python, whose name other processes can import")
+        raise InputError(f"{path} must be a file of Python whose name can be imported, such as scene.py")
     # worker processes import it by its name from here
     sys.path.insert(0, str(path.resolve().parent))
     try:

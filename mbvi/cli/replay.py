@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import MbviWarning
 
@@ -42,8 +42,15 @@ def play(run: Trajectory, shapes: Shapes) -> None:
 
 @contextmanager
 def warnings_as_notes() -> Iterator[None]:
-    """Print warnings of mbvi in the format of a run's notes."""
+    """Print warnings of mbvi, each once, in the format of a run's notes."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        if str(message) not in said:
+            said.add(str(message))
+            print(f"note         {message}", flush=True)
+
     with warnings.catch_warnings():
         warnings.simplefilter("always", MbviWarning)
-        warnings.showwarning = lambda message, *_, **__: print(f"note         {message}", flush=True)
+        warnings.showwarning = show
         yield

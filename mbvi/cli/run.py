@@ -58,7 +58,7 @@ def run(
     replay: ReplayOption = None,
     shapes: ShapesOption = Shapes.visual,
 ) -> None:
-    """Run the scene of a Python file and print its impacts, energy and penetration.
+    """Run the scene of a Python file. Print its impacts, energy and penetration.
 
     The file defines make, which returns a Scene or a Problem, and may define options = dict(duration=..., step=...),
     which are those of mbvi.simulate; a file of mbvi sweep is one. A value is a number, true, false, none, or anything
@@ -71,7 +71,7 @@ def run(
     if solver is not None:
         options["solver"] = solver.solver
     problem = _made(module, scene, _values(settings or []))
-    print_problem(problem, named_by=None)
+    print_problem(problem)
     request = Request(
         options.pop("scheme", None) if chosen is None else chosen,
         options.pop("duration", _DURATION) if duration is None else duration,

@@ -91,8 +91,8 @@ def check_targets(source: Path, *targets: Path | None) -> None:
             raise TrajectoryFileError(f"{target} cannot be written: permission denied")
 
 
-def print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> None:
-    """Print what is modelled; `named_by` is the command that lists the reductions."""
+def print_problem(problem: Problem, named_by: str = "problem.report()") -> None:
+    """Print what is modelled; `named_by` is the command or the call that lists what is left out."""
     modelled, _, _ = problem.report().partition("\nLeft out")
     print(modelled)
     if problem.scene is None:
@@ -100,7 +100,7 @@ def print_problem(problem: Problem, named_by: str | None = "mbvi inspect") -> No
         return
     left_out = len(problem.scene.omitted)
     if left_out:
-        print(f"{left_out} reductions" + (f": `{named_by}` lists them" if named_by else ""))
+        print(f"Left out: {left_out} item{'s' * (left_out > 1)}, which `{named_by}` lists")
     if problem.scene.items.robots and not any(placed.body for placed in problem.scene.shapes):
         print("no link has a collision shape: the robot touches nothing")
     print(flush=True)

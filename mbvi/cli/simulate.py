@@ -8,7 +8,7 @@ import typer
 
 from ..errors import InadmissibleStartError
 from .on_floor import DROP_HEIGHT, Base, BaseOption, RobotArgument, RobotOnFloor, SrdfOption, joint_positions
-from .replay import Shapes
+from .replay import Shapes, warnings_as_notes
 from .running import (
     EveryOption,
     OutOption,
@@ -53,22 +53,25 @@ def simulate(
     replay: ReplayOption = None,
     shapes: ShapesOption = Shapes.visual,
 ) -> None:
-    """Drop a robot on the floor z = 0 and print its impacts, energy and penetration."""
+    """Drop a robot on the floor z = 0. Print its impacts, energy and penetration."""
     check_targets(robot, out, replay)
     chosen = chosen_scheme(scheme, tolerance)
-    problem = RobotOnFloor(robot, base, restitution, friction, joint_positions(joint or []), srdf).problem(height)
-    print_problem(problem)
+    placed = RobotOnFloor(robot, base, restitution, friction, joint_positions(joint or []), srdf)
+    with warnings_as_notes():
+        problem = placed.problem(height)
+    print_problem(problem, named_by="mbvi inspect")
     more = {} if solver is None else {"solver": solver.solver}
     run_and_print(problem, Request(chosen, duration, step, every, out, replay, shapes, more))
 
 
 def inspect(robot: RobotArgument, base: BaseOption = None, srdf: SrdfOption = None) -> None:
-    """Print joints, shapes and constraints of a robot on a floor, and what is left out, with reasons."""
+    """Print joints, shapes and constraints of a robot. Print also what is left out, and why."""
     from .tables import joint_table, shape_table
 
     placed = RobotOnFloor(robot, base, srdf=srdf)
     try:
-        problem = placed.problem(None)
+        with warnings_as_notes():
+            problem = placed.problem(None)
     except InadmissibleStartError as error:
         if base is not Base.fixed:
             raise

@@ -223,7 +223,7 @@ class HalfSpaceContacts(Pairs):
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
-        return f"{self.size} pairs of a shape and a half-space"
+        return f"{self.size} pair{'s' * (self.size != 1)} of a shape and a half-space"
 
     def _select(self, points: Array) -> _Selection:
         """Return some points, gathered; they are kept, since a run has few different sets of points."""

@@ -118,7 +118,7 @@ class SignedDistances(Pairs):
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
-        return f"{self.size} pairs of shapes: {self.describe_paths()}"
+        return f"{self.size} pair{'s' * (self.size != 1)} of shapes: {self.describe_paths()}"
 
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of the rows: one for each pair, its least distance."""

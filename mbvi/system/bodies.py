@@ -96,7 +96,7 @@ class Spheres(System):
 
     def describe(self) -> str:
         n = self.independent_bodies
-        return f"{n} sphere{'s' * (n > 1)}, {self.nv // n} degrees of freedom each"
+        return f"{n} sphere{'s' * (n > 1)}, {self.nv // n} degrees of freedom{' each' * (n > 1)}"
 
 
 class FreeBodies(System):
@@ -241,7 +241,7 @@ class FreeBodies(System):
 
     def describe(self) -> str:
         n = self.independent_bodies
-        return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom each"
+        return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom{' each' * (n > 1)}"
 
 
 # relative difference of moments of inertia that counts as zero

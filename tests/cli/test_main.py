@@ -56,7 +56,7 @@ def test_simulate_prints_and_writes(command):
     assert f"{start:.6g} J at the start, {end:.6g} J at the end" in out
     assert f"{trajectory.penetration().max():.3g} m at most" in out
     assert "for 300 steps" in out and "8 degrees of freedom" in out and "7 pairs" in out
-    assert f"{len(trajectory.problem.scene.omitted)} reductions" in out
+    assert f"Left out: {len(trajectory.problem.scene.omitted)} items, which `mbvi inspect` lists" in out
     assert "run.h5" in out and "run.html" in out
     assert "Centered, h = 0.001 s" in out and "default at a given step" in out
     assert Path("run.html").read_text().lstrip().lower().startswith("<!doctype html")
@@ -238,7 +238,7 @@ def test_an_interrupted_run_leaves_its_file(command, monkeypatch):
         (("replay", "text.urdf"), "truncated or no HDF5 file"),
         (("demo", "--out-dir", "text.urdf"), "cannot be made"),
         (("bounce",), "No such command 'bounce'"),
-        (("simulate",), "Missing argument"),
+        (("simulate",), "(see: mbvi simulate --help)"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(command, tmp_path, arguments, said):
@@ -254,6 +254,11 @@ def test_help_and_version(command):
     for arguments in ((), ("--help",)):
         code, out, _ = command(*arguments)
         assert code == 0 and all(name in out for name in ("demo", "simulate", "inspect", "replay"))
+        assert not any(
+            f"  {name} " in line and "..." in line
+            for name in ("demo", "run", "simulate", "inspect")
+            for line in out.splitlines()
+        )
     code, out, _ = command("--version")
     assert code == 0 and out.startswith(f"mbvi {mbvi.__version__}\nPython 3.")
     for name in ("pin", "coal", "proxsuite", "numba", "mujoco"):

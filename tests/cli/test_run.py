@@ -50,7 +50,7 @@ def test_values_are_what_python_writes():
 @pytest.mark.parametrize(
     ("text", "words", "said"),
     [
-        (None, (), "must be a file of Python"),
+        (None, (), "no such file: wrong_"),
         ("x = 1", (), "must define make"),
         ("raise ValueError('no')", (), "cannot be imported: ValueError: no"),
         ("def make(a): pass", (), "missing a required argument: 'a'; set its arguments by --set, which are a"),
@@ -85,3 +85,16 @@ def test_a_mjcf_falls_on_its_own_floor_or_on_that_of_the_command(command, tmp_pa
     assert code == 0 and "b_joint" in out
     code, _, err = command("simulate", "ball.xml", "--base", "free")
     assert code == 2 and "a MJCF has its own base" in err
+
+
+def test_what_a_mjcf_loses_is_a_note(command, tmp_path):
+    pytest.importorskip("mujoco")
+    text = FALLING.format(plane=PLANE, z=0.5).replace(
+        "</worldbody>", '</worldbody><actuator><motor body="b" gear="1"/></actuator>'
+    )
+    (tmp_path / "ball.xml").write_text(
+        text.replace("<motor body", "<adhesion body").replace(' gear="1"', ' ctrlrange="0 1"')
+    )
+    for name in ("simulate", "inspect"):
+        code, out, err = command(name, "ball.xml", *(("--duration", "0.01") if name == "simulate" else ()))
+        assert (code, err) == (0, "") and out.count("note         ball.xml: not modelled are 1 actuators") == 1
