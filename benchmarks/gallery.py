@@ -4,7 +4,7 @@
     python benchmarks/gallery.py drum heap       # only these pictures
     python benchmarks/gallery.py --page          # only the page
 
-Needs chromium, without a window, and Pillow. A picture is taken from the page that `replay_html` writes.
+Needs Chromium, and Pillow. A picture is taken as `replay_video` takes it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ import contextlib
 import importlib.util
 import io
 import json
-import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -25,33 +23,12 @@ from typing import NamedTuple
 import numpy as np
 
 import mbvi
+from mbvi.results.replay.video import pictures
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES, FOLDER, PAGE = ROOT / "examples", ROOT / "docs/gallery", ROOT / "docs/gallery.md"
 NUMBERS = FOLDER / "numbers.json"
 WIDTH, HEIGHT, QUALITY = 420, 280, 60
-FLAGS = (
-    "--headless --no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run "
-    "--disable-background-networking --disable-component-update --disable-sync --disable-quic --hide-scrollbars"
-).split()
-# draws the replay at some instants, one below the other
-DRAW = """
-const times = %s, width = %d, height = %d;
-// nothing is drawn but what is asked for
-window.requestAnimationFrame = () => 0;
-animator.play(); animator.pause(); animator.play = () => 0;
-document.getElementById("bar").remove();
-const all = document.createElement("canvas");
-[all.width, all.height] = [width, height * times.length];
-all.style = "position: absolute; left: 0; top: 0";
-document.body.append(all);
-setTimeout(() => times.forEach((time, k) => {
-    viewer.set_3d_pane_size(width, height);
-    animator.seek(time);
-    viewer.renderer.render(viewer.scene, viewer.camera);
-    all.getContext("2d").drawImage(viewer.renderer.domElement, 0, k * height, width, height);
-}), 100);
-"""
 
 
 class Shown(NamedTuple):
@@ -127,6 +104,7 @@ WITHOUT = {
     "step_by_hand": "one step at a time",
     "find_restitution": "the restitution of a ball, from a recording of its bounces",
     "hopper_environment": "the interface of gymnasium",
+    "viser_viewer": "a run in the viewer viser, with a slider for the time",
 }
 
 
@@ -157,34 +135,15 @@ def number_and_run(shown: Shown) -> tuple[float, mbvi.Trajectory]:
         mbvi.simulate = simulate
 
 
-def pictures(run: mbvi.Trajectory, times: np.ndarray) -> list:
-    """Return pictures of a run at some times, of Pillow."""
-    from PIL import Image
-
-    with tempfile.TemporaryDirectory() as folder:
-        page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
-        run.replay_html(page)
-        script = DRAW % (json.dumps((times - run.t[0]).tolist()), WIDTH, HEIGHT)
-        # the pane has the size of one picture from the start: the browser draws it without a graphics card
-        text = page.read_text().replace("width: 100vw; height: 100vh;", f"width: {WIDTH}px; height: {HEIGHT}px;", 1)
-        page.write_text(text.replace("</body>", f"<script>{script}</script></body>"))
-        command = [
-            shutil.which("chromium") or "chromium", *FLAGS, "--host-resolver-rules=MAP * ~NOTFOUND",
-            f"--user-data-dir={folder}/profile", f"--window-size={WIDTH},{HEIGHT * len(times)}",
-            "--virtual-time-budget=300", f"--screenshot={shot}", page.as_uri(),
-        ]  # fmt: skip
-        subprocess.run(command, check=True, capture_output=True, timeout=120)
-        with Image.open(shot) as image:
-            tall = image.convert("RGB")
-    return [tall.crop((0, k * HEIGHT, WIDTH, (k + 1) * HEIGHT)) for k in range(len(times))]
-
-
 def draw(shown: Shown) -> float:
     """Write the picture of an example, and return its number."""
+    from PIL import Image
+
     number, run = number_and_run(shown)
     end = min(shown.end, float(run.t[-1]))
     times = np.linspace(shown.start, end, shown.frames) if shown.frames > 1 else np.array([end])
-    first, *rest = pictures(run, times)
+    taken = pictures(run, times - run.t[0], width=WIDTH, height=HEIGHT)
+    first, *rest = (Image.open(io.BytesIO(one)).convert("RGB") for one in taken)
     # an animation stays at its end for a second
     pause = [1000 * (end - shown.start) / max(shown.frames - 1, 1) * 2] * (shown.frames - 1) + [1000]
     file = FOLDER / f"{shown.name}.webp"
@@ -197,9 +156,10 @@ def draw(shown: Shown) -> float:
 
 def card(name: str, picture: str, text: str, command: str) -> str:
     """Return the part of the page that shows one example."""
+    # the braces keep formatters of Markdown away from the line that includes the file
     return (
         f"-   ![{name}]({picture}){{ loading=lazy }}\n\n    **{text}**\n\n    `{command}`\n\n"
-        f'    ??? note "source"\n\n        ```py\n        --8<-- "examples/{name}.py"\n        ```\n\n'
+        f'    ??? note "source"\n\n        ``` {{ .py }}\n        --8<-- "examples/{name}.py"\n        ```\n\n'
     )
 
 

@@ -50,13 +50,13 @@ def replay_video(
         path.touch()
     except OSError as error:
         raise TrajectoryFileError(f"the video {path} cannot be written: {error.strerror or error}") from error
-    pictures = _pictures(run, instants, shapes)
+    taken = pictures(run, instants, shapes)
     if kind == ".png":
-        path.write_bytes(next(pictures))
+        path.write_bytes(next(taken))
     elif kind == ".gif" and find_spec("PIL") is not None:
-        _write_gif(path, pictures)
+        _write_gif(path, taken)
     else:
-        _write_by_ffmpeg(path, pictures, kind)
+        _write_by_ffmpeg(path, taken, kind)
 
 
 def _instants(run: PlayableRun, t: float | tuple[float, float] | None, kind: str, speed: float) -> Array:
@@ -77,9 +77,11 @@ def _instants(run: PlayableRun, t: float | tuple[float, float] | None, kind: str
     return np.minimum(given, end) - start
 
 
-def _pictures(run: PlayableRun, instants: Array, shapes: str) -> Iterator[bytes]:
-    """Yield the replay at some instants, as PNG, without its controls."""
-    with tempfile.TemporaryDirectory() as folder, Browser(_WIDTH, _HEIGHT) as browser:
+def pictures(
+    run: PlayableRun, instants: Array, shapes: str = "visual", width: int = _WIDTH, height: int = _HEIGHT
+) -> Iterator[bytes]:
+    """Yield the replay at some instants since the start of the run [s], as PNG, without its controls."""
+    with tempfile.TemporaryDirectory() as folder, Browser(width, height) as browser:
         page = Path(folder) / "run.html"
         replay_html(run, page, shapes)
         browser.open(page_address(page), "replay.ready")
@@ -89,10 +91,10 @@ def _pictures(run: PlayableRun, instants: Array, shapes: str) -> Iterator[bytes]
             yield browser.picture()
 
 
-def _write_gif(path: Path, pictures: Iterator[bytes]) -> None:
+def _write_gif(path: Path, taken: Iterator[bytes]) -> None:
     from PIL import Image
 
-    images = [Image.open(io.BytesIO(one)).convert("P", palette=Image.Palette.ADAPTIVE) for one in pictures]
+    images = [Image.open(io.BytesIO(one)).convert("P", palette=Image.Palette.ADAPTIVE) for one in taken]
     images[0].save(path, save_all=True, append_images=images[1:], duration=1000 // _RATES[".gif"], loop=0)
 
 
@@ -104,7 +106,7 @@ def _ffmpeg(kind: str) -> str:
     return found
 
 
-def _write_by_ffmpeg(path: Path, pictures: Iterator[bytes], kind: str) -> None:
+def _write_by_ffmpeg(path: Path, taken: Iterator[bytes], kind: str) -> None:
     command = [
         _ffmpeg(kind),
         "-y",
@@ -123,7 +125,7 @@ def _write_by_ffmpeg(path: Path, pictures: Iterator[bytes], kind: str) -> None:
         with subprocess.Popen([*command, os.fspath(path)], stdin=subprocess.PIPE, stderr=said) as process:
             assert process.stdin is not None
             try:
-                for one in pictures:
+                for one in taken:
                     process.stdin.write(one)
             except BrokenPipeError:
                 # ffmpeg has ended, and says why
