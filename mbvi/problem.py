@@ -159,10 +159,13 @@ class Problem:
             worst = int(np.argmin(gaps))
             others = len(set(active.constraint[gaps < -self.tolerance])) - 1
             more = f" ({others} more constraint{'s' if others > 1 else ''} with it)" if others else ""
-            raise InadmissibleStartError(
-                f"the initial configuration is not admissible: {self.constraints.name(int(active.constraint[worst]))} "
-                f"penetrates by {-active.gap[worst]:.6g}{more}; move it apart or leave that pair out"
-            )
+            depth = f"{-active.gap[worst]:.6g}"
+            # a joint limit has no normal; its unit depends on the joint
+            found = f"penetrates by {depth} m{more}; move the bodies apart or leave that pair out"
+            if np.isnan(active.normal[worst]).any():
+                found = f"is violated by {depth}{more}; start where its gap is not negative"
+            name = self.constraints.name(int(active.constraint[worst]))
+            raise InadmissibleStartError(f"the initial configuration is not admissible: {name} {found}")
 
     def __repr__(self) -> str:
         return f"Problem(nq={self.system.nq}, nv={self.system.nv}, constraints={len(self.constraints)}, t0={self.t0:g})"

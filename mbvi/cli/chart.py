@@ -57,7 +57,10 @@ def chart(
     out: _Out = Path("out/chart"),
     listed: Annotated[bool, typer.Option("--list", help="Print the names of problems, schemes and engines.")] = False,
 ) -> None:
-    """Chart error against CPU time and against step; of piles worst depth, of friction creep, against CPU time."""
+    """Chart accuracy against CPU time.
+
+    Shows errors, also against the step; of piles the worst depth, of friction the creep.
+    """
     from ..studies.chart.cases import CASES, DEFAULT_CASES
     from ..studies.chart.friction import ROUGH
     from ..studies.chart.piles import PICTURES

@@ -9,13 +9,15 @@ from typing import Annotated
 import typer
 
 from ..errors import MbviWarning
-from .replay import Shapes, play, write_page
+from .replay import Shapes, page_name, play, write_page
 from .running import ShapesOption, check_targets
 
 
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A file that `simulate --out` wrote.")],
-    html: Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page instead of playing.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="PAGE.html", callback=page_name, help="Write a page instead of playing.")
+    ] = None,
     shapes: ShapesOption = Shapes.visual,
 ) -> None:
     """Play a run in the browser."""

@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MbviWarning
+from ..errors import InputError, MbviWarning
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -20,6 +20,13 @@ class Shapes(StrEnum):
 
     visual = "visual"
     collision = "collision"
+
+
+def page_name(value: Path | None) -> Path | None:
+    """Refuse a name that no browser opens as a page."""
+    if value is not None and value.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"a replay is a page, and its name ends with .html; got {value.name}")
+    return value
 
 
 def write_page(run: Trajectory, page: Path, shapes: Shapes) -> None:

@@ -27,6 +27,7 @@ from .running import (
     ToleranceOption,
     check_targets,
     chosen_scheme,
+    positive_option,
     print_problem,
     run_and_print,
 )
@@ -51,7 +52,10 @@ def run(
     tolerance: ToleranceOption = None,
     solver: SolverOption = None,
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time [s].", show_default=f"that of the file, or {_DURATION:g}")
+        float | None,
+        typer.Option(
+            callback=positive_option, help="Simulated time [s].", show_default=f"that of the file, or {_DURATION:g}"
+        ),
     ] = None,
     every: EveryOption = 1,
     out: OutOption = None,

@@ -13,24 +13,38 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from ..arguments import positive
 from ..errors import InputError, MbviWarning, TrajectoryFileError
 from ..run.interrupted import save_interrupted
 from ..schemes import EventDriven, Scheme
-from .replay import Shapes, write_page
+from .replay import Shapes, page_name, write_page
 from .scheme_names import SchemeName
 from .solver_names import SolverName
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
+
+def positive_option(option: typer.CallbackParam, value: float | None) -> float | None:
+    """Refuse a number before the problem is built and printed."""
+    return None if value is None else positive(value, str(option.name))
+
+
 SchemeOption = Annotated[
     SchemeName | None, typer.Option(help="Scheme.", show_default="chosen for the problem, with the reason as a note")
 ]
 StepOption = Annotated[
     float | None,
-    typer.Option(help="Time step [s].", show_default="from the time scales of the problem; 1e-3 with --scheme"),
+    typer.Option(
+        callback=positive_option,
+        help="Time step [s].",
+        show_default="from the time scales of the problem; 1e-3 with --scheme",
+    ),
 ]
-ToleranceOption = Annotated[float | None, typer.Option(help="Error bound of event-driven, instead of a step.")]
+ToleranceOption = Annotated[
+    float | None, typer.Option(callback=positive_option, help="Error bound of event-driven, instead of a step.")
+]
+DurationOption = Annotated[float, typer.Option(callback=positive_option, help="Simulated time [s].")]
 SolverOption = Annotated[
     SolverName | None,
     typer.Option(
@@ -41,7 +55,9 @@ EveryOption = Annotated[int, typer.Option(help="Record every n-th step; impacts 
 OutOption = Annotated[
     Path | None, typer.Option(metavar="RUN.h5", help="File that the run is written to while it goes on.")
 ]
-ReplayOption = Annotated[Path | None, typer.Option(metavar="PAGE.html", help="Write a page that plays the run.")]
+ReplayOption = Annotated[
+    Path | None, typer.Option(metavar="PAGE.html", callback=page_name, help="Write a page that plays the run.")
+]
 ShapesOption = Annotated[Shapes, typer.Option(help="Which shapes of robots the replay shows.")]
 
 

@@ -10,6 +10,7 @@ from ..errors import InadmissibleStartError
 from .on_floor import DROP_HEIGHT, Base, BaseOption, RobotArgument, RobotOnFloor, SrdfOption, joint_positions
 from .replay import Shapes, warnings_as_notes
 from .running import (
+    DurationOption,
     EveryOption,
     OutOption,
     ReplayOption,
@@ -45,7 +46,7 @@ def simulate(
     step: StepOption = None,
     tolerance: ToleranceOption = None,
     solver: SolverOption = None,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 2.0,
+    duration: DurationOption = 2.0,
     joint: _Joints = None,
     srdf: SrdfOption = None,
     every: EveryOption = 1,

@@ -35,8 +35,9 @@ def sweep(
         Path | None, typer.Option(metavar="FOLDER", help="Print what a study has done so far.", show_default=False)
     ] = None,
 ) -> None:
-    """Simulate a problem at many points; a study that was interrupted goes on where it was.
+    """Simulate a problem at many points.
 
+    A study that was interrupted goes on where it was.
     The file may define options = dict(duration=..., ...), seed, keep and budget too, as of mbvi.sweep.
     """
     from ..sweeps.cluster import check_packages

@@ -127,13 +127,20 @@ def impact_table(run: RunData, most: int) -> str:
     for impact in sorted(strongest, key=lambda i: i.time):
         for k, name in enumerate(impact.constraints):
             time, more = f"{impact.time:10.4f}" if k == 0 else " " * 10, ""
+            p, before, after = rounded(impact, k)
             if impact.tangential is not None:
                 more = f"  {np.linalg.norm(impact.tangential[k]):10.4g}  {regimes(impact)[k]:>6}"
-            lines.append(
-                f"{time}  {impact.percussion[k]:10.4g}  {impact.before[k]:9.4g}  {impact.after[k]:9.4g}{more}  {name}"
-            )
+            lines.append(f"{time}  {p:10.4g}  {before:9.4g}  {after:9.4g}{more}  {name}")
     left = len(run.impacts) - len(strongest)
     return "\n".join(lines + ([f"and {left} weaker ones"] if left else []))
+
+
+def rounded(impact: Impact, k: int) -> tuple[float, float, float]:
+    """Return percussion and both velocities of a row, those that are rounding beside the others of the impact as 0."""
+    speed = max(np.abs(impact.before).max(), np.abs(impact.after).max())
+    values = (impact.percussion, impact.percussion.max()), (impact.before, speed), (impact.after, speed)
+    p, before, after = (0.0 if abs(one[k]) <= _ROUNDING * most else float(one[k]) for one, most in values)
+    return p, before, after
 
 
 def notebook(run: RunData) -> str:

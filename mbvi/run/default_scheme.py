@@ -95,7 +95,7 @@ def _reason_against_event_driven(problem: Problem) -> str | None:
     for family in problem.constraints.families:
         if family.tracked and not family.moving and not np.all(family.smooth):
             jumping = family.name(int(np.flatnonzero(np.logical_not(family.smooth))[0]))
-            return f"the gradient of {jumping} jumps"
+            return f"the contact normal of {jumping} can jump"
     if problem.constraints.moving:
         return "walls move on their own"
     if problem.constraints.frictional:

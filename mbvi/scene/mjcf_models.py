@@ -112,7 +112,11 @@ class MjcfModels:
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
         self._add_world(found)
         if ignored:
-            warnings.warn(f"{file.name}: not modelled are {', '.join(ignored)}", MbviWarning, stacklevel=2)
+            warnings.warn(
+                f"{file.name}: the file also holds what is not modelled: {', '.join(ignored)}",
+                MbviWarning,
+                stacklevel=2,
+            )
         return own
 
     def _add_world(self, found: MjcfModel) -> None:

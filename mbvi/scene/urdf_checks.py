@@ -52,7 +52,7 @@ def read_xml(file: Path) -> tuple[str, ElementTree.Element]:
         If there is no such file, it cannot be read, or it is no XML.
     """
     if not os.path.isfile(file):
-        raise UrdfError(f"no such file: {file}")
+        raise UrdfError(f"{file} is a folder, not a URDF" if os.path.isdir(file) else f"no such file: {file}")
     try:
         data = file.read_bytes()
         declared = _ENCODING.match(data.lstrip()[:200])

@@ -167,7 +167,7 @@ def test_a_mesh_is_run_by_fixed_steps_unless_another_scheme_is_named():
     scene.add_surface(*surfaces.funnel(0.5, 0.1, 0.4), name="funnel")
     scene.add_sphere(0.05, position=(0.02, 0.03, 0.5))
     run = mbvi.simulate(scene.build(), duration=0.05)
-    assert run.scheme == "Centered" and "the gradient of sphere | funnel jumps" in run.notes[0]
+    assert run.scheme == "Centered" and "the contact normal of sphere | funnel can jump" in run.notes[0]
 
 
 def test_a_small_ball_falls_through():

@@ -1,5 +1,7 @@
 """What a run leaves behind, in memory and in its file."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -165,6 +167,20 @@ def test_impact_table_names_the_strongest(run):
     strongest = max(run.impacts, key=lambda i: i.percussion.max())
     assert f"{strongest.time:.4f}" in table
     assert "weaker ones" in table
+
+
+def test_the_impact_table_shows_rounding_as_zero(run):
+    first = run.impacts[0]
+    strong, weak = first.percussion.max(), 1e-20 * np.abs(first.before).max()
+    impact = replace(
+        first,
+        constraints=("a", "b"),
+        percussion=np.array([strong, 1e-18 * strong]),
+        before=np.array([first.before.min(), weak]),
+        after=np.array([0.5, -weak]),
+    )
+    line = replace(run, impacts=[impact]).impact_table().splitlines()[2]
+    assert line.split() == ["0", "0", "0", "b"]
 
 
 def test_a_printed_run_says_in_five_lines_what_happened(run, tmp_path):

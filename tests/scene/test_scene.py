@@ -278,7 +278,7 @@ def test_missing_urdf():
 def test_a_start_beyond_a_joint_limit_is_refused(tmp_path):
     scene = mbvi.Scene()
     scene.add_urdf(urdf(tmp_path), base="fixed", joints={"shoulder": 2.5})
-    with pytest.raises(mbvi.InadmissibleStartError, match=r"arm/shoulder upper limit penetrates by 0\.5"):
+    with pytest.raises(mbvi.InadmissibleStartError, match=r"arm/shoulder upper limit is violated by 0\.5"):
         scene.build()
 
 

@@ -84,7 +84,7 @@ def test_a_point_between_two_walls(e):
 
 
 def test_start_outside_k_is_refused_by_name_and_depth():
-    with pytest.raises(mbvi.InadmissibleStartError, match=r"floor penetrates by 0\.01"):
+    with pytest.raises(mbvi.InadmissibleStartError, match=r"floor is violated by 0\.01"):
         falling_point(q0=(-0.01,))
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1), name="ground")
