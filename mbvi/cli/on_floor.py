@@ -9,16 +9,20 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+import numpy as np
 import typer
 
 from ..errors import InadmissibleStartError, InputError
 from ..scene import Scene
+from ..scene.mjcf_file import compiled_model
 from ..scene.reductions import DEFAULT_REDUCTIONS
-from ..scene.robot_names import format_of, is_robot_name
+from ..scene.robot_names import description_file, format_of, is_robot_name
 from ..scene.urdf_checks import read_xml
 
 if TYPE_CHECKING:
     from ..problem import Problem
+
+Array = np.ndarray
 
 # height at which no robot reaches the floor; the distance of its lowest point is measured there [m]
 FAR_ABOVE = 1000.0
@@ -71,27 +75,18 @@ class RobotOnFloor(NamedTuple):
     joints: Mapping[str, float] = MappingProxyType({})
     srdf: Path | None = None
 
-    @property
-    def mjcf(self) -> bool:
-        """Whether the file is a MJCF."""
-        from ..scene.robot_names import format_of, is_robot_name
-        from ..scene.urdf_checks import read_xml
-
-        if is_robot_name(self.robot):
-            return format_of(self.robot) == "MJCF"
-        return read_xml(self.robot)[1].tag == "mujoco"
-
     def problem(self, height: float | None, far_above: bool = False) -> Problem:
         """Return the problem; the lowest point of a free robot is at a height above the floor [m].
 
         A fixed base stands at that height instead, by default 0, and so does a MJCF with walls of its own, which
-        brings its floor. `far_above` puts all at a height at which nothing touches the floor.
+        brings its floor and gravity. `far_above` puts all at a height at which nothing touches the floor.
         """
         mjcf = self._mjcf
         if mjcf and (self.base is not None or self.srdf is not None):
             raise InputError("a MJCF has its own base and its own pairs: leave out --base and --srdf")
-        own_floor, fixed = self._of_mjcf() if mjcf else (False, self.base is Base.fixed)
-        build = partial(self._problem_at, mjcf, not own_floor)
+        gravity = self._gravity_of_mjcf() if mjcf else None
+        own_floor, fixed = (False, self.base is Base.fixed) if gravity is None else self._of_mjcf(gravity)
+        build = partial(self._problem_at, gravity, not own_floor)
         if far_above:
             return build(FAR_ABOVE)
         if fixed or own_floor:
@@ -111,17 +106,25 @@ class RobotOnFloor(NamedTuple):
             return format_of(self.robot) == "MJCF"
         return read_xml(self.robot)[1].tag == "mujoco"
 
-    def _of_mjcf(self) -> tuple[bool, bool]:
+    def _gravity_of_mjcf(self) -> Array:
+        return np.array(compiled_model(description_file(self.robot, "MJCF")).opt.gravity)
+
+    def _of_mjcf(self, gravity: Array) -> tuple[bool, bool]:
         """Return whether a MJCF has walls of its own, and whether its base is fixed."""
-        model = self._problem_at(True, False, 0.0, ()).scene
+        model = self._problem_at(gravity, False, 0.0, ()).scene
         assert model is not None
         return bool(model.items.walls), model.items.robots[0].base == "fixed"
 
-    def _problem_at(self, mjcf: bool, floor: bool, z: float, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
+    def _problem_at(
+        self, gravity: Array | None, floor: bool, z: float, reduce: Collection[str] = DEFAULT_REDUCTIONS
+    ) -> Problem:
+        """Return the problem with the robot raised by z; `gravity` is that of a MJCF, None for a URDF."""
         scene = Scene(restitution=self.restitution, friction=self.friction)
+        if gravity is not None:
+            scene = Scene(gravity=gravity, restitution=self.restitution, friction=self.friction)
         if floor:
             scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
-        if mjcf:
+        if gravity is not None:
             scene.add_mjcf(self.robot, position=(0.0, 0.0, z), joints=self.joints)
         else:
             base, srdf = (self.base or Base.free).value, None if self.srdf is None else str(self.srdf)

@@ -87,6 +87,15 @@ def test_a_mjcf_falls_on_its_own_floor_or_on_that_of_the_command(command, tmp_pa
     assert code == 2 and "a MJCF has its own base" in err
 
 
+def test_gravity_is_that_of_the_mjcf(command, tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "moon.xml").write_text(FALLING.format(plane=PLANE, z=2.0).replace("-9.81", "-1.62"))
+    code, out, _ = command("simulate", "moon.xml", "--duration", "0.5", "--step", "1e-3", "--out", "run.h5")
+    assert code == 0 and "gravity" not in out
+    run = mbvi.load("run.h5")
+    assert run.q[-1, 2] == pytest.approx(2.0 - 0.5 * 1.62 * run.t[-1] ** 2)
+
+
 def test_what_a_mjcf_loses_is_a_note(command, tmp_path):
     pytest.importorskip("mujoco")
     text = FALLING.format(plane=PLANE, z=0.5).replace(
