@@ -62,8 +62,8 @@ SECTIONS = {
         Shown("quadruped_on_slope", "m: creep in half a second of standing on 15 degrees", 2.4, 3.3, 18, "walk.html"),
         Shown("hop_on_touchdown", "m: height of the trunk at the top of a hop that touchdown starts", 0, 1.0, 16),
         Shown("sampled_jump", "m: height that the trunk gains by sampled torques", 0, 0.35, 12, "jump.html"),
-        Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6),
-        Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 1, "gravel.html"),
+        Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6, 14),
+        Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 12, "gravel.html"),
         Shown(
             "mixed_heap", ": percussions of the floor, over weight times duration plus gain of momentum: 1", 0, 0.5, 12,
             "mixed.html",
@@ -71,16 +71,16 @@ SECTIONS = {
     ],
     "Grains and boxes": [
         Shown("hourglass", "of 120 spheres have passed: without friction no arch is stable", 0, 3, 16, "glass.html"),
-        Shown("arch", "of 60 grains stay above the neck at mu = 0.5", 0, 3, 1, "arch.html"),
+        Shown("arch", "of 60 grains stay above the neck at mu = 0.5", 0, 0.8, 12, "arch.html"),
         Shown("avalanche", "m: travel of the centre of mass; g sin(angle) T^2 / 2 = 1.327", 0, 0.8, 12, "slide.html"),
-        Shown("heap", "degrees: angle of repose of discs at mu = 0.5, mean of three heaps", 0, 1, 1, "heap.html"),
+        Shown("heap", "degrees: angle of repose of discs at mu = 0.5, mean of three heaps", 0, 0.6, 12, "heap.html"),
         Shown("drum", ": (gain + losses) / work of a drum with spheres; 1 to rounding", 0, 2, 16, "drum.html"),
         Shown("box_drum", ": the same, boxes in a drum of plates; 1 to the order of the step", 0, 0.8, 12, "box.html"),
         Shown("box_hopper", ": part of the boxes that has passed; none stays", 0, 0.8, 12, "hopper.html"),
         Shown("shaker", "s: a bed of spheres lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
-        Shown("box_shaker", "s: a bed of boxes lands; the end of its free flight is 0.2063", 0, 0.4, 1, "shaker.html"),
+        Shown("box_shaker", "s: a bed of boxes lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
         Shown("boxes_at_rest", "m g d: energy of a poured box with friction; all sleep", 0, 1.2, 12, "rest.html"),
-        Shown("boxes_hit_by_ball", "N s: a ball hits a stack at rest; by hand 4.8", 0, 0.6),
+        Shown("boxes_hit_by_ball", "N s: a ball hits a stack at rest; by hand 4.8", 0.1, 0.6, 16),
     ],
 }  # fmt: skip
 # pictures that examples draw by themselves, and numbers that their tests pin

@@ -16,7 +16,7 @@ FRICTIONS, SEEDS = (0.0, 0.1, 0.5), (0, 1, 2)
 def heap(mu: float, seed: int) -> mbvi.Trajectory:
     """Return the slump of a block of discs that fills the left half of a box, in a plane."""
     scene, random = mbvi.Scene(plane="xz", friction=mu), np.random.default_rng(seed)
-    scene.add_container((0, -1, 0), (WIDTH, 1))
+    scene.add_container((0, -2 * RADIUS, 0), (WIDTH, 2 * RADIUS))
     row, column = np.divmod(np.arange(COUNT), 5)
     x = RADIUS * (1.3 + 2.4 * column + random.uniform(-0.2, 0.2, COUNT))
     z = RADIUS * (1.1 + 2.1 * row)

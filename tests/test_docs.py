@@ -70,6 +70,8 @@ def test_the_site_is_built_with_all_names_formulas_and_a_search_of_its_own(site)
         )
         assert fetched == [], name
         assert "arithmatex" not in text, name
+        # no command of TeX is left in a formula
+        assert "\\" not in re.sub("<[^>]*>", "", "".join(re.findall("<math.*?</math>", text, re.S))), name
     assert pages["theory/friction.html"].count("<math") > 20
     # the gallery holds the examples themselves
     text = re.sub("<[^>]*>", "", pages["gallery.html"])

@@ -37,6 +37,10 @@ class Centered(Scheme):
     positions are projected. A step evaluates M once, and g once or, where g changes with v, twice. It evaluates the
     gaps once in free flight, and with active constraints twice, at the end and in the middle of the step. With
     projected positions it evaluates them once more only where bodies have moved too far for gaps to be linear.
+
+    With projected positions a contact that is about to close joins the law with a bound of its own: open by a gap f, it
+    may approach at 2 f / h, so that it lands at the end of the step. Its rate after the law is then below -e times that
+    before, and its rebound follows in the next step.
     """
 
     timing = Timing(jump=0.5)
