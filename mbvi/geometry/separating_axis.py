@@ -13,6 +13,7 @@ from ..arguments import Array
 from ..compiled import kernel
 from .hull_graph import outermost
 from .shape_table import Shapes, ShapeTable
+from .vectors import dot, normalise
 
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8, f8[:,::1])")
@@ -113,12 +114,68 @@ def axis_in_world(places: Array, body: int, axis: Array, pair: int, n: Array) ->
             n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
 
 
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
+def between_centres(world: Array, shapes: Shapes, pair: int, between: Array) -> float:
+    """Write the vector from the centre of the first shape of a pair to that of the second; return the radii's sum.
+
+    The centres are those of the balls inside the shapes, the radii theirs; `world`, shape (2, 4, 3), says where
+    they are.
+    """
+    radius = 0.0
+    for side in range(2):
+        ball, place = shapes.inside[shapes.sides[pair, side]], world[side]
+        radius += ball[3]
+        for c in range(3):
+            centre = place[3, c] + ball[0] * place[0, c] + ball[1] * place[1, c] + ball[2] * place[2, c]
+            between[c] = centre if side == 0 else centre - between[c]
+    return radius
+
+
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
+def first_axis(world: Array, shapes: Shapes, pair: int, n: Array) -> float:
+    """Write the best of seven axes of a pair: between the centres, and along the axes of both frames.
+
+    The frames' axes are the normals of boxes and the ends of cylinders. Returns the separation along it; -inf if the
+    centres are the same point.
+    """
+    most, between, tried = -np.inf, np.empty(3), np.empty(3)
+    between_centres(world, shapes, pair, between)
+    if dot(between, between) == 0.0:
+        return most
+    normalise(between)
+    for k in range(7):
+        for c in range(3):
+            tried[c] = between[c] if k == 6 else world[k // 3, k % 3, c]
+        if dot(tried, between) < 0.0:
+            for c in range(3):
+                tried[c] = -tried[c]
+        apart = pair_separation(world, shapes, pair, tried)
+        if apart > most:
+            most = apart
+            for c in range(3):
+                n[c] = tried[c]
+    return most
+
+
+@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8)")
+def keep_axis(places: Array, body: int, n: Array, axis: Array, pair: int) -> None:
+    """Write a unit vector as the axis of a pair, in the frame of its first body; see `axis_in_world`."""
+    for c in range(3):
+        axis[pair, c] = n[c]
+        if body >= 0:
+            P = places[body]
+            axis[pair, c] = P[c, 0] * n[0] + P[c, 1] * n[1] + P[c, 2] * n[2]
+
+
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8, f8[::1], i8[::1])")
 def separated(
     places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float, bound: Array,
     unresolved: Array,
 ) -> int:  # fmt: skip
     """Write lower bounds of the distances of pairs whose axes separate them; list the other pairs.
+
+    Where no axis is known, that of `first_axis` is kept if it separates: most pairs are far apart at first, and are
+    never measured.
 
     Parameters
     ----------
@@ -127,7 +184,7 @@ def separated(
     tables : tuple
         The fields of `Shapes`.
     axis : ndarray, shape (n, 3)
-        Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
+        Unit vectors from the first shape to the second, in the first's body; NaN where none is known or found.
     candidates : ndarray of int, shape (d,)
         The pairs.
     tolerance : float
@@ -144,18 +201,23 @@ def separated(
     """
     shapes, count, n, world = Shapes(*tables), 0, np.empty(3), np.empty((2, 4, 3))
     for i in range(len(candidates)):
-        pair, gap = candidates[i], -np.inf
-        if axis[pair, 0] == axis[pair, 0]:
-            a, b, sizes, starts = shapes.sides[pair, 0], shapes.sides[pair, 1], shapes.sizes, shapes.first_point
-            place_side(places, shapes.frame, shapes.fixed, a, 0, world)
-            place_side(places, shapes.frame, shapes.fixed, b, 1, world)
-            axis_in_world(places, shapes.frame[a], axis, pair, n)
-            points_each = max(starts[a + 1] - starts[a], starts[b + 1] - starts[b])
-            if points_each == 1 and sizes[a, 4] + sizes[b, 4] + sizes[a, 5] + sizes[b, 5] == 0.0:
-                # most pairs of many bodies, at a tenth of the cost
-                gap = -(core_reach(world, 1, -1.0, n, sizes, b) + core_reach(world, 0, 1.0, n, sizes, a))
-            else:
-                gap = pair_separation(world, shapes, pair, n)
+        pair = candidates[i]
+        a, b, sizes, starts = shapes.sides[pair, 0], shapes.sides[pair, 1], shapes.sizes, shapes.first_point
+        body, known = shapes.frame[a], axis[pair, 0] == axis[pair, 0]
+        place_side(places, shapes.frame, shapes.fixed, a, 0, world)
+        place_side(places, shapes.frame, shapes.fixed, b, 1, world)
+        points_each = max(starts[a + 1] - starts[a], starts[b + 1] - starts[b])
+        if known:
+            axis_in_world(places, body, axis, pair, n)
+        if not known:
+            gap = first_axis(world, shapes, pair, n)
+        elif points_each == 1 and sizes[a, 4] + sizes[b, 4] + sizes[a, 5] + sizes[b, 5] == 0.0:
+            # most pairs of many bodies, at a tenth of the cost
+            gap = -(core_reach(world, 1, -1.0, n, sizes, b) + core_reach(world, 0, 1.0, n, sizes, a))
+        else:
+            gap = pair_separation(world, shapes, pair, n)
+        if gap > tolerance and not known:
+            keep_axis(places, body, n, axis, pair)
         if gap > tolerance:
             bound[pair] = gap
         else:
@@ -168,14 +230,7 @@ def separated(
 def keep_normals(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
     """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `separated`."""
     for i in range(len(pairs)):
-        body = frame[sides[pairs[i], 0]]
-        for c in range(3):
-            x = normals[i, c]
-            if body >= 0:
-                x = 0.0
-                for k in range(3):
-                    x += places[body, c, k] * normals[i, k]
-            axis[pairs[i], c] = x
+        keep_axis(places, frame[sides[pairs[i], 0]], normals[i], axis, pairs[i])
 
 
 @kernel("void(i8[::1], f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1])")
