@@ -17,6 +17,7 @@ from numba.core import compiler as numba_compiler
 from numba.core import typeinfer
 from numba.core.codegen import JITCodeLibrary
 from numba.core.environment import Environment
+from numba.core.types.functions import BaseFunction
 
 # numba's types are not those of its own declarations
 CompileResult: Any = numba_compiler.CompileResult
@@ -58,6 +59,32 @@ class _Flags(numba_compiler.Flags):
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, numba_compiler.Flags) and self._values == other._values)
+
+
+# numba's functions, each with the signature found for some types of arguments
+_signatures: dict[tuple[int, Any], tuple[Any, Any]] = {}
+_find_signature: Any = BaseFunction.get_call_type
+
+
+def _kept_signature(function: Any, context: Any, arguments: Any, named: Any) -> Any:
+    if named:
+        return _find_signature(function, context, arguments, named)
+    key = (id(function), arguments)
+    if key not in _signatures:
+        # the function is kept, so that no other one takes its place in memory
+        _signatures[key] = function, _find_signature(function, context, arguments, named)
+    return _signatures[key][1]
+
+
+@contextmanager
+def _signatures_kept() -> Iterator[None]:
+    """Let numba look once only for the signature of a function with given types: each time it tries many templates."""
+    before = BaseFunction.get_call_type
+    setattr(BaseFunction, "get_call_type", _kept_signature)  # noqa: B010
+    try:
+        yield
+    finally:
+        setattr(BaseFunction, "get_call_type", before)  # noqa: B010
 
 
 class _Function:
@@ -148,6 +175,7 @@ def rebuilt(context: Any, kept: tuple[Any, ...]) -> Any:
 
 def compile_now(dispatcher: Any, signature: Any) -> None:
     """Compile a dispatcher for a signature, or read it from its cache, and for no other one after that."""
-    with typeinfer.register_dispatcher(dispatcher), lazy_libraries(dispatcher.targetctx.codegen()):
+    codegen = dispatcher.targetctx.codegen()
+    with typeinfer.register_dispatcher(dispatcher), lazy_libraries(codegen), _signatures_kept():
         dispatcher.compile(signature)
     dispatcher.disable_compile()
