@@ -27,7 +27,8 @@ _MOST = 9
 
 @kernel(
     "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], i8[:,::1], i8[::1], i8[::1], f8, i8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1])"
+    " f8[:,::1], f8[:,::1])",
+    apart=True,
 )
 def primitive_contacts(
     places: Array, frame: Array, fixed: Array, sizes: Array, sides: Array, form: Array, measured: Array,
