@@ -167,15 +167,27 @@ def keep_axis(places: Array, body: int, n: Array, axis: Array, pair: int) -> Non
             axis[pair, c] = P[c, 0] * n[0] + P[c, 1] * n[1] + P[c, 2] * n[2]
 
 
+@kernel("void(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8)")
+def guess_axes(places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float) -> None:
+    """Write `first_axis` as the axis of those pairs without one that it separates by more than the tolerance.
+
+    Most pairs are far apart at first, and need not be measured then. The arguments are as of `separated`.
+    """
+    shapes, n, world = Shapes(*tables), np.empty(3), np.empty((2, 4, 3))
+    for i in range(len(candidates)):
+        pair = candidates[i]
+        if axis[pair, 0] != axis[pair, 0]:
+            place_pair(places, shapes, pair, world)
+            if first_axis(world, shapes, pair, n) > tolerance:
+                keep_axis(places, shapes.frame[shapes.sides[pair, 0]], n, axis, pair)
+
+
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8, f8[::1], i8[::1])")
 def separated(
     places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float, bound: Array,
     unresolved: Array,
 ) -> int:  # fmt: skip
     """Write lower bounds of the distances of pairs whose axes separate them; list the other pairs.
-
-    Where no axis is known, that of `first_axis` is kept if it separates: most pairs are far apart at first, and are
-    never measured.
 
     Parameters
     ----------
@@ -184,7 +196,7 @@ def separated(
     tables : tuple
         The fields of `Shapes`.
     axis : ndarray, shape (n, 3)
-        Unit vectors from the first shape to the second, in the first's body; NaN where none is known or found.
+        Unit vectors from the first shape to the second, in the first's body; NaN where none is known.
     candidates : ndarray of int, shape (d,)
         The pairs.
     tolerance : float
@@ -201,23 +213,18 @@ def separated(
     """
     shapes, count, n, world = Shapes(*tables), 0, np.empty(3), np.empty((2, 4, 3))
     for i in range(len(candidates)):
-        pair = candidates[i]
-        a, b, sizes, starts = shapes.sides[pair, 0], shapes.sides[pair, 1], shapes.sizes, shapes.first_point
-        body, known = shapes.frame[a], axis[pair, 0] == axis[pair, 0]
-        place_side(places, shapes.frame, shapes.fixed, a, 0, world)
-        place_side(places, shapes.frame, shapes.fixed, b, 1, world)
-        points_each = max(starts[a + 1] - starts[a], starts[b + 1] - starts[b])
-        if known:
-            axis_in_world(places, body, axis, pair, n)
-        if not known:
-            gap = first_axis(world, shapes, pair, n)
-        elif points_each == 1 and sizes[a, 4] + sizes[b, 4] + sizes[a, 5] + sizes[b, 5] == 0.0:
-            # most pairs of many bodies, at a tenth of the cost
-            gap = -(core_reach(world, 1, -1.0, n, sizes, b) + core_reach(world, 0, 1.0, n, sizes, a))
-        else:
-            gap = pair_separation(world, shapes, pair, n)
-        if gap > tolerance and not known:
-            keep_axis(places, body, n, axis, pair)
+        pair, gap = candidates[i], -np.inf
+        if axis[pair, 0] == axis[pair, 0]:
+            a, b, sizes, starts = shapes.sides[pair, 0], shapes.sides[pair, 1], shapes.sizes, shapes.first_point
+            place_side(places, shapes.frame, shapes.fixed, a, 0, world)
+            place_side(places, shapes.frame, shapes.fixed, b, 1, world)
+            axis_in_world(places, shapes.frame[a], axis, pair, n)
+            points_each = max(starts[a + 1] - starts[a], starts[b + 1] - starts[b])
+            if points_each == 1 and sizes[a, 4] + sizes[b, 4] + sizes[a, 5] + sizes[b, 5] == 0.0:
+                # most pairs of many bodies, at a tenth of the cost
+                gap = -(core_reach(world, 1, -1.0, n, sizes, b) + core_reach(world, 0, 1.0, n, sizes, a))
+            else:
+                gap = pair_separation(world, shapes, pair, n)
         if gap > tolerance:
             bound[pair] = gap
         else:
@@ -261,6 +268,8 @@ class SeparatingAxes:
         The shapes.
     sides : ndarray of int, shape (n, 2)
         The two shapes of each pair.
+    guesses : bool
+        Whether axes are guessed at first; see `guess_axes`.
 
     Attributes
     ----------
@@ -276,16 +285,21 @@ class SeparatingAxes:
         The axes in the frames of the first bodies; NaN where none is known.
     """
 
-    def __init__(self, table: ShapeTable, sides: Array) -> None:
+    def __init__(self, table: ShapeTable, sides: Array, guesses: bool = True) -> None:
         self.bodies, self.frame, self.shapes = table.bodies, table.frame, table.pairs(sides)
         self.tables = tuple(self.shapes)
         self.axis = np.full((len(sides), 3), np.nan)
+        self._guesses = guesses
 
     def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
         """Return the candidates that their axes do not separate; write lower bounds of the distances of the others.
 
+        At the first call missing axes may be guessed.
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """
+        if self._guesses:
+            self._guesses = False
+            guess_axes(places, self.tables, self.axis, candidates, tolerance)
         unresolved = np.empty(len(candidates), np.int64)
         count = separated(places, self.tables, self.axis, candidates, tolerance, bound, unresolved)
         return unresolved[:count]

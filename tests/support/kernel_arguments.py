@@ -466,6 +466,10 @@ def clear(rng):
     )  # fmt: skip
 
 
+def guess(rng):
+    return clear(rng)[:5]
+
+
 def keep(rng):
     _, axes, places = shape_pairs(rng)
     pairs = np.flatnonzero(rng.random(len(axes.axis)) < 0.3)
@@ -988,6 +992,7 @@ ARGUMENTS = {
     "_limits_within": reached,
     "reach": reach,
     "separated": clear,
+    "guess_axes": guess,
     "keep_normals": keep,
     "place_side": placing_side,
     "core_reach": core_reach,

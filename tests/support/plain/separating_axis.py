@@ -26,25 +26,34 @@ def _clear_plain(
     for pair in due:
         sides, frame = shapes.sides[pair], shapes.frame
         where = [shapes.fixed[s] if frame[s] < 0 else _compose(places[frame[s]], shapes.fixed[s]) for s in sides]
-        turn = np.eye(3) if frame[sides[0]] < 0 else places[frame[sides[0]], :3]
-        known = not np.isnan(axis[pair]).any()
-        tried = [axis[pair] @ turn] if known else _first_axes(where, shapes.inside[sides])
-        gaps = [-sum(reach_plain(where[k], n, shapes, int(pair), k) for k in (0, 1)) for n in tried]
-        gap, n = max(zip(gaps, tried, strict=True), key=lambda each: each[0])
+        n = axis[pair] if frame[sides[0]] < 0 else axis[pair] @ places[frame[sides[0]], :3]
+        gap = np.nan
+        if not np.isnan(n).any():
+            gap = -sum(reach_plain(where[k], n, shapes, int(pair), k) for k in (0, 1))
         if gap > tolerance:
             budget[pair] = gap
-            axis[pair] = axis[pair] if known else turn @ n
         else:
             asked[count] = pair
             count += 1
     return count
 
 
-def _first_axes(where: list[Array], inside: Array) -> list[Array]:
-    """Return the axes of both frames, shape (3,), and the direction between the centres, all towards the second."""
-    first, second = (_compose(place, ball[None, :3])[0] for place, ball in zip(where, inside, strict=True))
-    axes = [*where[0][:3], *where[1][:3], (second - first) / np.linalg.norm(second - first)]
-    return [-u if u @ (second - first) < 0.0 else u for u in axes]
+def guess_axes_plain(
+    places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float
+) -> None:
+    """Write the best axis of both frames, or between the centres, where it separates a pair that has none."""
+    shapes = Shapes(*tables)
+    for pair in candidates[np.isnan(axis[candidates]).any(axis=1)]:
+        sides, frame = shapes.sides[pair], shapes.frame
+        where = [shapes.fixed[s] if frame[s] < 0 else _compose(places[frame[s]], shapes.fixed[s]) for s in sides]
+        inside = shapes.inside[sides, None, :3]
+        first, second = (_compose(where[k], inside[k])[0] for k in (0, 1))
+        between = (second - first) / np.linalg.norm(second - first)
+        tried = [-u if u @ between < 0.0 else u for u in (*where[0][:3], *where[1][:3], between)]
+        gaps = [-sum(reach_plain(where[k], n, shapes, int(pair), k) for k in (0, 1)) for n in tried]
+        if max(gaps) > tolerance:
+            n = tried[int(np.argmax(gaps))]
+            axis[pair] = n if frame[sides[0]] < 0 else places[frame[sides[0]], :3] @ n
 
 
 def _compose(outer: Array, inner: Array) -> Array:
