@@ -181,6 +181,8 @@ class Code:
         Whether it makes arrays. Otherwise numba counts no references to arrays, which costs as much as a small kernel.
     nogil : bool
         Whether other threads of Python run meanwhile.
+    apart : bool
+        Whether machine code of other kernels calls that of this one, which must be loaded before.
     """
 
     def __init__(
@@ -191,9 +193,10 @@ class Code:
         before_compiling: Callable[[], None],
         allocates: bool = True,
         nogil: bool = False,
+        apart: bool = False,
     ) -> None:
         self._function, self._signature, self._stamp = function, signature, stamp
-        self._before_compiling, self._nogil = before_compiling, nogil
+        self._before_compiling, self._nogil, self._apart = before_compiling, nogil, apart
         # no C functions: nothing takes the kernels' addresses
         self._options = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
         key = sha256(f"{stamp} {numba.__version__} {np.__version__} {sys.version} {_MARK!r}".encode()).hexdigest()[:20]
@@ -204,7 +207,8 @@ class Code:
         """Return numba's function that kernels call."""
         if self._callee is None:
             cache = _CheckedCache(self._function, self._stamp, f"{self._name}.function", False)
-            self._callee = self._made(function_dispatcher(self._function, self._options, cache))
+            number = int(self._stamp[:12], 16) if self._apart else None
+            self._callee = self._made(function_dispatcher(self._function, self._options, cache, number))
         return self._callee
 
     def entry(self) -> Any:
@@ -214,7 +218,8 @@ class Code:
             self._before_compiling()
             return self._function
         cache = _CheckedCache(self._function, self._stamp, self._name, True)
-        return self._made(entry_dispatcher(self._function, self._options, cache, self.callee, self._nogil))
+        how = self.callee, self._nogil, self._apart
+        return self._made(entry_dispatcher(self._function, self._options, cache, *how))
 
     def _made(self, dispatcher: Any) -> Any:
         if self._found(dispatcher):

@@ -40,12 +40,12 @@ class Kernel:
     ----------
     loops : function
         Source of the kernel. It may call numpy, and other kernels by their names.
-    signature, nogil
+    signature, nogil, apart
         As of `kernel`.
     """
 
-    def __init__(self, loops: Callable[..., Any], signature: str, nogil: bool = False) -> None:
-        self.loops, self.signature, self.nogil = loops, signature, nogil
+    def __init__(self, loops: Callable[..., Any], signature: str, nogil: bool = False, apart: bool = False) -> None:
+        self.loops, self.signature, self.nogil, self.apart = loops, signature, nogil, apart
         self.__name__, self.__module__, self.__doc__ = loops.__name__, loops.__module__, loops.__doc__
         self._compiled: Any = None
         self._code: Any = None
@@ -62,6 +62,8 @@ class Kernel:
         """Return numba's function that Python calls; compile it, or read it from the cache, if needed."""
         with _LOCK:
             if self._compiled is None:
+                for other in self._apart_callees():
+                    other.compiled()
                 self._compiled = self._compilable().entry()
                 setattr(type(self), "__call__", staticmethod(self._compiled))  # noqa: B010
         return self._compiled
@@ -76,7 +78,7 @@ class Kernel:
 
     def stamp(self) -> bytes:
         """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
-        digest = sha256(f"{self.signature} {self._allocates()} {self.nogil}".encode())
+        digest = sha256(f"{self.signature} {self._allocates()} {self.nogil} {self.apart}".encode())
         for name, each in sorted(self._records().items()):
             digest.update(repr((name, each._fields, each.kernel_types)).encode())
         _add_code(digest, self.loops.__code__)
@@ -84,6 +86,20 @@ class Kernel:
             digest.update(name.encode())
             digest.update(value.stamp() if isinstance(value, Kernel) else _bytes_of(value))
         return digest.digest()
+
+    def _callees(self) -> dict[str, Kernel]:
+        return {name: value for name, value in self._named().items() if isinstance(value, Kernel)}
+
+    def _apart_callees(self) -> list[Kernel]:
+        """Return the kernels whose machine code that of this one calls; those look after their own callees."""
+        found: list[Kernel] = []
+        seen, left = {id(self)}, [self]
+        while left:
+            for other in left.pop()._callees().values():
+                if id(other) not in seen:
+                    seen.add(id(other))
+                    (found if other.apart else left).append(other)
+        return found
 
     def _named(self) -> dict[str, Any]:
         """Return the kernels and constants of the module that the kernel names."""
@@ -97,7 +113,7 @@ class Kernel:
 
     def _allocates(self) -> bool:
         """Return whether the kernel makes arrays, or calls a kernel that returns some."""
-        others = (value for value in self._named().values() if isinstance(value, Kernel))
+        others = self._callees().values()
         makes = not _ALLOCATING.isdisjoint(self.loops.__code__.co_names)
         return makes or any(not _RETURNS_NUMBERS.match(other.signature) for other in others)
 
@@ -113,7 +129,7 @@ class Kernel:
 
         # numba takes no Kernel for a function: the names of other kernels mean compiled functions here
         namespace = dict(self.loops.__globals__)
-        others = {name: value for name, value in self._named().items() if isinstance(value, Kernel)}
+        others = self._callees()
         loops = FunctionType(self.loops.__code__, namespace, self.__name__)
         loops.__module__, loops.__doc__ = self.__module__, self.__doc__
 
@@ -124,10 +140,11 @@ class Kernel:
             namespace.update({name: other.callee() for name, other in {**others, **calls}.items()})
 
         signature = signature_of(self.signature, self._records())
-        return Code(loops, signature, self.stamp().hex(), before_compiling, self._allocates(), self.nogil)
+        options = self._allocates(), self.nogil, self.apart
+        return Code(loops, signature, self.stamp().hex(), before_compiling, *options)
 
 
-def kernel(signature: str, nogil: bool = False) -> Callable[[Function], Function]:
+def kernel(signature: str, nogil: bool = False, apart: bool = False) -> Callable[[Function], Function]:
     """Make a function on arrays a `Kernel`.
 
     Parameters
@@ -137,10 +154,13 @@ def kernel(signature: str, nogil: bool = False) -> Callable[[Function], Function
         tuple, `Tuple(Name)` of a record, is passed faster from Python than the record itself.
     nogil : bool
         Whether other threads of Python run while Python waits for the kernel.
+    apart : bool
+        Whether kernels that call it share its machine code, for a long one with several callers. Otherwise each machine
+        code holds that of the kernels it calls, which is faster for short ones.
     """
 
     def mark(loops: Function) -> Function:
-        made: Any = type(loops.__name__, (Kernel,), {})(loops, signature, nogil)
+        made: Any = type(loops.__name__, (Kernel,), {})(loops, signature, nogil, apart)
         KERNELS.append(made)
         return made
 

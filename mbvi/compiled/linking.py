@@ -1,7 +1,8 @@
 """Kernels in two parts: the function, which other kernels take over as it is, and machine code for calls from Python.
 
 numba compiles every function to machine code with a wrapper for Python, and optimises all that it calls again with each
-caller. Here a function stays in LLVM's intermediate form until Python calls it, or a kernel that calls it.
+caller. Here a function stays in LLVM's intermediate form until Python calls it, or a kernel that calls it. Machine code
+then holds that of the functions it calls, except long ones, which are apart: their machine code is called by its name.
 """
 
 from __future__ import annotations
@@ -17,13 +18,25 @@ from numba.core import compiler as numba_compiler
 from numba.core import typeinfer
 from numba.core.codegen import JITCodeLibrary
 from numba.core.environment import Environment
+from numba.core.types.functions import BaseFunction
 
 # numba's types are not those of its own declarations
 CompileResult: Any = numba_compiler.CompileResult
 
 
 class _Library(JITCodeLibrary):
-    """Functions that are compiled to machine code only if Python calls one of them."""
+    """Functions that are compiled to machine code only if Python calls one of them.
+
+    Attributes
+    ----------
+    apart : bool
+        Whether others call the machine code of this library's function, instead of taking the function over.
+    exported : str or None
+        The function that machine code of other libraries calls.
+    """
+
+    apart = False
+    exported: str | None = None
 
     def add_linking_library(self, library: Any) -> None:
         self._linking_libraries.append(library)
@@ -34,7 +47,7 @@ class _Library(JITCodeLibrary):
         if self._finalized:
             return super()._get_module_for_linking()
         module = self._final_module.clone()
-        for library in dict.fromkeys(self._linking_libraries):
+        for library in dict.fromkeys(each for each in self._linking_libraries if not each.apart):
             self._reload_init.update(library._reload_init)
             module.link_in(library._get_module_for_linking(), preserve=True)
         for function in module.functions:
@@ -42,6 +55,11 @@ class _Library(JITCodeLibrary):
                 function.linkage = "linkonce_odr"
         self._shared_module = module
         return module
+
+    def _optimize_final_module(self) -> None:
+        if self.exported is not None:
+            self._final_module.get_function(self.exported).linkage = "external"
+        super()._optimize_final_module()
 
     @property
     def has_dynamic_globals(self) -> bool:
@@ -60,6 +78,32 @@ class _Flags(numba_compiler.Flags):
         return self is other or (isinstance(other, numba_compiler.Flags) and self._values == other._values)
 
 
+# numba's functions, each with the signature found for some types of arguments
+_signatures: dict[tuple[int, Any], tuple[Any, Any]] = {}
+_find_signature: Any = BaseFunction.get_call_type
+
+
+def _kept_signature(function: Any, context: Any, arguments: Any, named: Any) -> Any:
+    if named:
+        return _find_signature(function, context, arguments, named)
+    key = (id(function), arguments)
+    if key not in _signatures:
+        # the function is kept, so that no other one takes its place in memory
+        _signatures[key] = function, _find_signature(function, context, arguments, named)
+    return _signatures[key][1]
+
+
+@contextmanager
+def _signatures_kept() -> Iterator[None]:
+    """Let numba look once only for the signature of a function with given types: each time it tries many templates."""
+    before = BaseFunction.get_call_type
+    setattr(BaseFunction, "get_call_type", _kept_signature)  # noqa: B010
+    try:
+        yield
+    finally:
+        setattr(BaseFunction, "get_call_type", before)  # noqa: B010
+
+
 class _Function:
     """Stands for the function of a kernel where numba expects what Python calls."""
 
@@ -75,10 +119,20 @@ def lazy_libraries(codegen: Any) -> Iterator[None]:
         codegen._library_class = before
 
 
-def function_dispatcher(function: Callable[..., Any], options: dict[str, Any], cache: Any) -> Any:
-    """Return the dispatcher of a function that other kernels call, and Python does not."""
+def function_dispatcher(function: Callable[..., Any], options: dict[str, Any], cache: Any, number: int | None) -> Any:
+    """Return the dispatcher of a function that other kernels call, and Python does not.
+
+    A number is given to one whose machine code others call, in every process the same: it is part of its name there.
+    """
+
+    class Numbered(numba_compiler.Compiler):
+        def _compile_bytecode(self) -> Any:
+            if number is not None:
+                self.state.func_id.unique_id = number
+            return super()._compile_bytecode()
+
     options = {**options, "no_cpython_wrapper": True}
-    made: Any = njit(**options)(function)
+    made: Any = njit(**options, pipeline_class=Numbered)(function)
     compiler, context = made._compiler, made.targetctx
 
     def customise(flags: Any) -> Any:
@@ -90,16 +144,28 @@ def function_dispatcher(function: Callable[..., Any], options: dict[str, Any], c
         context.insert_user_function(found.entry_point, found.fndesc, [found.library])
         return found
 
+    def add_overload(found: Any) -> None:
+        found.library.apart = number is not None
+        made.overloads[tuple(found.signature.args)] = found
+
     compiler._customize_flags, compiler.compile = customise, compile_function
-    made.add_overload = lambda found: made.overloads.__setitem__(tuple(found.signature.args), found)
+    made.add_overload = add_overload
     made._cache = cache
     return made
 
 
 def entry_dispatcher(
-    function: Callable[..., Any], options: dict[str, Any], cache: Any, callee: Callable[[], Any], nogil: bool
+    function: Callable[..., Any],
+    options: dict[str, Any],
+    cache: Any,
+    callee: Callable[[], Any],
+    nogil: bool,
+    apart: bool,
 ) -> Any:
-    """Return the dispatcher that Python calls; where machine code is not in the cache it is made from the `callee`."""
+    """Return the dispatcher that Python calls; where machine code is not in the cache it is made from the `callee`.
+
+    Machine code of other kernels may call the function too if it is `apart`.
+    """
     made: Any = njit(**options, nogil=nogil)(function)
     context = made.targetctx.subtarget(enable_nrt=bool(options["_nrt"]))
 
@@ -108,6 +174,7 @@ def entry_dispatcher(
         library = context.codegen().create_library(inner.library.name)
         library.enable_object_caching()
         library.add_linking_library(inner.library)
+        library.exported = inner.fndesc.llvm_func_name if apart else None
         # several libraries hold the function, and each but this one would hide the environment of its name
         description = copy(inner.fndesc)
         description.env_name = f"{inner.fndesc.env_name}.entry"
@@ -148,6 +215,7 @@ def rebuilt(context: Any, kept: tuple[Any, ...]) -> Any:
 
 def compile_now(dispatcher: Any, signature: Any) -> None:
     """Compile a dispatcher for a signature, or read it from its cache, and for no other one after that."""
-    with typeinfer.register_dispatcher(dispatcher), lazy_libraries(dispatcher.targetctx.codegen()):
+    codegen = dispatcher.targetctx.codegen()
+    with typeinfer.register_dispatcher(dispatcher), lazy_libraries(codegen), _signatures_kept():
         dispatcher.compile(signature)
     dispatcher.disable_compile()

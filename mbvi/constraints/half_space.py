@@ -17,7 +17,8 @@ from ..geometry.collinear import unique_along
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shape_table import indexed
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
-from ..geometry.support_points import Points, lowest, points_below, spread_below, stand
+from ..geometry.spread import FEW_POINTS
+from ..geometry.support_points import Points, each_point_below, lowest, points_below, spread_below, stand
 from ..system import System
 from ..system.articulated import row
 from .family import RowTable
@@ -87,6 +88,24 @@ def points_within(
         number, clearance[pairs[i]] = points_below(places, p, pairs[i], tolerance, count)
         any_empty = any_empty or number == 0
         count += spread_below(places, p, pairs[i], count, number)
+    return count, any_empty
+
+
+@kernel("Tuple((i8, b1))(f8[:,:,::1], Tuple(Points), i8[::1], f8, f8[::1])")
+def few_points_within(
+    places: Array, table: tuple[Array, ...], pairs: Array, tolerance: float, clearance: Array
+) -> tuple[int, bool]:
+    """Do what `points_within` does where there is nothing to choose, with fewer kernels to compile.
+
+    Returns a count of -1 if a shape has more than `FEW_POINTS` points within the tolerance.
+    """
+    p, count, any_empty = Points(*table), 0, False
+    for i in range(len(pairs)):
+        number, clearance[pairs[i]] = each_point_below(places, p, pairs[i], tolerance, count)
+        if number > FEW_POINTS:
+            return -1, False
+        any_empty = any_empty or number == 0
+        count += number
     return count, any_empty
 
 
@@ -207,6 +226,8 @@ class HalfSpaceContacts(Pairs):
             np.empty(4),
         )
         self._plain_table = tuple(self._table)
+        # whether no shape was ever near with many points, nor has so many that they are found by climbing
+        self._few = not self._table.neighbour.size
         self.owner = np.repeat(np.arange(self.size), np.diff(begin_of))
         self._selections: dict[bytes, _Selection] = {}
         # the points of the last rows
@@ -272,10 +293,18 @@ class HalfSpaceContacts(Pairs):
 
     def _near(self, q: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[Contacts | None, bool]:
         places = self._placements(q)
-        count, any_empty = points_within(places, self._plain_table, pairs, tolerance, clearance)
+        count, any_empty = self._points_within(places, pairs, tolerance, clearance)
         if not count:
             return None, any_empty
         return self._point_contacts(q, self._select(self._table.found[:count].copy()), places), any_empty
+
+    def _points_within(self, places: Array, pairs: Array, tolerance: float, clearance: Array) -> tuple[int, bool]:
+        if self._few:
+            count, any_empty = few_points_within(places, self._plain_table, pairs, tolerance, clearance)
+            if count >= 0:
+                return count, any_empty
+            self._few = False
+        return points_within(places, self._plain_table, pairs, tolerance, clearance)
 
     def _rows(self, q: Array, pairs: Array, tolerance: float, candidates: PairCandidates) -> Rows | None:
         if not self._one_mechanism:

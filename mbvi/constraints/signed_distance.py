@@ -67,7 +67,8 @@ class SignedDistances(Pairs):
         self.kept: tuple[tuple[bytes, float, bool, bytes], Contacts] | None = None
         self._grid = np.array([[_GRID]] * 3 + [[_GRID / table.unit]])
         self._cell = 1.0 / self._grid
-        self._axes = SeparatingAxes(table, sides)
+        # the compiled loop of a single mechanism needs the kernels that measure anyway, and measured axes last longer
+        self._axes = SeparatingAxes(table, sides, guesses=not system.single_mechanism)
         # during a query that knows them, the placements
         self._placed: Array | None = None
         self._closed = PrimitivePairs(table, sides)

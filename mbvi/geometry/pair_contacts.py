@@ -69,7 +69,8 @@ def _middle_of(gap: Array, point: Array, count: int, tolerance: float, middle: A
 
 @kernel(
     "i8(f8[:,:,::1], Tuple(Shapes), f8[::1], f8[::1], b1[::1], i8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1],"
-    " i8[::1], f8[::1], f8[:,::1], f8[:,::1])"
+    " i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
+    apart=True,
 )
 def write_contacts(
     places: Array, tables: tuple[Array, ...], bound: Array, unit: Array, flat_pair: Array, pairs: Array,

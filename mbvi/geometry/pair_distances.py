@@ -31,7 +31,10 @@ _LEVEL, BELOW = 1e-8, 1e-5
 _SHALLOW, _WIDE = 0.05, 3.0
 
 
-@kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1])")
+@kernel(
+    "i8(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1])",
+    apart=True,
+)
 def distances_from_axes(
     places: Array, tables: tuple[Array, ...], bound: Array, pairs: Array, axis: Array, distance: Array, normal: Array,
     middle: Array, state: Array, unknown: Array,

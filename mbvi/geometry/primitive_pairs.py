@@ -27,7 +27,8 @@ _MOST = 9
 
 @kernel(
     "i8(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,::1], i8[:,::1], i8[::1], i8[::1], f8, i8[::1], f8[::1],"
-    " f8[:,::1], f8[:,::1])"
+    " f8[:,::1], f8[:,::1])",
+    apart=True,
 )
 def primitive_contacts(
     places: Array, frame: Array, fixed: Array, sizes: Array, sides: Array, form: Array, measured: Array,
@@ -120,7 +121,8 @@ class PrimitivePairs:
         self.form = _FORM[first, second]
         balls = (self.form == FIRST_BALL) | (self.form == SECOND_BALL)
         self.smooth = balls & (first <= CAPSULE) & (second <= CAPSULE)
-        self._only_balls = not (self.form == BOXES).any()
+        self._boxes = self.form == BOXES
+        self._only_balls = not self._boxes.any()
         self._room = _MOST
 
     def contacts(self, places: Array, pairs: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
@@ -146,7 +148,7 @@ class PrimitivePairs:
         shared = places, self._frame, self._fixed, self._sizes, self._sides, self.form, pairs
         self._room = max(self._room, 4 * len(pairs))
         found = self._rows(self._room)
-        if self._only_balls:
+        if self._only_balls or not self._boxes[pairs].any():
             count = ball_contacts(*shared, *found)
         else:
             count = primitive_contacts(*shared, tolerance, *found)

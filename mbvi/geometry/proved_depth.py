@@ -18,7 +18,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel
 from .features import near_vertices
-from .separating_axis import Shapes
+from .separating_axis import Shapes, between_centres
 from .vectors import dot, within_plane
 
 # vertices of the face of each hull that are looked at, and how far below the outermost they may be, relative to the
@@ -26,22 +26,6 @@ from .vectors import dot, within_plane
 _MOST_VERTICES, _LEVEL = 8, 1e-9
 # angles are taken too large by this part, radii too small
 _MARGIN = 1e-3
-
-
-@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
-def between_centres(world: Array, shapes: Shapes, pair: int, between: Array) -> float:
-    """Write the vector from the centre of the first shape of a pair to that of the second; return the radii's sum.
-
-    The centres are those of the balls inside the shapes, the radii theirs; `world` is as of `is_greatest`.
-    """
-    radius = 0.0
-    for side in range(2):
-        ball, place = shapes.inside[shapes.sides[pair, side]], world[side]
-        radius += ball[3]
-        for c in range(3):
-            centre = place[3, c] + ball[0] * place[0, c] + ball[1] * place[1, c] + ball[2] * place[2, c]
-            between[c] = centre if side == 0 else centre - between[c]
-    return radius
 
 
 @kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1], f8)")

@@ -234,7 +234,7 @@ def _maximise(origin: Array, radius: float, d: Separation, n: Array, nearest: Ar
     return FAILED, 0.0
 
 
-@kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8[::1])")
+@kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8[::1])", apart=True)
 def refine_pair(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Array) -> tuple[int, float]:
     """Find a local maximum of d(n) of the two shapes of a pair.
 

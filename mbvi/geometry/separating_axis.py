@@ -13,6 +13,7 @@ from ..arguments import Array
 from ..compiled import kernel
 from .hull_graph import outermost
 from .shape_table import Shapes, ShapeTable
+from .vectors import dot, normalise
 
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], i8, f8[:,::1])")
@@ -113,6 +114,74 @@ def axis_in_world(places: Array, body: int, axis: Array, pair: int, n: Array) ->
             n[c] = axis[pair, 0] * P[0, c] + axis[pair, 1] * P[1, c] + axis[pair, 2] * P[2, c]
 
 
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
+def between_centres(world: Array, shapes: Shapes, pair: int, between: Array) -> float:
+    """Write the vector from the centre of the first shape of a pair to that of the second; return the radii's sum.
+
+    The centres are those of the balls inside the shapes, the radii theirs; `world`, shape (2, 4, 3), says where
+    they are.
+    """
+    radius = 0.0
+    for side in range(2):
+        ball, place = shapes.inside[shapes.sides[pair, side]], world[side]
+        radius += ball[3]
+        for c in range(3):
+            centre = place[3, c] + ball[0] * place[0, c] + ball[1] * place[1, c] + ball[2] * place[2, c]
+            between[c] = centre if side == 0 else centre - between[c]
+    return radius
+
+
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1])")
+def first_axis(world: Array, shapes: Shapes, pair: int, n: Array) -> float:
+    """Write the best of seven axes of a pair: between the centres, and along the axes of both frames.
+
+    The frames' axes are the normals of boxes and the ends of cylinders. Returns the separation along it; -inf if the
+    centres are the same point.
+    """
+    most, between, tried = -np.inf, np.empty(3), np.empty(3)
+    between_centres(world, shapes, pair, between)
+    if dot(between, between) == 0.0:
+        return most
+    normalise(between)
+    for k in range(7):
+        for c in range(3):
+            tried[c] = between[c] if k == 6 else world[k // 3, k % 3, c]
+        if dot(tried, between) < 0.0:
+            for c in range(3):
+                tried[c] = -tried[c]
+        apart = pair_separation(world, shapes, pair, tried)
+        if apart > most:
+            most = apart
+            for c in range(3):
+                n[c] = tried[c]
+    return most
+
+
+@kernel("void(f8[:,:,::1], i8, f8[::1], f8[:,::1], i8)")
+def keep_axis(places: Array, body: int, n: Array, axis: Array, pair: int) -> None:
+    """Write a unit vector as the axis of a pair, in the frame of its first body; see `axis_in_world`."""
+    for c in range(3):
+        axis[pair, c] = n[c]
+        if body >= 0:
+            P = places[body]
+            axis[pair, c] = P[c, 0] * n[0] + P[c, 1] * n[1] + P[c, 2] * n[2]
+
+
+@kernel("void(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8)")
+def guess_axes(places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float) -> None:
+    """Write `first_axis` as the axis of those pairs without one that it separates by more than the tolerance.
+
+    Most pairs are far apart at first, and need not be measured then. The arguments are as of `separated`.
+    """
+    shapes, n, world = Shapes(*tables), np.empty(3), np.empty((2, 4, 3))
+    for i in range(len(candidates)):
+        pair = candidates[i]
+        if axis[pair, 0] != axis[pair, 0]:
+            place_pair(places, shapes, pair, world)
+            if first_axis(world, shapes, pair, n) > tolerance:
+                keep_axis(places, shapes.frame[shapes.sides[pair, 0]], n, axis, pair)
+
+
 @kernel("i8(f8[:,:,::1], Tuple(Shapes), f8[:,::1], i8[::1], f8, f8[::1], i8[::1])")
 def separated(
     places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float, bound: Array,
@@ -168,14 +237,7 @@ def separated(
 def keep_normals(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
     """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `separated`."""
     for i in range(len(pairs)):
-        body = frame[sides[pairs[i], 0]]
-        for c in range(3):
-            x = normals[i, c]
-            if body >= 0:
-                x = 0.0
-                for k in range(3):
-                    x += places[body, c, k] * normals[i, k]
-            axis[pairs[i], c] = x
+        keep_axis(places, frame[sides[pairs[i], 0]], normals[i], axis, pairs[i])
 
 
 @kernel("void(i8[::1], f8[:,::1], i8[:,::1], i8[::1], f8[:,::1], i8[:,::1])")
@@ -206,6 +268,8 @@ class SeparatingAxes:
         The shapes.
     sides : ndarray of int, shape (n, 2)
         The two shapes of each pair.
+    guesses : bool
+        Whether axes are guessed at first; see `guess_axes`.
 
     Attributes
     ----------
@@ -221,16 +285,21 @@ class SeparatingAxes:
         The axes in the frames of the first bodies; NaN where none is known.
     """
 
-    def __init__(self, table: ShapeTable, sides: Array) -> None:
+    def __init__(self, table: ShapeTable, sides: Array, guesses: bool = True) -> None:
         self.bodies, self.frame, self.shapes = table.bodies, table.frame, table.pairs(sides)
         self.tables = tuple(self.shapes)
         self.axis = np.full((len(sides), 3), np.nan)
+        self._guesses = guesses
 
     def clear(self, places: Array, candidates: Array, tolerance: float, bound: Array) -> Array:
         """Return the candidates that their axes do not separate; write lower bounds of the distances of the others.
 
+        At the first call missing axes may be guessed.
         `places`, shape (b, 4, 3), are the placements of `bodies`.
         """
+        if self._guesses:
+            self._guesses = False
+            guess_axes(places, self.tables, self.axis, candidates, tolerance)
         unresolved = np.empty(len(candidates), np.int64)
         count = separated(places, self.tables, self.axis, candidates, tolerance, bound, unresolved)
         return unresolved[:count]

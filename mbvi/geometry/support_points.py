@@ -119,6 +119,19 @@ def stand(places: Array, owners: Array, numbers: Array, gap: Array, point: Array
 
 
 @kernel("Tuple((i8, f8))(f8[:,:,::1], Points, i8, f8, i8)")
+def each_point_below(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
+    """Do what `points_below` does by looking at every point."""
+    out, count, least, body, numbers = points.out, 0, np.inf, points.body[pair], points.numbers
+    for i in range(points.begin[pair], points.begin[pair + 1]):
+        lowest(places, body, numbers, i, out)
+        least = min(least, out[3])
+        if out[3] <= tolerance:
+            points.found[at + count] = i
+            count += 1
+    return count, least
+
+
+@kernel("Tuple((i8, f8))(f8[:,:,::1], Points, i8, f8, i8)")
 def points_below(places: Array, points: Points, pair: int, tolerance: float, at: int) -> tuple[int, float]:
     """List the points of the shape of a pair whose gap is within a tolerance, ascending, from place `at` of `found` on.
 
@@ -135,13 +148,7 @@ def points_below(places: Array, points: Points, pair: int, tolerance: float, at:
     first, neighbour, found = points.first, points.neighbour, points.found
     begin, end = points.begin[pair], points.begin[pair + 1]
     if first[begin + 1] == first[begin]:
-        for i in range(begin, end):
-            lowest(places, body, numbers, i, out)
-            least = min(least, out[3])
-            if out[3] <= tolerance:
-                found[at + count] = i
-                count += 1
-        return count, least
+        return each_point_below(places, points, pair, tolerance, at)
     P, n = places[body], numbers[begin]
     x = -(P[0, 0] * n[12] + P[0, 1] * n[13] + P[0, 2] * n[14])
     y = -(P[1, 0] * n[12] + P[1, 1] * n[13] + P[1, 2] * n[14])

@@ -123,7 +123,7 @@ def first_set(W: Array, d: Array, last: Array, S: Array, L: Array, Q: Array, par
     return size
 
 
-@kernel("f8(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[:,::1])")
+@kernel("f8(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[:,::1])", apart=True)
 def solve_active_set(
     J: Array, A: Array, W: Array, x: Array, lower: Array, last: Array, limit: float, w: Array, table: Array
 ) -> float:
@@ -236,7 +236,8 @@ def newton_law(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates:
 
 @kernel(
     "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, "
-    "f8[::1], f8[:,::1])"
+    "f8[::1], f8[:,::1])",
+    apart=True,
 )
 def tree_law(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,

@@ -89,7 +89,8 @@ def tangent_velocity(
 @kernel(
     "Tuple((i8, f8))(i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], "
     "f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, "
-    "f8, f8, f8, f8)"
+    "f8, f8, f8, f8)",
+    apart=True,
 )
 def settle_positions(
     number: Array, point: Array, J: Array, A: Array, W: Array, gap: Array, lever: Array, e: Array, opened: Array,

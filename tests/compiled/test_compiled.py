@@ -156,6 +156,28 @@ def test_a_function_is_called_by_its_address(nogil):
     assert found == [(-(2**40), -3)] * 2
 
 
+def half_of(x):
+    return 0.5 * x
+
+
+def quarter_of(x):
+    return apart(x) * 0.5
+
+
+apart = type("half_of", (Kernel,), {})(half_of, "f8(f8)", False, True)
+
+
+def test_a_kernel_calls_the_machine_code_of_one_that_is_apart():
+    caller = unlisted(quarter_of, "f8(f8)")
+    (inner,) = apart.callee().overloads.values()
+    assert caller(3.0) == 0.75
+    # loaded before its caller, whose code names it without holding it
+    assert apart._compiled is not None
+    (outer,) = caller.callee().overloads.values()
+    assert outer.library._get_module_for_linking().get_function(inner.fndesc.llvm_func_name).is_declaration
+    assert apart(3.0) == 1.5
+
+
 def wait_for(flag):
     count = 0
     # the other thread sets it while this one is here

@@ -10,12 +10,16 @@ import pytest
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereCentres, SphereContacts
+from mbvi.constraints.half_space import few_points_within, points_within
 from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.primitive_pairs import NONE
 from mbvi.geometry.refined_distance import UNIQUE
 from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.spread import FEW_POINTS
+from mbvi.geometry.support_points import Points, points_below
 from mbvi.system import FreeBodies, Spheres
+from support.kernel_arguments import few_points_within as few_points_arguments
 from support.paths import ROBOTS
 from support.plain.exits import exit_from
 
@@ -197,6 +201,22 @@ def test_a_flat_face_on_a_floor_gets_every_point_it_stands_on(shape, turn, count
     active = contacts.contacts(0.0, q, 1e-9)
     assert len(np.unique(active.point.round(9), axis=0)) == count
     np.testing.assert_allclose(active.gap, 0, atol=1e-15)
+
+
+def test_few_points_are_those_that_are_found_among_many():
+    answers = set()
+    for seed in range(30):
+        some, all_ = (few_points_arguments(np.random.default_rng(seed)) for _ in range(2))
+        (count, any_empty), expected = few_points_within(*some), points_within(*all_)
+        answers.add(count < 0)
+        if count < 0:
+            found = Points(*some[1])
+            assert max(points_below(some[0], found, pair, some[3], 0)[0] for pair in some[2]) > FEW_POINTS
+            continue
+        assert (count, any_empty) == expected
+        np.testing.assert_array_equal(Points(*some[1]).found[:count], Points(*all_[1]).found[:count])
+        np.testing.assert_array_equal(some[4], all_[4])
+    assert answers == {True, False}
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-4, -1e-4])

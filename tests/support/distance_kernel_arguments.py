@@ -129,6 +129,11 @@ def axis_in_world(rng):
     return places, int(axes.frame[0]), unit(rng)[None], 0, np.zeros(3)
 
 
+def keep_axis(rng):
+    places, body, axis, pair, n = axis_in_world(rng)
+    return places, body, axis[0], n[None], pair
+
+
 def outermost(rng):
     axes, _ = axes_of(rng)
     s, side = axes.shapes, int(rng.integers(2))
@@ -220,9 +225,11 @@ DISTANCE_ARGUMENTS = {
     "place_shape": placed_shape,
     "place_pair": place_pair_,
     "axis_in_world": axis_in_world,
+    "keep_axis": keep_axis,
     "outermost": outermost,
     "connected": connected,
     "pair_separation": pair_of,
+    "first_axis": pair_of,
     "between_centres": lambda rng: (*hulls_of(rng)[:3], np.zeros(3)),
     "widest_angle": lambda rng: hulls_of(rng)[:5],
     "is_greatest": hulls_of,

@@ -12,6 +12,7 @@ from mbvi.geometry import triangles
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.spread import FEW_POINTS
 from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
@@ -403,6 +404,14 @@ def points_within_(rng):
     return kinematics.poses, contacts._plain_table, asked, tolerance, rng.normal(size=contacts.size)
 
 
+def few_points_within(rng):
+    kinematics, contacts, asked = shapes_on_walls(rng)
+    # -1 now and then, which leaves the rest unsaid
+    few = asked[np.diff(contacts.points.begin)[asked] <= rng.choice([FEW_POINTS, 100])]
+    tolerance = some_tolerance(rng, kinematics, contacts, asked)
+    return kinematics.poses, contacts._plain_table, few, tolerance, rng.normal(size=contacts.size)
+
+
 def last_time(rng, gap, tolerance):
     """Which gaps were within a tolerance the last time, often the same as now, and where to write these gaps to."""
     others = rng.random(len(gap)) < rng.choice([0.0, 2.0]) / len(gap)
@@ -455,6 +464,10 @@ def clear(rng):
     return (
         places, axes.tables, axes.axis, due, 0.5 * rng.normal(), rng.normal(size=n), np.full(len(due), -1),
     )  # fmt: skip
+
+
+def guess(rng):
+    return clear(rng)[:5]
 
 
 def keep(rng):
@@ -974,9 +987,12 @@ ARGUMENTS = {
     "points_below": points_below,
     "spread_below": spread_below,
     "points_within": points_within_,
+    "each_point_below": points_below,
+    "few_points_within": few_points_within,
     "_limits_within": reached,
     "reach": reach,
     "separated": clear,
+    "guess_axes": guess,
     "keep_normals": keep,
     "place_side": placing_side,
     "core_reach": core_reach,

@@ -18,7 +18,7 @@ from support.plain.recorder import _note_plain, _struck_plain
 from support.plain.refinement import refine_subset_plain, solve_island_plain
 from support.plain.robot_step import _tree_law_plain, newton_law_plain, solve_active_set_plain
 from support.plain.rows import mutual_nearest_plain
-from support.plain.separating_axis import _clear_plain, _keep_plain, reach_plain
+from support.plain.separating_axis import _clear_plain, _keep_plain, guess_axes_plain, reach_plain
 from support.plain.shared_percussions import least_norm_plain
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_walls import wall_contacts_plain
@@ -41,6 +41,7 @@ PLAIN = {
     "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,
     "separated": _clear_plain,
+    "guess_axes": guess_axes_plain,
     "first_of_lines": first_of_lines_plain,
     "keep_normals": _keep_plain,
     "_near_balls": _near_balls_plain,

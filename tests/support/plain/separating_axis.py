@@ -38,10 +38,28 @@ def _clear_plain(
     return count
 
 
+def guess_axes_plain(
+    places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float
+) -> None:
+    """Write the best axis of both frames, or between the centres, where it separates a pair that has none."""
+    shapes = Shapes(*tables)
+    for pair in candidates[np.isnan(axis[candidates]).any(axis=1)]:
+        sides, frame = shapes.sides[pair], shapes.frame
+        where = [shapes.fixed[s] if frame[s] < 0 else _compose(places[frame[s]], shapes.fixed[s]) for s in sides]
+        inside = shapes.inside[sides, None, :3]
+        first, second = (_compose(where[k], inside[k])[0] for k in (0, 1))
+        between = (second - first) / np.linalg.norm(second - first)
+        tried = [-u if u @ between < 0.0 else u for u in (*where[0][:3], *where[1][:3], between)]
+        gaps = [-sum(reach_plain(where[k], n, shapes, int(pair), k) for k in (0, 1)) for n in tried]
+        if max(gaps) > tolerance:
+            n = tried[int(np.argmax(gaps))]
+            axis[pair] = n if frame[sides[0]] < 0 else places[frame[sides[0]], :3] @ n
+
+
 def _compose(outer: Array, inner: Array) -> Array:
     """Return where a shape is whose place is `inner` in a body at `outer`, both of shape (4, 3)."""
     place = inner @ outer[:3]
-    place[3] += outer[3]
+    place[-1] += outer[3]
     return place
 
 
