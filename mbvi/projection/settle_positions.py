@@ -75,11 +75,10 @@ def tangent_velocity(
             # the projection changed the gradients of closed contacts: that must not make them bounce
             e[a] = 0.0
         lower[a] = -e[a] * rates[3, a]
-        # a gap that the projection left open may close until the next law: otherwise its body would fall freely
-        if near[a] and (closed[a] or rates[0, a] == 0.0) and lever[a] * end[a] > tolerance:
-            lower[a] = -end[a] / rest
-        elif lever[a] * end[a] > tolerance:
-            lower[a] = min(lower[a], -end[a] / rest)
+        # a gap that the projection left open may close until the next law: otherwise its body would fall freely;
+        # a contact that bounces leaves by Newton's law
+        if lever[a] * end[a] > tolerance and (closed[a] or rates[0, a] == 0.0):
+            lower[a] = -end[a] / rest if near[a] else min(lower[a], -end[a] / rest)
     residual = project_some(J, A, W, x, lower, law, limit, tangent, table)
     for a in range(m):
         rates[0, a], rates[1, a], rates[2, a] = table[0, a], table[1, a], table[2, a]

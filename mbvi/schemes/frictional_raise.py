@@ -200,11 +200,10 @@ def tangent_law(s: MechanismStep, v: Array, rest: float, order: Array, raised: f
             # the projection changed the gradients of closed contacts: that must not make them bounce
             rows.e[i] = 0.0
         lower[3 * i], lower[3 * i + 1], lower[3 * i + 2] = -rows.e[i] * before[3 * i], 0.0, 0.0
-        if open_gap and room.settled[a] and (room.closed[a] or s.rates[a] == 0.0):
-            # a gap that the projection left open may close until the next law: otherwise its body would fall freely
-            lower[3 * i] = -rows.gap[i] / rest
-        elif open_gap:
-            lower[3 * i] = min(lower[3 * i], -rows.gap[i] / rest)
+        # a gap that the projection left open may close until the next law: otherwise its body would fall freely;
+        # a contact that bounces leaves by Newton's law
+        if open_gap and (room.closed[a] or s.rates[a] == 0.0):
+            lower[3 * i] = -rows.gap[i] / rest if room.settled[a] else min(lower[3 * i], -rows.gap[i] / rest)
     known, start, case = NOTHING, memory.start[:n], room.order[:k]
     if memory.size[1] == n:
         known = UNIQUE if memory.size[2] else COMPLIANT

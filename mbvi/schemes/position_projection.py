@@ -23,6 +23,8 @@ from .step import Step, advance_gaps, closing_speeds
 _INDEPENDENT = 1e-9
 # squares of lengths below this part of the largest are rounding
 _DEPENDENT = 1e-12
+# a contact moves within a step by less than this part of the scene's length
+_SAME_CONTACT = 0.1
 
 
 class Applied(NamedTuple):
@@ -252,12 +254,15 @@ def _with_tangent_velocity(
     lower = -rows.restitution * rows.speeds(applied.v)
     # a gap that the projection left open may close until the next law: otherwise its body would fall freely
     may_close = closed[owner] | (step.percussion[owner] == 0.0)
+    # a contact that bounces leaves by Newton's law
+    unmatched_stays = closed[unmatched] | (step.percussion[unmatched] == 0.0)
+    stays = np.concatenate([may_close, unmatched_stays])
     opened = np.flatnonzero(may_close & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
     rest = applied.h - (step.t - applied.t)
     lower[opened] = -near.gap[opened] / rest
     may_open = closing_speeds(problem, rows, rest)
     if may_open is not None:
-        lower = np.where(may_open > 0.0, np.minimum(lower, -may_open), lower)
+        lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
     step = _with_bounds(applied, step, rows, lower, projector)
     return step._replace(q=projected.q, residual=max(step.residual, projected.residual))
 
@@ -280,7 +285,9 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         # the lowest gap of each contact after a whole step at the velocity after the law
         ahead = problem.constraints.active(applied.t + h, place, problem.tolerance)
         owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
-        known = owner >= 0
+        # not another contact of the same pair, such as the edge of a box that sinks while the other rises
+        apart = np.linalg.norm(ahead.point - rows.point[owner], axis=1)
+        known = (owner >= 0) & ~(apart > _SAME_CONTACT * problem.length)
         np.minimum.at(lowest, owner[known], ahead.gap[known])
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():

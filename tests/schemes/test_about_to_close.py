@@ -47,3 +47,42 @@ def test_it_lands_the_same_by_the_loop_and_by_python(friction, e, monkeypatch):
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
     assert [i.time for i in runs[0].impacts] == [i.time for i in runs[1].impacts]
+
+
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("other", ["robot", "box"])
+def test_a_ball_bounces_beside_a_body_that_is_projected(other, friction, loop, monkeypatch):
+    """The velocity after the position projection keeps Newton's law of contacts that bounce."""
+    if not loop:
+        monkeypatch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
+    scene = mbvi.Scene(restitution=0.5, friction=friction)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(radius=0.1, mass=1.0, position=(2, 0, 0.6), name="ball")
+    if other == "robot":
+        scene.add_urdf(robot_path("hopper"), position=(0, 0, 0.5), joints={"knee": 0.4})
+    else:
+        scene.add_box((0.4, 0.3, 0.1), mass=1.0, position=(0, 0, 0.08), rotation=(0.02, 0.01, 0), name="box")
+    problem, count = scene.build(), 0
+    for step in (7e-4, 1e-3, 2e-3):
+        run = mbvi.simulate(problem, mbvi.Centered(project_positions=True), step=step, duration=1.0, progress=False)
+        for impact in run.impacts:
+            for k, name in enumerate(impact.constraints):
+                if name == "ball | floor" and impact.before[k] < -0.05:
+                    assert impact.after[k] == pytest.approx(-0.5 * impact.before[k], abs=1e-6)
+                    count += 1
+    assert count >= 9
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("tilt", [3e-4, 1e-3, 3e-3, 1e-2])
+def test_a_tilted_box_leaves_by_newtons_law(tilt, friction):
+    """The edge that rises is not the one that sinks, though both are contacts of one pair."""
+    scene = mbvi.Scene(restitution=0.5, friction=friction)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.4, 0.3, 0.1), mass=1.0, position=(0, 0, 0.3), rotation=(0, tilt, 0), name="box")
+    run = mbvi.simulate(scene.build(), mbvi.Centered(project_positions=True), step=1e-3, duration=0.6, progress=False)
+    hard = [(i.before[k], i.after[k]) for i in run.impacts for k in np.flatnonzero(i.before < -0.05)]
+    assert len(hard) >= 4
+    for before, after in hard:
+        assert after >= -0.5 * before - 1e-3
