@@ -47,11 +47,14 @@ class MechanismConstraints(NamedTuple):
     near: PairShapes
 
 
-@kernel("Tuple((i8, f8))(Limits, f8[::1], f8, RowBuffer)")
-def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
-    """Append the limits within a tolerance [m]; return a code, and how far gaps may fall before the next query [m]."""
+@kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
+def limit_rows(limits: Limits, family: int, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
+    """Append the limits of a family within a tolerance [m].
+
+    Return a code, and how far gaps may fall before the next query [m].
+    """
     nearest, nv = np.inf, rows.J.shape[1]
-    for a in range(len(limits.sign)):
+    for a in range(limits.begin[family], limits.begin[family + 1]):
         gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]
         nearest = min(nearest, limits.lever[a] * gap)
         if limits.lever[a] * gap <= tolerance:
@@ -174,7 +177,7 @@ def active_rows(
             cache.clearance[k] = -np.inf
             continue
         if kind == LIMITS:
-            code, clearance = limit_rows(constraints.limits, q, tolerance, rows)
+            code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
             cache.clearance[k] = clearance + tolerance
             if frictional and code == FOUND:
                 append_tangents(mechanism.columns, mechanism.support, walls, begin, rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,14 @@ class MechanismState:
                 self._listed[k], self._candidates[k] = table.listed, table.candidates
         walls: Any = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
         pairs: Any = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
-        limits = _limits(constraints, slots.get(LIMITS))
         shapes, near = pairs.loop_tables()
+        # elsewhere bodies are counted among those of the walls' pairs
+        points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
         self._clearances = Clearances(
             np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
         )
         self.arrays = MechanismConstraints(
-            self._clearances, limits, walls.points, tables[HALF_SPACES], shapes, tables[PAIRS], near
+            self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near
         )
 
     def enter(self) -> bool:
@@ -99,6 +101,11 @@ class MechanismState:
             pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
         ]  # fmt: skip
 
+    @cached_property
+    def reach(self) -> Array:
+        """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
+        return np.concatenate([family.reach() for family in self._set.families])
+
     def leave(self) -> None:
         """Copy the state back to the caches."""
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
@@ -110,9 +117,12 @@ def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop knows every family: at most one of joint limits, of half-spaces, of pairs of shapes."""
+    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs."""
     kinds = [type(family) for family in constraints.families]
-    if not all(kind in _KINDS for kind in kinds) or len(set(kinds)) < len(kinds) or constraints.cache.arrays is None:
+    several = [kind for kind in kinds if kind is not JointLimits]
+    if not all(kind in _KINDS for kind in kinds) or len(set(several)) < len(several):
+        return False
+    if constraints.cache.arrays is None:
         return False
     found = (constraints.cache.candidates(k) for k in range(len(kinds)))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
@@ -143,13 +153,14 @@ def _no_shapes(constraints: AdmissibleSet) -> Any:
     return SignedDistances(constraints.system, ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0))
 
 
-def _limits(constraints: AdmissibleSet, k: int | None) -> Limits:
-    if k is None:
-        nothing, none = np.zeros(0), np.zeros(0, np.int64)
-        return Limits(nothing, nothing, nothing, none, none, nothing, none)
-    limits, start, e = constraints.numbered()[k]
-    family: Any = limits
-    own = np.broadcast_to(family.restitution, (family.size,))
-    sign, offset, lever, position, velocity = family.arrays
-    e_of_each, number = np.where(np.isnan(own), e, own), start + np.arange(family.size)
-    return Limits(sign, offset, lever, position, velocity, e_of_each, number)
+def _limits(constraints: AdmissibleSet) -> Limits:
+    begin, no, none = [0], np.zeros(0), np.zeros(0, np.int64)
+    parts: Any = [(no, no, no, none, none, no, none)]
+    for family, start, e in constraints.numbered():
+        begin.append(begin[-1])
+        if isinstance(family, JointLimits):
+            own, number = np.broadcast_to(family.restitution, (family.size,)), start + np.arange(family.size)
+            parts.append((*family.arrays, np.where(np.isnan(own), e, own), number))
+            begin[-1] += family.size
+    fields: Any = *(np.concatenate(part) for part in zip(*parts, strict=True)), np.array(begin, dtype=np.int64)
+    return Limits(*fields)

@@ -73,9 +73,19 @@ class Clearances(NamedTuple):
     moved: Array
 
 
-@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1]")
+@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1]")
 class Limits(NamedTuple):
-    """Joint limits: fields of `JointLimits`, and the numbers of the constraints."""
+    """Joint limits of all mechanisms.
+
+    Attributes
+    ----------
+    sign, offset, lever, position, velocity, e : ndarray, shape (m,)
+        As of `JointLimits`.
+    number : ndarray of int, shape (m,)
+        The constraints.
+    begin : ndarray of int, shape (families + 1,)
+        Where the limits of each family begin; others have none.
+    """
 
     sign: Array
     offset: Array
@@ -84,6 +94,7 @@ class Limits(NamedTuple):
     velocity: Array
     e: Array
     number: Array
+    begin: Array
 
 
 @record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")

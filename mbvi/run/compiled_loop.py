@@ -15,7 +15,9 @@ from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, ro
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
+from ..system.joined import can_be_joined, joined
 from ..system.mechanism import Mechanism
+from ..system.system import System, located_parts
 from .recorder import RECENT, Recorder
 from .step_loop import CENTERED, CENTERED_PROJECTED, FULL, MOREAU_JEAN, PAOLI, PLAIN, ROUGH, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
@@ -28,11 +30,13 @@ CHUNK = 2000
 _ROWS = 40_000
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
+# steps from which on the loop takes systems of several parts: shorter runs of these do without its kernels
+_LONG = 0
 _NOTHING = np.zeros(0)
 
 
 class CompiledLoop:
-    """Steps of one mechanism that need no Python.
+    """Steps of mechanisms and free bodies that need no Python.
 
     Parameters
     ----------
@@ -53,6 +57,8 @@ class CompiledLoop:
     ----------
     codes : ndarray of int, shape (8,)
         How many calls of the kernel ended with each code.
+    idle : bool
+        Whether the last call of `run` was not an attempt.
     """
 
     def __init__(
@@ -66,7 +72,7 @@ class CompiledLoop:
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
-        self._patience = Patience()
+        self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
@@ -81,7 +87,8 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        if self._patience.waits() or not self._state.enter():
+        self.idle = self._patience.waits() or not self._state.enter()
+        if self.idle:
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
@@ -121,7 +128,11 @@ class CompiledLoop:
 
     def _logged(self, done: int, j: int) -> Step:
         t = self._problem.t0 + (done + j) * self._h + self._h
-        return logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        step = logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        if self._problem.system.single_mechanism:
+            return step
+        # the recorder asks which bodies each row acts on
+        return step._replace(active=step.active._replace(jacobian=self._state.reach[step.active.constraint]))
 
 
 class Patience:
@@ -165,16 +176,20 @@ def mechanism_step(
     """Return what steps a problem that the loop takes, with room for one step."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
-    assert isinstance(system, ArticulatedSystem)
-    control = system.control.table if isinstance(system.control, LoopControl) else no_control(nv)
+    control, acted = no_control(nv), np.array([0, nq, 0, nv])
+    for part, q, v in _controlled(system):
+        if isinstance(part.control, LoopControl):
+            control, acted = part.control.table, np.array([q, q + part.nq, v, v + part.nv])
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
-    scales = Scales(problem.tolerance, problem.length, residual, squares, turn_squares, system.controlled, theta)
+    scales = Scales(
+        problem.tolerance, problem.length, residual, squares, turn_squares, system.velocity_dependent, theta
+    )
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
-        mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),
-        np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+        mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
+        np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 
 
@@ -193,11 +208,18 @@ def loop_record(
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
     system = problem.system
-    if kind_of_scheme(scheme) is None or type(system) is not ArticulatedSystem or problem.energy_cap:
+    if kind_of_scheme(scheme) is None or problem.energy_cap or system.sparse or not can_be_joined(system):
         return False
-    if system.controlled and not isinstance(system.control, LoopControl):
+    controlled = _controlled(system)
+    if len(controlled) > 1 or not all(isinstance(part.control, LoopControl) for part, *_ in controlled):
         return False
-    return not system.applied.any() and can_be_compiled(problem.constraints)
+    return can_be_compiled(problem.constraints)
+
+
+def _controlled(system: System) -> list[tuple[ArticulatedSystem, int, int]]:
+    """Return the mechanisms with a control, and where their q and v begin."""
+    parts = located_parts(system)
+    return [(p.system, p.q, p.v) for p in parts if isinstance(p.system, ArticulatedSystem) and p.system.controlled]
 
 
 def kind_of_scheme(scheme: Scheme) -> int | None:
@@ -217,12 +239,12 @@ def compiled_loop(
     every: int, total: int,
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
-    kind, system = kind_of_scheme(scheme), problem.system
+    kind = kind_of_scheme(scheme)
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or not isinstance(system, ArticulatedSystem):
+    if projector.accepted is not None or (not problem.system.single_mechanism and total < _LONG):
         return None
-    mechanism = system.mechanism()
+    mechanism = joined(problem.system).mechanism()
     if mechanism is None:
         return None
     return CompiledLoop(problem, mechanism, kind, scheme, projector, recorder, guard, h, every, total)

@@ -104,7 +104,7 @@ def rollout(
         raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
     acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
     job = Job(problem, acting, chosen, q0, v0, steps, h)
-    if not (is_compiled(acting, chosen) and job.run_compiled(threads)):
+    if not (acting.system.single_mechanism and is_compiled(acting, chosen) and job.run_compiled(threads)):
         job.run_by_simulate()
     return Rollouts(job.q, job.v, job.status, tuple(job.errors))
 

@@ -200,7 +200,7 @@ class _CompiledStepper:
 
 
 def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:
-    if is_compiled(problem, scheme):
+    if problem.system.single_mechanism and is_compiled(problem, scheme):
         own = OwnProblem(problem)
         if own.mechanism is not None:
             return _CompiledStepper(own, scheme, h)

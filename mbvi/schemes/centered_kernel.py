@@ -204,7 +204,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     for k in range(n):
         drift[k], force_velocity[k] = half * v[k], v[k]
     retract(s.mechanism.calls, q, drift, middle)
-    if not scales.controlled:
+    if scales.velocity_dependent:
         fly(s, t + half, middle, v, h, force_velocity)
         for k in range(n):
             force_velocity[k] = 0.5 * (v[k] + force_velocity[k])
@@ -212,7 +212,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         fly(s, t + half, middle, force_velocity, h, s.v)
         s.residual[0] = 0.0
         for k in range(n):
-            if not scales.controlled:
+            if scales.velocity_dependent:
                 s.v[k] = v[k] + (s.v[k] - force_velocity[k])
             drift[k] = half * s.v[k]
         retract(s.mechanism.calls, middle, drift, s.q)
