@@ -18,6 +18,7 @@ from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import tangent
 from .cache import IDLE, consume_clearance
 from .candidates import list_candidates
+from .mechanism_balls import Balls, ball_contacts
 from .mechanism_pairs import PairShapes, pair_contacts
 from .mechanism_tables import (
     FOUND,
@@ -34,9 +35,12 @@ from .rows import Array
 from .tangents import write_axes
 
 
-@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes")
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily")
 class MechanismConstraints(NamedTuple):
-    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes."""
+    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
+
+    The last entry has the numbers of `SphereContacts`, which are not those of pairs one after the other.
+    """
 
     cache: Clearances
     limits: Limits
@@ -45,6 +49,8 @@ class MechanismConstraints(NamedTuple):
     shapes: tuple[Array, ...]
     pairs: PairFamily
     near: PairShapes
+    balls: Balls
+    touching: PairFamily
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -204,4 +210,10 @@ def active_rows(
         if family.listed[1] == IDLE:
             # a candidate without a row may be skipped: list the candidates again at the next query
             cache.clearance[k], family.listed[1] = -np.inf, 0
+    if code != FOUND or len(constraints.balls.pairs) == 0:
+        return code
+    begin, touching = rows.size[0], constraints.touching
+    code = ball_contacts(mechanism, constraints.balls, touching, q, tolerance, rows)
+    if frictional and code == FOUND:
+        append_tangents(mechanism.columns, mechanism.support, touching, begin, rows)
     return code

@@ -12,6 +12,7 @@ from .admissible_set import AdmissibleSet
 from .family import ConstraintFamily
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
+from .mechanism_balls import Balls
 from .mechanism_rows import MechanismConstraints
 from .mechanism_tables import (
     HALF_SPACES,
@@ -25,6 +26,7 @@ from .mechanism_tables import (
 )
 from .rows import Array
 from .signed_distance import SignedDistances
+from .spheres import SphereContacts
 
 _KINDS: dict[type, int] = {JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS}
 
@@ -53,10 +55,9 @@ class MechanismState:
     """
 
     def __init__(self, constraints: AdmissibleSet) -> None:
-        self._set, cache, shared = constraints, constraints.cache, constraints.cache.arrays
-        assert shared is not None
-        nq, nv, families = constraints.system.nq, constraints.system.nv, constraints.families
-        kinds = [_KINDS[type(family)] for family in families]
+        self._set, cache, families = constraints, constraints.cache, constraints.families
+        nq, nv = constraints.system.nq, constraints.system.nv
+        kinds = [_KINDS[type(family)] for family in families if type(family) in _KINDS]
         slots = {kind: k for k, kind in enumerate(kinds)}
         tables: dict[int, Any] = {}
         self._listed: list[Array | None] = [None] * len(kinds)
@@ -73,11 +74,12 @@ class MechanismState:
         # elsewhere bodies are counted among those of the walls' pairs
         points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
         self._clearances = Clearances(
-            np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
+            np.array(kinds, dtype=np.int64), *cache.arrays, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
         )
         self.arrays = MechanismConstraints(
-            self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near
-        )
+            self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
+            *_balls(constraints),
+        )  # fmt: skip
 
     def enter(self) -> bool:
         """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""
@@ -95,7 +97,7 @@ class MechanismState:
     @property
     def memory(self) -> list[Array]:
         """The arrays that queries change, and that later queries depend on."""
-        cache, _, points, walls, shapes, pairs, near = self.arrays
+        cache, _, points, walls, shapes, pairs, near, *_ = self.arrays
         return [
             cache.travel, cache.clearance, cache.q, cache.always, walls.clearance, walls.candidates, walls.listed,
             pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
@@ -104,7 +106,11 @@ class MechanismState:
     @cached_property
     def reach(self) -> Array:
         """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
-        return np.concatenate([family.reach() for family in self._set.families])
+        parts: Any = [
+            family.reach_of(np.arange(family.size)) if isinstance(family, SphereContacts) else family.reach()
+            for family in self._set.families
+        ]
+        return np.concatenate(parts)
 
     def leave(self) -> None:
         """Copy the state back to the caches."""
@@ -117,12 +123,17 @@ def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs."""
+    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs.
+
+    Spheres among each other come last.
+    """
     kinds = [type(family) for family in constraints.families]
+    if kinds and kinds[-1] is SphereContacts:
+        kinds.pop()
     several = [kind for kind in kinds if kind is not JointLimits]
     if not all(kind in _KINDS for kind in kinds) or len(set(several)) < len(several):
         return False
-    if constraints.cache.arrays is None:
+    if len(constraints.cache.arrays[0]) < len(kinds):
         return False
     found = (constraints.cache.candidates(k) for k in range(len(kinds)))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
@@ -131,8 +142,10 @@ def can_be_compiled(constraints: AdmissibleSet) -> bool:
 def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:
     family, start, e = constraints.numbered()[k]
     n = family.size
-    numbers = np.arange(n)
-    own = np.broadcast_to(np.asarray(family.restitution, dtype=float), (n,))
+    numbers, own = np.arange(n), np.asarray(family.restitution, dtype=float)
+    if isinstance(family, SphereContacts):
+        own = family.restitution_of(numbers)
+    own = np.broadcast_to(own, (n,))
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
@@ -143,6 +156,20 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
 def _no_pairs(nv: int) -> PairFamily:
     no, none = np.zeros(0, np.int64), np.zeros(0)
     return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, np.zeros((2, 0), np.int64), none, none)
+
+
+def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
+    last = constraints.families[-1] if constraints.families else None
+    none = _no_pairs(constraints.system.nv)
+    if not isinstance(last, SphereContacts):
+        no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
+        return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
+    pairs, where, n = last.all_pairs(), last.where, len(last.radii)
+    k, position = len(pairs), where.start + where.stride * np.arange(n)
+    room: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
+    # they have no clearances
+    family = _pair_family(constraints, len(constraints.families) - 1, none)
+    return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 
 def _no_walls(constraints: AdmissibleSet) -> Any:

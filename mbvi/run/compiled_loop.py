@@ -12,6 +12,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
+from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import LoopControl, no_control
@@ -183,9 +184,8 @@ def mechanism_step(
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
-    scales = Scales(
-        problem.tolerance, problem.length, residual, squares, turn_squares, system.velocity_dependent, theta
-    )
+    reach, twice = largest_reach(problem), system.velocity_dependent
+    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, twice, theta)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
@@ -201,7 +201,7 @@ def loop_record(
     return LoopRecord(
         t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
         np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
-        guard.thickness(pairs_of_shapes(problem.constraints)),
+        guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
     )  # fmt: skip
 
 

@@ -15,7 +15,6 @@ from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
-from .nearby_rows import largest_reach
 from .step import joins, margin_of, write_closing_speeds
 
 
@@ -114,9 +113,9 @@ def settle(
         How far beyond the tolerance the rows are known [m].
     """
     known, scales, room, mech, n, half = s.ahead, s.scales, s.room, s.mechanism, len(v), 0.5 * h
-    m, k, reach, displacement = known.size[0], s.rows.size[0], largest_reach(scales.length), room.displacement
+    m, k, reach, displacement = known.size[0], s.rows.size[0], scales.reach, room.displacement
     tangent(mech.calls, place_ahead, s.q, displacement)
-    if largest_travel(scales.squares, displacement) > reach:
+    if not largest_travel(scales.squares, displacement) < reach:
         return BOUNCES
     rates, law, open_speeds, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], room.change[:m], 0
     for a in range(m):
@@ -195,7 +194,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
-        margin = near_margin + 2.0 * largest_reach(scales.length)
+        margin = near_margin + 2.0 * scales.reach
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code

@@ -49,7 +49,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
 class Scales(NamedTuple):
     """Numbers of a problem.
 
@@ -57,6 +57,8 @@ class Scales(NamedTuple):
     ----------
     tolerance, length : float
         Activation tolerance and length of the scene [m].
+    reach : float
+        Travel below which gaps count as linear [m].
     residual : float
         Relative residual that a projection may have.
     squares, turn_squares : ndarray, shape (families, nv)
@@ -69,6 +71,7 @@ class Scales(NamedTuple):
 
     tolerance: float
     length: float
+    reach: float
     residual: float
     squares: Array
     turn_squares: Array

@@ -207,7 +207,6 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
-    "largest_reach": lambda rng, seed: (rng.random(),),
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
     "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),
