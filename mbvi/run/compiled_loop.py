@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.mechanism_state import MechanismState, can_be_compiled, pairs_of_shapes, row_buffer
+from ..constraints.mechanism_state import MechanismState, pairs_of_shapes, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
 from ..problem import Problem
 from ..projection import Projector
-from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
+from ..schemes import MoreauJean, Scheme, Step
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
 from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
-from ..system.articulated import ArticulatedSystem
-from ..system.controls import LoopControl, no_control
-from ..system.joined import can_be_joined, joined
+from ..system.joined import joined
 from ..system.mechanism import Mechanism
-from ..system.system import System, located_parts
+from .loop_scope import control_of, is_compiled, kind_of_scheme
 from .recorder import RECENT, Recorder
-from .step_loop import CENTERED, CENTERED_PROJECTED, FULL, MOREAU_JEAN, PAOLI, PLAIN, ROUGH, LoopRecord, run_steps
+from .step_loop import FULL, PLAIN, ROUGH, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
 
 Array = np.ndarray
@@ -31,8 +29,8 @@ CHUNK = 2000
 _ROWS = 40_000
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
-# steps from which on the loop takes systems of several parts: shorter runs of these do without its kernels
-_LONG = 0
+# steps from which on the loop takes other systems than one mechanism: shorter runs of these do without its kernels
+LONG = 10_000
 _NOTHING = np.zeros(0)
 
 
@@ -177,10 +175,7 @@ def mechanism_step(
     """Return what steps a problem that the loop takes, with room for one step."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
-    control, acted = no_control(nv), np.array([0, nq, 0, nv])
-    for part, q, v in _controlled(system):
-        if isinstance(part.control, LoopControl):
-            control, acted = part.control.table, np.array([q, q + part.nq, v, v + part.nv])
+    control, acted = control_of(system)
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
@@ -205,35 +200,6 @@ def loop_record(
     )  # fmt: skip
 
 
-def is_compiled(problem: Problem, scheme: Scheme) -> bool:
-    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
-    system = problem.system
-    if kind_of_scheme(scheme) is None or problem.energy_cap or system.sparse or not can_be_joined(system):
-        return False
-    controlled = _controlled(system)
-    if len(controlled) > 1 or not all(isinstance(part.control, LoopControl) for part, *_ in controlled):
-        return False
-    return can_be_compiled(problem.constraints)
-
-
-def _controlled(system: System) -> list[tuple[ArticulatedSystem, int, int]]:
-    """Return the mechanisms with a control, and where their q and v begin."""
-    parts = located_parts(system)
-    return [(p.system, p.q, p.v) for p in parts if isinstance(p.system, ArticulatedSystem) and p.system.controlled]
-
-
-def kind_of_scheme(scheme: Scheme) -> int | None:
-    """Return which scheme of the loop this is, None if it is none."""
-    match scheme:
-        case Paoli(project_positions=False) if type(scheme) is Paoli:
-            return PAOLI
-        case MoreauJean(project_positions=False) if type(scheme) is MoreauJean:
-            return MOREAU_JEAN
-        case Centered() if type(scheme) is Centered:
-            return CENTERED_PROJECTED if scheme.project_positions else CENTERED
-    return None
-
-
 def compiled_loop(
     problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float,
     every: int, total: int,
@@ -242,7 +208,7 @@ def compiled_loop(
     kind = kind_of_scheme(scheme)
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or (not problem.system.single_mechanism and total < _LONG):
+    if projector.accepted is not None or (not problem.system.single_mechanism and total < LONG):
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:

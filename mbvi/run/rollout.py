@@ -13,8 +13,8 @@ from ..schemes import EventDriven, Scheme
 from ..system.articulated import ArticulatedSystem, Control
 from ..system.controls import HeldTorque, LoopControl
 from ..system.system import Array
-from .compiled_loop import is_compiled
 from .default_scheme import time_stepping
+from .loop_scope import is_compiled
 from .mechanism_run import controlled_copy
 from .rollout_job import Job
 from .simulate import check_problem, checked_for

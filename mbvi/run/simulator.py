@@ -15,8 +15,8 @@ from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
 from .accuracy import projector_of
-from .compiled_loop import is_compiled
 from .default_scheme import time_stepping
+from .loop_scope import is_compiled
 from .mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step

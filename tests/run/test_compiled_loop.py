@@ -13,11 +13,23 @@ from mbvi.run import compiled_loop
 from mbvi.run.accuracy import projector_of
 from mbvi.run.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
+from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, position_projection
 from mbvi.schemes.step import NO_RATES
 from mbvi.studies.published_robots import published_robot
-from support.loop_arguments import hopper, on_block, quadruped, swaying
+from support.loop_arguments import (
+    among_boxes,
+    hopper,
+    on_block,
+    one_ball,
+    one_box,
+    quadruped,
+    small_heap,
+    struck,
+    swaying,
+    two_hoppers,
+)  # fmt: skip
 from support.paths import ROBOTS
 from support.robot_problems import OWN, problem_of
 
@@ -52,6 +64,12 @@ def loops(monkeypatch):
 
     monkeypatch.setattr(SIMULATE, "compiled_loop", keep)
     return made
+
+
+@pytest.fixture
+def always(monkeypatch):
+    """Short runs of several bodies take the loop too."""
+    monkeypatch.setattr(compiled_loop, "LONG", 0)
 
 
 def by_python(monkeypatch, problem, scheme, **options):
@@ -116,13 +134,16 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0):
             np.testing.assert_array_equal(state.active.restitution, step.active.restitution)
             most = np.abs(step.rates).max(initial=1.0)
             J, p, unique = step.active.jacobian, state.rates[0] - step.percussion, 0
-            if step.slip is None and len(p) and np.linalg.matrix_rank(J) < len(p):
+            if step.slip is not None:
+                J = np.concatenate([J, step.active.tangents.jacobian])
+                p = np.concatenate([p, (state.slip[0] - step.slip[0]).ravel()])
+            if len(p) and np.linalg.matrix_rank(J) < len(p):
                 # rows that depend on each other: only what their percussions do together is unique
                 np.testing.assert_allclose(J.T @ p, 0.0, rtol=0.0, atol=1e-11 * most)
                 unique = 1
             np.testing.assert_allclose(state.rates[unique:], step.rates[unique:], rtol=0.0, atol=1e-11 * most)
             if step.slip is not None:
-                np.testing.assert_allclose(state.slip, step.slip, rtol=0.0, atol=1e-11 * most)
+                np.testing.assert_allclose(state.slip[unique:], step.slip[unique:], rtol=0.0, atol=1e-11 * most)
         yield None if state is None else step
 
 
@@ -170,6 +191,58 @@ def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
     for step in steps_that_agree(problem, SCHEMES[-1], 150):
         bounced += step is not None and bool((STEP * step.after[step.percussion > 0.0] > problem.tolerance).any())
     assert bounced >= 5
+
+
+SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap]
+
+
+@each_scheme
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", SEVERAL)
+def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
+    share = share_that_agrees(scene(0.5, mu), scheme, 150)
+    # spheres among each other leave position projections to Python
+    assert share == 1.0 if scheme != SCHEMES[-1] and scene is not two_hoppers else share > 0.8
+
+
+@pytest.mark.slow
+@each_scheme
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", SEVERAL)
+def test_a_step_of_several_bodies_that_come_to_rest_is_that_of_the_scheme(scene, mu, scheme):
+    assert share_that_agrees(scene(0.0, mu), scheme, 250) > (0.3 if scene is small_heap else 0.8)
+
+
+def controlled_hoppers(controls):
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for x, control in enumerate(controls):
+        scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(x, 0, 0.5), control=control, name=f"hopper {x}")
+    scene.add_box((0.2, 0.2, 0.2), 1.0, position=(3, 0, 0.2), angular_velocity=(1, 0, 0))
+    return scene.build()
+
+
+def pull(t, q, v, tau):
+    tau[6] = 3.0 * np.sin(20.0 * t) - 0.1 * v[6]
+    tau[7] = -5.0 * q[8]
+
+
+TRAJECTORY = mbvi.PDControl(
+    [[0.0, 0.5], [0.4, 0.2], [0.1, 0.9]], [20.0, 30.0], 0.5, times=[0.0, 0.021, 0.06], limit=[4.0, 6.0]
+)
+PUSH = mbvi.PDControl([0.3, 0.6], 15.0, [0.2, 0.4], torque=[0.5, -0.5])
+CONTROLS = {
+    "the second": lambda: [None, TRAJECTORY],
+    "the first, compiled": lambda: [mbvi.CompiledControl(pull, 9, 8), None],
+    "two": lambda: [TRAJECTORY, PUSH],
+    "three": lambda: [mbvi.ConstantTorque([1.0, -2.0]), TRAJECTORY, PUSH],
+}
+
+
+@each_scheme
+@pytest.mark.parametrize("name", CONTROLS)
+def test_robots_with_controls_move_as_by_the_python_step(name, scheme):
+    assert share_that_agrees(controlled_hoppers(CONTROLS[name]()), scheme, 100) > 0.8
 
 
 @pytest.mark.slow
@@ -221,6 +294,52 @@ def test_a_run_of_any_scheme_is_close_to_that_of_the_python_step(scheme, monkeyp
     np.testing.assert_allclose(run.q, other.q, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(run.v, other.v, rtol=0.0, atol=1e-9)
     assert [one.constraints for one in run.impacts] == [one.constraints for one in other.impacts]
+
+
+@each_scheme
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", SEVERAL)
+def test_a_run_of_several_bodies_is_close_to_that_of_the_python_step(scene, mu, scheme, always, loops, monkeypatch):
+    problem = scene(0.5, mu)
+    run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.15, progress=False)
+    assert loops[0] is not None
+    other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.15)
+    np.testing.assert_allclose(run.q, other.q, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(run.v, other.v, rtol=0.0, atol=1e-7)
+    # those that are linked take part in one impact
+    assert [one.constraints for one in run.impacts] == [one.constraints for one in other.impacts]
+    assert run.notes == other.notes
+
+
+def test_only_long_runs_of_several_bodies_take_the_loop(loops):
+    for steps in (compiled_loop.LONG - 1, compiled_loop.LONG):
+        mbvi.simulate(one_ball(0.5, 0.0), mbvi.Paoli(), step=1e-5, duration=1e-5 * steps, progress=False)
+    assert loops[0] is None
+    assert loops[1].codes[0] == compiled_loop.LONG // compiled_loop.CHUNK
+
+
+def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(always, loops, monkeypatch):
+    """Stones at rest beside a robot that moves, and more stones at rest than the loop has room for contacts."""
+    slept = []
+    find = Sleepers._set
+    monkeypatch.setattr(Sleepers, "_set", lambda self, islands: slept.append(len(islands)) or find(self, islands))
+    run = mbvi.simulate(among_boxes(0.0, 0.6), mbvi.Paoli(), step=STEP, duration=0.4, progress=False)
+    assert loops[0].codes[0] > 0
+    assert not slept
+    assert run.complete
+    mbvi.simulate(rows_of_stones(), mbvi.Paoli(), step=STEP, duration=0.1, progress=False)
+    assert loops[1].codes[0] == 0
+    assert slept
+
+
+def rows_of_stones():
+    scene = mbvi.Scene(friction=0.6)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(5):
+        # each stands on twelve points
+        hull = [(np.cos(x), np.sin(x), z) for x in 2.0 * np.pi * np.arange(12) / 12 for z in (0.0, 1.0)]
+        scene.add_convex(0.1 * np.array(hull), [(0.5 * k, 0, 0)], 1.0, name=f"stone {k}")
+    return scene.build(reduce=("rest",))
 
 
 # steps that are left to Python
@@ -335,14 +454,6 @@ def test_a_file_and_a_bar_are_those_of_the_run(tmp_path, monkeypatch, capsys):
 # where there is no loop
 
 
-def two_hoppers():
-    scene = mbvi.Scene(restitution=0.5)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    for x in (0.0, 2.0):
-        scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(x, 0, 0.5), name=f"hopper {x:g}")
-    return scene.build()
-
-
 def controlled():
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace((0, 0, 1), name="floor")
@@ -357,7 +468,7 @@ REFUSED = {
     "a control in Python": (controlled, mbvi.Paoli(), {}),
     "recorded contacts": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"record": "contacts"}),
     "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.ActiveSet()}),
-    "two mechanisms": (two_hoppers, mbvi.Paoli(), {}),
+    "a short run of two mechanisms": (lambda: two_hoppers(0.5, 0.0), mbvi.Paoli(), {}),
 }
 
 
