@@ -41,7 +41,7 @@ class Balls(NamedTuple):
 
 
 @kernel("i8(Mechanism, Balls, PairFamily, f8[::1], f8, RowBuffer)")
-def ball_contacts(
+def touching_balls(
     mechanism: Mechanism, balls: Balls, family: PairFamily, q: Array, tolerance: float, rows: RowBuffer
 ) -> int:
     """Append the contacts of spheres at q within a tolerance [m]; return a code.

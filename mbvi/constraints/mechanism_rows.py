@@ -18,7 +18,7 @@ from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import tangent
 from .cache import IDLE, consume_clearance
 from .candidates import list_candidates
-from .mechanism_balls import Balls, ball_contacts
+from .mechanism_balls import Balls, touching_balls
 from .mechanism_pairs import PairShapes, pair_contacts
 from .mechanism_tables import (
     FOUND,
@@ -213,7 +213,7 @@ def active_rows(
     if code != FOUND or len(constraints.balls.pairs) == 0:
         return code
     begin, touching = rows.size[0], constraints.touching
-    code = ball_contacts(mechanism, constraints.balls, touching, q, tolerance, rows)
+    code = touching_balls(mechanism, constraints.balls, touching, q, tolerance, rows)
     if frictional and code == FOUND:
         append_tangents(mechanism.columns, mechanism.support, touching, begin, rows)
     return code

@@ -13,8 +13,9 @@ from ..system.joined import can_be_joined
 from ..system.system import Array, Part, System, located_parts, parts_of
 from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI
 
-# most velocities of free bodies: with more of them at rest the Python step, in which they sleep, costs less
-_MOST_FREE = 30
+# most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
+# sleep, costs less
+_MOST_FREE, _MOST_ROUGH = 30, 18
 
 
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
@@ -22,7 +23,8 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     system = problem.system
     if kind_of_scheme(scheme) is None or problem.energy_cap or system.sparse or not can_be_joined(system):
         return False
-    if sum(part.nv for part in parts_of(system) if part.free_bodies) > _MOST_FREE:
+    most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
+    if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
         return False
     return _tables(system) is not None and can_be_compiled(problem.constraints)
 

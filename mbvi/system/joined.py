@@ -11,6 +11,7 @@ import pinocchio as pin
 from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .bodies import FreeBodies, Spheres
+from .mechanism import free_joint
 from .system import Array, System, parts_of
 
 # of the parts that can be joined their gravity, shape (3,) [m/s^2]; of classes derived from these q or v may differ
@@ -46,18 +47,11 @@ def joined(system: System) -> ArticulatedSystem:
             _add_mechanism(model, part.model)
         elif isinstance(part, FreeBodies):
             for mass, inertia in zip(part.masses, part.inertias, strict=True):
-                _add_body(model, _free_joint(), pin.Inertia(float(mass), np.zeros(3), inertia))
+                _add_body(model, free_joint(), pin.Inertia(float(mass), np.zeros(3), inertia))
         elif isinstance(part, Spheres):
             for mass in part.masses:
                 _add_body(model, pin.JointModelTranslation(), pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3))))
     return ArticulatedSystem(model)
-
-
-def _free_joint() -> pin.JointModelComposite:
-    joint = pin.JointModelComposite()
-    joint.addJoint(pin.JointModelTranslation())
-    joint.addJoint(pin.JointModelSpherical())
-    return joint
 
 
 def _add_body(model: pin.Model, joint: pin.JointModel, inertia: pin.Inertia) -> None:

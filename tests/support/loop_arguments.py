@@ -195,13 +195,12 @@ def one_ball(e, mu):
 
 
 def small_heap(e, mu):
-    """Balls, a box and a capsule fall onto each other."""
+    """Two balls and a box fall onto each other."""
     scene = mbvi.Scene(restitution=e, friction=mu)
     scene.add_halfspace((0, 0, 1), name="floor")
-    for k in range(3):
-        scene.add_sphere(0.08, 0.5, position=(0.08 * k - 0.1, 0.02 * k, 0.52 + 0.15 * k), velocity=(0, 0, -1))
-    scene.add_box((0.3, 0.2, 0.1), 1.0, position=(0, 0, 0.08), angular_velocity=(1, 0, 0), name="box")
-    scene.add_capsule(0.05, 0.2, 0.5, position=(0.05, 0, 0.3), name="capsule")
+    for k in range(2):
+        scene.add_sphere(0.08, 0.5, position=(0.08 * k - 0.1, 0.02 * k, 0.25 + 0.17 * k), velocity=(0, 0, -1))
+    scene.add_box((0.3, 0.2, 0.1), 1.0, position=(0, 0, 0.08), angular_velocity=(0.5, 0, 0), name="box")
     return scene.build()
 
 
@@ -229,7 +228,7 @@ CALLS = {
     "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
     "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 20), (CENTERED, hopper, ROUGH, 5)],
     "half_space_contacts": [(PAOLI, hopper, RIGID, 99), (DEFAULT, quadruped, ROUGH, 90), (CENTERED, hopper, ROUGH, 3)],
-    "ball_contacts": [(DEFAULT, small_heap, RIGID, 40), (PAOLI, small_heap, ROUGH, 60), (PAOLI, small_heap, MIXED, 70)],
+    "touching_balls": [(PAOLI, small_heap, RIGID, 82), (PAOLI, small_heap, MIXED, 114), (DEFAULT, small_heap, ROUGH, 9)],
     "append_tangents": [(PAOLI, hopper, ROUGH, 150), (PAOLI, quadruped, ROUGH, 200), (CENTERED, quadruped, ROUGH, 20)],
     "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
     "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
