@@ -228,7 +228,7 @@ CALLS = {
     "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
     "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 20), (CENTERED, hopper, ROUGH, 5)],
     "half_space_contacts": [(PAOLI, hopper, RIGID, 99), (DEFAULT, quadruped, ROUGH, 90), (CENTERED, hopper, ROUGH, 3)],
-    "touching_balls": [(PAOLI, small_heap, RIGID, 82), (PAOLI, small_heap, MIXED, 114), (DEFAULT, small_heap, ROUGH, 9)],
+    "touching_balls": [(PAOLI, small_heap, RIGID, 82), (PAOLI, small_heap, MIXED, 114), (PAOLI, small_heap, ROUGH, 9)],
     "append_tangents": [(PAOLI, hopper, ROUGH, 150), (PAOLI, quadruped, ROUGH, 200), (CENTERED, quadruped, ROUGH, 20)],
     "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
     "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
