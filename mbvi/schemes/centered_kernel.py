@@ -13,7 +13,7 @@ from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
-from .frictional_settle import settle_with_friction
+from .frictional_settle import settle_with_friction, sunk_at_end
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
 from .step import joins, margin_of, write_closing_speeds
 
@@ -116,7 +116,12 @@ def settle(
     m, k, reach, displacement = known.size[0], s.rows.size[0], scales.reach, room.displacement
     tangent(mech.calls, place_ahead, s.q, displacement)
     if not largest_travel(scales.squares, displacement) < reach:
-        return BOUNCES
+        code, depth, _ = sunk_at_end(s, v, h, near, margin)
+        if code != DONE or depth > 0.0:
+            return BOUNCES
+        for a in range(k):
+            s.rows.gap[a] += half * s.rates[2 * k + a]
+        return DONE
     rates, law, open_speeds, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], room.change[:m], 0
     for a in range(m):
         law[a], open_speeds[a] = near[a], room.opened[i] if near[a] else 0.0
