@@ -15,6 +15,7 @@ from .joint_limit import JointLimits
 from .mechanism_balls import Balls
 from .mechanism_rows import MechanismConstraints
 from .mechanism_tables import (
+    BALLS,
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
@@ -28,7 +29,9 @@ from .rows import Array
 from .signed_distance import SignedDistances
 from .spheres import SphereContacts
 
-_KINDS: dict[type, int] = {JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS}
+_KINDS: dict[type, int] = {
+    JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
+}  # fmt: skip
 
 
 def row_buffer(nv: int, frictional: bool) -> RowBuffer:
@@ -57,7 +60,8 @@ class MechanismState:
     def __init__(self, constraints: AdmissibleSet) -> None:
         self._set, cache, families = constraints, constraints.cache, constraints.families
         nq, nv = constraints.system.nq, constraints.system.nv
-        kinds = [_KINDS[type(family)] for family in families if type(family) in _KINDS]
+        # spheres among each other have no clearances
+        kinds = [_KINDS[type(family)] for family in families if _KINDS[type(family)] != BALLS]
         slots = {kind: k for k, kind in enumerate(kinds)}
         tables: dict[int, Any] = {}
         self._listed: list[Array | None] = [None] * len(kinds)
@@ -106,10 +110,7 @@ class MechanismState:
     @cached_property
     def reach(self) -> Array:
         """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
-        parts: Any = [
-            family.reach_of(np.arange(family.size)) if isinstance(family, SphereContacts) else family.reach()
-            for family in self._set.families
-        ]
+        parts: Any = [family.reach_of(np.arange(family.size)) for family in self._set.families]
         return np.concatenate(parts)
 
     def leave(self) -> None:
@@ -127,11 +128,11 @@ def can_be_compiled(constraints: AdmissibleSet) -> bool:
 
     Spheres among each other come last.
     """
-    kinds = [type(family) for family in constraints.families]
-    if kinds and kinds[-1] is SphereContacts:
+    kinds = [_KINDS.get(type(family)) for family in constraints.families]
+    if kinds and kinds[-1] == BALLS:
         kinds.pop()
-    several = [kind for kind in kinds if kind is not JointLimits]
-    if not all(kind in _KINDS for kind in kinds) or len(set(several)) < len(several):
+    several = [kind for kind in kinds if kind != LIMITS]
+    if None in kinds or BALLS in kinds or len(set(several)) < len(several):
         return False
     if len(constraints.cache.arrays[0]) < len(kinds):
         return False
@@ -142,10 +143,8 @@ def can_be_compiled(constraints: AdmissibleSet) -> bool:
 def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:
     family, start, e = constraints.numbered()[k]
     n = family.size
-    numbers, own = np.arange(n), np.asarray(family.restitution, dtype=float)
-    if isinstance(family, SphereContacts):
-        own = family.restitution_of(numbers)
-    own = np.broadcast_to(own, (n,))
+    numbers = np.arange(n)
+    own = family.restitution_of(numbers)
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
@@ -159,9 +158,9 @@ def _no_pairs(nv: int) -> PairFamily:
 
 
 def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
-    last = constraints.families[-1] if constraints.families else None
+    last: Any = constraints.families[-1] if constraints.families else None
     none = _no_pairs(constraints.system.nv)
-    if not isinstance(last, SphereContacts):
+    if _KINDS.get(type(last)) != BALLS:
         no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
         return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
     pairs, where, n = last.all_pairs(), last.where, len(last.radii)
@@ -185,9 +184,10 @@ def _limits(constraints: AdmissibleSet) -> Limits:
     parts: Any = [(no, no, no, none, none, no, none)]
     for family, start, e in constraints.numbered():
         begin.append(begin[-1])
-        if isinstance(family, JointLimits):
-            own, number = np.broadcast_to(family.restitution, (family.size,)), start + np.arange(family.size)
-            parts.append((*family.arrays, np.where(np.isnan(own), e, own), number))
+        if _KINDS[type(family)] == LIMITS:
+            limits: Any = family
+            own, number = family.restitution_of(np.arange(family.size)), start + np.arange(family.size)
+            parts.append((*limits.arrays, np.where(np.isnan(own), e, own), number))
             begin[-1] += family.size
     fields: Any = *(np.concatenate(part) for part in zip(*parts, strict=True)), np.array(begin, dtype=np.int64)
     return Limits(*fields)

@@ -10,7 +10,7 @@ from .rows import Array
 # most rows that the kernel finds; more are left to Python
 MOST_ROWS = 128
 # what a family is
-LIMITS, HALF_SPACES, PAIRS = range(3)
+LIMITS, HALF_SPACES, PAIRS, BALLS = range(4)
 # what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 

@@ -150,12 +150,12 @@ class SphereContacts(ConstraintFamily):
         return point[rows], normal[rows]
 
     def restitution_of(self, numbers: Array) -> Array:
-        """Return e of some pairs, shape (k,)."""
+        """Return e of some pairs, shape (k,); see the base class."""
         i, j = np.divmod(numbers, len(self.radii))
         return np.asarray(self._e[self._group[i], self._group[j]])
 
     def reach_of(self, numbers: Array) -> Array:
-        """Return the reach of some pairs, shape (k, nv)."""
+        """Return the reach of some pairs, shape (k, nv); see the base class."""
         i, j = np.divmod(numbers, len(self.radii))
         rows, here = np.zeros((len(i), self.system.nv)), np.arange(len(i))
         for body in np.unique(np.concatenate([i, j])).tolist():
