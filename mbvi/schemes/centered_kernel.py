@@ -13,9 +13,12 @@ from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import advance_by, factor, solve
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
-from .frictional_settle import settle_with_friction, sunk_at_end
+from .frictional_settle import settle_with_friction
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
 from .step import joins, margin_of, write_closing_speeds
+
+# what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
+FAR = -1
 
 
 @kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
@@ -95,7 +98,7 @@ def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
 def settle(
     s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: float, near: Array, free: Array, margin: float
 ) -> int:  # fmt: skip
-    """Project closed contacts out of penetration after a step; return a code.
+    """Project closed contacts out of penetration after a step; return a code or `FAR`.
 
     Parameters
     ----------
@@ -116,12 +119,7 @@ def settle(
     m, k, reach, displacement = known.size[0], s.rows.size[0], scales.reach, room.displacement
     tangent(mech.calls, place_ahead, s.q, displacement)
     if not largest_travel(scales.squares, displacement) < reach:
-        code, depth, _ = sunk_at_end(s, v, h, near, margin)
-        if code != DONE or depth > 0.0:
-            return BOUNCES
-        for a in range(k):
-            s.rows.gap[a] += half * s.rates[2 * k + a]
-        return DONE
+        return FAR
     rates, law, open_speeds, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], room.change[:m], 0
     for a in range(m):
         law[a], open_speeds[a] = near[a], room.opened[i] if near[a] else 0.0
@@ -257,8 +255,10 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         m = s.mechanism
         if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
             return UNSOLVED
-        return settle(s, end, middle, v, h, near, room.free, margin)
-    if projects and frictional and not bounces:
+        code = settle(s, end, middle, v, h, near, room.free, margin)
+        if code != FAR:
+            return code
+    if projects and not bounces:
         return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]

@@ -1,7 +1,7 @@
 """Projects closed contacts with friction out of penetration in one kernel, where no row joins.
 
 The kernel does what `project_positions` does there, which is its reference. Where anything else is needed it returns
-`BOUNCES`, and the step is left to that.
+`BOUNCES`, and the step is left to that. Without friction it finds out whether contacts have sunk that have moved far.
 """
 
 from __future__ import annotations
@@ -31,40 +31,30 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
     margin : float
         How far beyond the tolerance the rows are known [m].
     """
-    code, depth, far = sunk_at_end(s, v, h, near, margin)
-    if code != DONE:
-        return code
-    if depth > 0.0:
-        margin = 2.0 * s.scales.reach if far else margin
-        return raise_and_follow(s, s.middle if far else s.rows, v, h, margin, depth, far)
-    k = s.rows.size[0]
-    for a in range(k):
-        s.rows.gap[a] += 0.5 * h * s.rates[2 * k + a]
-    return DONE
-
-
-@kernel("Tuple((i8, f8, b1))(MechanismStep, f8[::1], f8, b1[::1], f8)")
-def sunk_at_end(s: MechanismStep, v: Array, h: float, near: Array, margin: float) -> tuple[int, float, bool]:
-    """Return a code, how deep closed contacts have sunk [m], and whether rows had to be searched at the end.
-
-    The arguments are those of `settle_with_friction`.
-    """
     room, k, reach, depth, some, i = s.room, s.rows.size[0], s.scales.reach, 0.0, 0, 0
     travel = known_gaps(s, s.q)
     far = not travel < reach or travel > margin
     if far or some_below(s):
         some = closed_contacts(s, h, room.closed[:k])
     if some < 0:
-        return BOUNCES, 0.0, far
+        return BOUNCES
     if some > 0 and far:
         code = search_at_end(s, v, h)
         if code != DONE:
-            return code, 0.0, far
+            return code
         known_gaps(s, s.q)
+        margin = 2.0 * reach
     elif some > 0:
         for a in range(len(near)):
             room.owner[a] = i if near[a] else -1
             i += near[a]
     if some > 0:
         depth = find_sunk_contacts(s)
-    return (DONE if depth >= 0.0 else BOUNCES), depth, far
+    # without friction `settle` raises contacts, where bodies have not moved far
+    if depth < 0.0 or (depth > 0.0 and len(s.rows.T) == 0):
+        return BOUNCES
+    if depth > 0.0:
+        return raise_and_follow(s, s.middle if far else s.rows, v, h, margin, depth, far)
+    for a in range(k):
+        s.rows.gap[a] += 0.5 * h * s.rates[2 * k + a]
+    return DONE

@@ -252,7 +252,7 @@ CALLS = {
         name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 12, 132)]
         for name in (
             "find_sunk_contacts", "write_free_motion", "solve_wide", "raise_and_follow", "sticking_contacts",
-            "sunk_at_end", "displace", "raise_contacts", "take_projected", "tangent_law",
+            "displace", "raise_contacts", "take_projected", "tangent_law",
         )
     },
 }  # fmt: skip
