@@ -132,6 +132,8 @@ class ClearanceCache:
             self._entries.append(_Entry(family, start, e, -1 if envelope is None else len(envelopes)))
             if envelope is not None:
                 envelopes.append(envelope)
+        # those with a place in the arrays
+        self._skipped = [entry for entry in self._entries if entry.slot >= 0]
         self._envelope = np.array(envelopes, dtype=float).reshape(-1, system.nv)
         self.squares = self._envelope**2
         self.turn_squares = np.where(system.are_lengths(), 0.0, self.squares)
@@ -186,13 +188,13 @@ class ClearanceCache:
                 entry.candidates.clearance[:], entry.candidates.index, entry.candidates.any_empty = candidates
 
     @property
-    def arrays(self) -> tuple[Array, Array, Array] | None:
-        """Envelopes, travels and clearances, which the compiled loop shares; None if a family is always queried."""
-        return (self._envelope, self._travel, self._clearance) if self.knows_travel else None
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """Envelopes, travels and clearances of the families that have them, which the compiled loop shares."""
+        return self._envelope, self._travel, self._clearance
 
     def candidates(self, slot: int) -> PairCandidates | None:
-        """Return the candidates of one family, if it is one of pairs."""
-        return self._entries[slot].candidates
+        """Return the candidates of one of these families, if it is one of pairs."""
+        return self._skipped[slot].candidates
 
     def lend(self, q: Array, always: Array, listed: Sequence[Array | None]) -> bool:
         """Write the rest of the state for the compiled loop; return False if there was no query yet.
@@ -209,7 +211,7 @@ class ClearanceCache:
         if self._last is None:
             return False
         q[:] = self._last
-        for k, entry in enumerate(self._entries):
+        for k, entry in enumerate(self._skipped):
             always[k] = self._always_query >> k & 1
             one = listed[k]
             if entry.candidates is not None and one is not None:
@@ -219,7 +221,7 @@ class ClearanceCache:
     def take_back(self, q: Array, always: Array, listed: Sequence[Array | None], candidates: Sequence[Array]) -> None:
         """Read the state that the compiled loop left; the arguments as of `lend`, and the candidates of each family."""
         self._last, self._always_query = q.copy(), 0
-        for k, entry in enumerate(self._entries):
+        for k, entry in enumerate(self._skipped):
             self._always_query |= int(always[k]) << k
             one = listed[k]
             if entry.candidates is not None and one is not None:

@@ -165,6 +165,11 @@ class ConstraintFamily(ABC):
         mu = np.asarray(self.friction, dtype=float)
         return np.full(len(numbers), mu) if mu.ndim == 0 else mu[numbers]
 
+    def restitution_of(self, numbers: Array) -> Array:
+        """Return e of some constraints, shape (k,); NaN where the problem's own applies."""
+        e = np.asarray(self.restitution, dtype=float)
+        return np.full(len(numbers), e) if e.ndim == 0 else e[numbers]
+
     def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
         """Return the first and the second body of some constraints, shapes (k,); 0 is the world."""
         raise NotImplementedError
@@ -187,6 +192,11 @@ class ConstraintFamily(ABC):
         Between two configurations a gap falls by no more than reach . |difference|.
         """
         return None
+
+    def reach_of(self, numbers: Array) -> Array | None:
+        """Return the reach of some constraints, shape (k, nv), also of a family that has too many to list all."""
+        reach = self.reach()
+        return None if reach is None else reach[numbers]
 
     def envelope(self) -> Array | None:
         """Return the largest reach of any constraint as a length, shape (nv,); None: every step queries the family."""

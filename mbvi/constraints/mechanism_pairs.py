@@ -201,7 +201,7 @@ def pair_contacts(
             if pairs.gap[a] <= tolerance:
                 if rows.size[0] == MOST_ROWS:
                     return TOO_MANY, True
-                append_contact(mechanism, pairs, family, a, rows)
+                append_contact(mechanism, family, pair, pairs.gap[a], pairs.point[a], pairs.normals[a], rows)
             a += 1
         if pairs.form[pair] != NONE:
             j = a
@@ -211,14 +211,16 @@ def pair_contacts(
     return FOUND, any_empty
 
 
-@kernel("void(Mechanism, PairShapes, PairFamily, i8, RowBuffer)")
-def append_contact(mechanism: Mechanism, pairs: PairShapes, family: PairFamily, a: int, rows: RowBuffer) -> None:
-    """Append contact a of `PairShapes`."""
-    m, pair = rows.size[0], pairs.owner[a]
+@kernel("void(Mechanism, PairFamily, i8, f8, f8[::1], f8[::1], RowBuffer)")
+def append_contact(
+    mechanism: Mechanism, family: PairFamily, pair: int, gap: float, point: Array, normal: Array, rows: RowBuffer
+) -> None:
+    """Append a contact of a pair; point and normal have shape (3,)."""
+    m = rows.size[0]
     first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
-    row(mechanism.columns, first, second, pairs.point[a], pairs.normals[a], rows.J[m])
+    row(mechanism.columns, first, second, point, normal, rows.J[m])
     for c in range(3):
-        rows.point[m, c], rows.normal[m, c] = pairs.point[a, c], pairs.normals[a, c]
-    rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], pairs.gap[a], family.e[pair]
+        rows.point[m, c], rows.normal[m, c] = point[c], normal[c]
+    rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], gap, family.e[pair]
     rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
     rows.size[0] = m + 1

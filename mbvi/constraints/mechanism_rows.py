@@ -18,12 +18,15 @@ from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import tangent
 from .cache import IDLE, consume_clearance
 from .candidates import list_candidates
+from .mechanism_balls import Balls, touching_balls
 from .mechanism_pairs import PairShapes, pair_contacts
 from .mechanism_tables import (
+    BALLS,
     FOUND,
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
+    PAIRS,
     TOO_MANY,
     Clearances,
     Limits,
@@ -34,9 +37,12 @@ from .rows import Array
 from .tangents import write_axes
 
 
-@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes")
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily")
 class MechanismConstraints(NamedTuple):
-    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes."""
+    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
+
+    The last entry has the numbers of `SphereContacts`, which are not those of pairs one after the other.
+    """
 
     cache: Clearances
     limits: Limits
@@ -45,13 +51,18 @@ class MechanismConstraints(NamedTuple):
     shapes: tuple[Array, ...]
     pairs: PairFamily
     near: PairShapes
+    balls: Balls
+    touching: PairFamily
 
 
-@kernel("Tuple((i8, f8))(Limits, f8[::1], f8, RowBuffer)")
-def limit_rows(limits: Limits, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
-    """Append the limits within a tolerance [m]; return a code, and how far gaps may fall before the next query [m]."""
+@kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
+def limit_rows(limits: Limits, family: int, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
+    """Append the limits of a family within a tolerance [m].
+
+    Return a code, and how far gaps may fall before the next query [m].
+    """
     nearest, nv = np.inf, rows.J.shape[1]
-    for a in range(len(limits.sign)):
+    for a in range(limits.begin[family], limits.begin[family + 1]):
         gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]
         nearest = min(nearest, limits.lever[a] * gap)
         if limits.lever[a] * gap <= tolerance:
@@ -164,41 +175,47 @@ def active_rows(
     for i in range(len(q)):
         cache.q[i] = q[i]
     exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
-    rows.size[0], frictional = 0, len(rows.T) > 0
-    for k in range(len(cache.kind)):
-        spent, kind, begin, any_empty = exhausted >> k & 1 > 0, cache.kind[k], rows.size[0], False
-        if not (spent or cache.always[k]):
-            continue
+    rows.size[0], frictional, families = 0, len(rows.T) > 0, len(cache.kind)
+    # spheres among each other come last; they have no clearance
+    for k in range(families + (len(constraints.balls.pairs) > 0)):
+        kind, begin, spent, any_empty = BALLS, rows.size[0], False, False
+        if k < families:
+            spent, kind = exhausted >> k & 1 > 0, cache.kind[k]
+            if not (spent or cache.always[k]):
+                continue
+            if code != FOUND:
+                # the query of this family is left to Python
+                cache.clearance[k] = -np.inf
         if code != FOUND:
-            # the query of this family is left to Python
-            cache.clearance[k] = -np.inf
             continue
+        family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
         if kind == LIMITS:
-            code, clearance = limit_rows(constraints.limits, q, tolerance, rows)
+            code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
             cache.clearance[k] = clearance + tolerance
-            if frictional and code == FOUND:
-                append_tangents(mechanism.columns, mechanism.support, walls, begin, rows)
-            continue
-        place(mechanism, q)
-        family = walls if kind == HALF_SPACES else constraints.pairs
-        if spent:
-            count, least = list_candidates(
-                family.clearance, family.reach, cache.travel[k], tolerance, family.candidates
-            )
-            family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
-        if kind == HALF_SPACES:
-            code, any_empty = half_space_contacts(
-                mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
-            )
+        elif kind == BALLS:
+            code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
         else:
-            code, any_empty = pair_contacts(mechanism, constraints.shapes, constraints.near, family, tolerance, rows)
-        if code != FOUND:
-            cache.clearance[k] = -np.inf
-            continue
-        if frictional:
+            place(mechanism, q)
+            if spent:
+                count, least = list_candidates(
+                    family.clearance, family.reach, cache.travel[k], tolerance, family.candidates
+                )
+                family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
+            if kind == HALF_SPACES:
+                code, any_empty = half_space_contacts(
+                    mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
+                )
+            else:
+                code, any_empty = pair_contacts(
+                    mechanism, constraints.shapes, constraints.near, family, tolerance, rows
+                )
+            if code != FOUND:
+                cache.clearance[k] = -np.inf
+        if frictional and code == FOUND:
             append_tangents(mechanism.columns, mechanism.support, family, begin, rows)
-        family.listed[1] = family.listed[1] + 1 if any_empty else 0
-        if family.listed[1] == IDLE:
-            # a candidate without a row may be skipped: list the candidates again at the next query
-            cache.clearance[k], family.listed[1] = -np.inf, 0
+        if code == FOUND and (kind == HALF_SPACES or kind == PAIRS):
+            family.listed[1] = family.listed[1] + 1 if any_empty else 0
+            if family.listed[1] == IDLE:
+                # a candidate without a row may be skipped: list the candidates again at the next query
+                cache.clearance[k], family.listed[1] = -np.inf, 0
     return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ from .admissible_set import AdmissibleSet
 from .family import ConstraintFamily
 from .half_space import HalfSpaceContacts
 from .joint_limit import JointLimits
+from .mechanism_balls import Balls
 from .mechanism_rows import MechanismConstraints
 from .mechanism_tables import (
+    BALLS,
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
@@ -24,8 +27,11 @@ from .mechanism_tables import (
 )
 from .rows import Array
 from .signed_distance import SignedDistances
+from .spheres import SphereContacts
 
-_KINDS: dict[type, int] = {JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS}
+_KINDS: dict[type, int] = {
+    JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
+}  # fmt: skip
 
 
 def row_buffer(nv: int, frictional: bool) -> RowBuffer:
@@ -52,10 +58,10 @@ class MechanismState:
     """
 
     def __init__(self, constraints: AdmissibleSet) -> None:
-        self._set, cache, shared = constraints, constraints.cache, constraints.cache.arrays
-        assert shared is not None
-        nq, nv, families = constraints.system.nq, constraints.system.nv, constraints.families
-        kinds = [_KINDS[type(family)] for family in families]
+        self._set, cache, families = constraints, constraints.cache, constraints.families
+        nq, nv = constraints.system.nq, constraints.system.nv
+        # spheres among each other have no clearances
+        kinds = [_KINDS[type(family)] for family in families if _KINDS[type(family)] != BALLS]
         slots = {kind: k for k, kind in enumerate(kinds)}
         tables: dict[int, Any] = {}
         self._listed: list[Array | None] = [None] * len(kinds)
@@ -68,14 +74,16 @@ class MechanismState:
                 self._listed[k], self._candidates[k] = table.listed, table.candidates
         walls: Any = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
         pairs: Any = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
-        limits = _limits(constraints, slots.get(LIMITS))
         shapes, near = pairs.loop_tables()
+        # elsewhere bodies are counted among those of the walls' pairs
+        points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
         self._clearances = Clearances(
-            np.array(kinds, dtype=np.int64), *shared, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
+            np.array(kinds, dtype=np.int64), *cache.arrays, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
         )
         self.arrays = MechanismConstraints(
-            self._clearances, limits, walls.points, tables[HALF_SPACES], shapes, tables[PAIRS], near
-        )
+            self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
+            *_balls(constraints),
+        )  # fmt: skip
 
     def enter(self) -> bool:
         """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""
@@ -93,11 +101,17 @@ class MechanismState:
     @property
     def memory(self) -> list[Array]:
         """The arrays that queries change, and that later queries depend on."""
-        cache, _, points, walls, shapes, pairs, near = self.arrays
+        cache, _, points, walls, shapes, pairs, near, *_ = self.arrays
         return [
             cache.travel, cache.clearance, cache.q, cache.always, walls.clearance, walls.candidates, walls.listed,
             pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
         ]  # fmt: skip
+
+    @cached_property
+    def reach(self) -> Array:
+        """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
+        parts: Any = [family.reach_of(np.arange(family.size)) for family in self._set.families]
+        return np.concatenate(parts)
 
     def leave(self) -> None:
         """Copy the state back to the caches."""
@@ -110,9 +124,17 @@ def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop knows every family: at most one of joint limits, of half-spaces, of pairs of shapes."""
-    kinds = [type(family) for family in constraints.families]
-    if not all(kind in _KINDS for kind in kinds) or len(set(kinds)) < len(kinds) or constraints.cache.arrays is None:
+    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs.
+
+    Spheres among each other come last.
+    """
+    kinds = [_KINDS.get(type(family)) for family in constraints.families]
+    if kinds and kinds[-1] == BALLS:
+        kinds.pop()
+    several = [kind for kind in kinds if kind != LIMITS]
+    if None in kinds or BALLS in kinds or len(set(several)) < len(several):
+        return False
+    if len(constraints.cache.arrays[0]) < len(kinds):
         return False
     found = (constraints.cache.candidates(k) for k in range(len(kinds)))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
@@ -122,7 +144,7 @@ def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFam
     family, start, e = constraints.numbered()[k]
     n = family.size
     numbers = np.arange(n)
-    own = np.broadcast_to(np.asarray(family.restitution, dtype=float), (n,))
+    own = family.restitution_of(numbers)
     return PairFamily(
         candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
         np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
@@ -135,6 +157,20 @@ def _no_pairs(nv: int) -> PairFamily:
     return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, np.zeros((2, 0), np.int64), none, none)
 
 
+def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
+    last: Any = constraints.families[-1] if constraints.families else None
+    none = _no_pairs(constraints.system.nv)
+    if _KINDS.get(type(last)) != BALLS:
+        no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
+        return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
+    pairs, where, n = last.all_pairs(), last.where, len(last.radii)
+    k, position = len(pairs), where.start + where.stride * np.arange(n)
+    room: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
+    # they have no clearances
+    family = _pair_family(constraints, len(constraints.families) - 1, none)
+    return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
+
+
 def _no_walls(constraints: AdmissibleSet) -> Any:
     return HalfSpaceContacts(constraints.system, [], [], [], np.zeros(0))
 
@@ -143,13 +179,15 @@ def _no_shapes(constraints: AdmissibleSet) -> Any:
     return SignedDistances(constraints.system, ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0))
 
 
-def _limits(constraints: AdmissibleSet, k: int | None) -> Limits:
-    if k is None:
-        nothing, none = np.zeros(0), np.zeros(0, np.int64)
-        return Limits(nothing, nothing, nothing, none, none, nothing, none)
-    limits, start, e = constraints.numbered()[k]
-    family: Any = limits
-    own = np.broadcast_to(family.restitution, (family.size,))
-    sign, offset, lever, position, velocity = family.arrays
-    e_of_each, number = np.where(np.isnan(own), e, own), start + np.arange(family.size)
-    return Limits(sign, offset, lever, position, velocity, e_of_each, number)
+def _limits(constraints: AdmissibleSet) -> Limits:
+    begin, no, none = [0], np.zeros(0), np.zeros(0, np.int64)
+    parts: Any = [(no, no, no, none, none, no, none)]
+    for family, start, e in constraints.numbered():
+        begin.append(begin[-1])
+        if _KINDS[type(family)] == LIMITS:
+            limits: Any = family
+            own, number = family.restitution_of(np.arange(family.size)), start + np.arange(family.size)
+            parts.append((*limits.arrays, np.where(np.isnan(own), e, own), number))
+            begin[-1] += family.size
+    fields: Any = *(np.concatenate(part) for part in zip(*parts, strict=True)), np.array(begin, dtype=np.int64)
+    return Limits(*fields)

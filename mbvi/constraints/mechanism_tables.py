@@ -10,7 +10,7 @@ from .rows import Array
 # most rows that the kernel finds; more are left to Python
 MOST_ROWS = 128
 # what a family is
-LIMITS, HALF_SPACES, PAIRS = range(3)
+LIMITS, HALF_SPACES, PAIRS, BALLS = range(4)
 # what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
@@ -73,9 +73,19 @@ class Clearances(NamedTuple):
     moved: Array
 
 
-@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1]")
+@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1]")
 class Limits(NamedTuple):
-    """Joint limits: fields of `JointLimits`, and the numbers of the constraints."""
+    """Joint limits of all mechanisms.
+
+    Attributes
+    ----------
+    sign, offset, lever, position, velocity, e : ndarray, shape (m,)
+        As of `JointLimits`.
+    number : ndarray of int, shape (m,)
+        The constraints.
+    begin : ndarray of int, shape (families + 1,)
+        Where the limits of each family begin; others have none.
+    """
 
     sign: Array
     offset: Array
@@ -84,6 +94,7 @@ class Limits(NamedTuple):
     velocity: Array
     e: Array
     number: Array
+    begin: Array
 
 
 @record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")

@@ -13,9 +13,12 @@ from .family import ConstraintFamily, RowTable
 from .rows import Array, Rows
 from .sphere_centres import SphereCentres
 
+# most spheres of which the tunnelling guard lists all pairs
+_FEW = 33
+
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8, i8[::1], f8[::1], f8[:,::1], f8[:,::1])")
-def _pairs_within(
+def pairs_within(
     centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
 ) -> int:
     """Write those of the given pairs of spheres that are within the tolerance; return how many there are.
@@ -79,6 +82,11 @@ class SphereContacts(ConstraintFamily):
     group_friction : ndarray, shape (g, g), optional
         Coefficients of friction between them; none by default.
 
+    Attributes
+    ----------
+    where, radii
+        As given.
+
     Notes
     -----
     Constraint i n + j is the pair (i, j), i < j, of n spheres.
@@ -95,8 +103,9 @@ class SphereContacts(ConstraintFamily):
         group_restitution: Array,
         group_friction: Array | None = None,
     ) -> None:
-        self.system, self._where, self._first_body = system, where, first_body
-        self._radii, self._sphere_names = plain_array(radii), names
+        self.system, self.where, self._first_body = system, where, first_body
+        self.radii: Array = plain_array(radii)
+        self._sphere_names = names
         self._group, self._e, self._mu = group, group_restitution, group_friction
         self.friction = 0.0 if group_friction is None else float(group_friction.max())
         self._neighbours = VerletList(radii)
@@ -107,23 +116,23 @@ class SphereContacts(ConstraintFamily):
 
     def name(self, constraint: int) -> str:
         """Return the name of one pair."""
-        i, j = divmod(constraint, len(self._radii))
+        i, j = divmod(constraint, len(self.radii))
         return f"{self._sphere_names[i]} | {self._sphere_names[j]}"
 
     def friction_of(self, numbers: Array) -> Array:
         """Return the coefficients of friction of some pairs, shape (k,)."""
-        i, j = np.divmod(numbers, len(self._radii))
+        i, j = np.divmod(numbers, len(self.radii))
         return np.zeros(len(numbers)) if self._mu is None else self._mu[self._group[i], self._group[j]]
 
     def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
         """Return the bodies of both spheres of some pairs, shapes (k,)."""
-        i, j = np.divmod(numbers, len(self._radii))
+        i, j = np.divmod(numbers, len(self.radii))
         return self._first_body + i, self._first_body + j
 
     @property
     def count(self) -> int:
         """How many pairs there are."""
-        return len(self._radii) * (len(self._radii) - 1) // 2
+        return len(self.radii) * (len(self.radii) - 1) // 2
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
@@ -131,17 +140,23 @@ class SphereContacts(ConstraintFamily):
 
     def row_table(self, t: float, q: Array) -> RowTable:
         """Return the table of all pairs i < j."""
-        i, j = np.triu_indices(len(self._radii), 1)
-        e, thickness = self._e[self._group[i], self._group[j]], self._radii[i] + self._radii[j]
-        return RowTable(self._all_pairs(), e, np.ones(len(i), bool), self._reach_of(i, j), thickness)
+        i, j = np.triu_indices(len(self.radii), 1)
+        pairs, thickness = self.all_pairs(), self.radii[i] + self.radii[j]
+        return RowTable(pairs, self.restitution_of(pairs), np.ones(len(i), bool), self.reach_of(pairs), thickness)
 
     def row_points(self, t: float, q: Array, rows: Array) -> tuple[Array, Array]:
         """Return point and normal of some pairs i < j, shapes (k, 3)."""
         point, normal = self.nearest_points(q)
         return point[rows], normal[rows]
 
-    def _reach_of(self, i: Array, j: Array) -> Array:
-        """Return the reach of some pairs, shape (k, nv)."""
+    def restitution_of(self, numbers: Array) -> Array:
+        """Return e of some pairs, shape (k,); see the base class."""
+        i, j = np.divmod(numbers, len(self.radii))
+        return np.asarray(self._e[self._group[i], self._group[j]])
+
+    def reach_of(self, numbers: Array) -> Array:
+        """Return the reach of some pairs, shape (k, nv); see the base class."""
+        i, j = np.divmod(numbers, len(self.radii))
         rows, here = np.zeros((len(i), self.system.nv)), np.arange(len(i))
         for body in np.unique(np.concatenate([i, j])).tolist():
             reach = self.system.reach(self._first_body + body, np.zeros(3), 0.0)
@@ -150,15 +165,23 @@ class SphereContacts(ConstraintFamily):
 
     def least_displacement(self) -> float:
         """Return a bound: no sphere travels its radius if no entry of a displacement is larger."""
-        return float(self._radii.min() / np.sqrt(3.0))
+        return float(self.radii.min() / np.sqrt(3.0))
+
+    def passed_share(self) -> Array | None:
+        """Return the reach divided by the thickness, shape (nv, k), of the k pairs of few spheres; None of many."""
+        if len(self.radii) > _FEW:
+            return None
+        pairs = self.all_pairs()
+        i, j = np.divmod(pairs, len(self.radii))
+        return np.asarray(self.reach_of(pairs).T / (self.radii[i] + self.radii[j]))
 
     def passable(self, q: Array, displacement: Array) -> tuple[Array, Array, Array]:
         """Return the pairs that may pass through each other, their travel and their thickness; see the base class."""
-        centres = self._where.of(q)
-        moved = self._where.of(self.system.integrate(q, displacement)) - centres
-        i, j = may_pass(centres, moved, np.linalg.norm(moved, axis=1), self._radii, self._radii)
+        centres = self.where.of(q)
+        moved = self.where.of(self.system.integrate(q, displacement)) - centres
+        i, j = may_pass(centres, moved, np.linalg.norm(moved, axis=1), self.radii, self.radii)
         travel = np.linalg.norm(moved[j] - moved[i], axis=1)
-        return i * len(self._radii) + j, travel, self._radii[i] + self._radii[j]
+        return i * len(self.radii) + j, travel, self.radii[i] + self.radii[j]
 
     def pair_gap(self, t: float, q: Array, pairs: Array) -> Array:
         """Return the gaps of some pairs, shape (k,) [m]."""
@@ -168,34 +191,34 @@ class SphereContacts(ConstraintFamily):
         """Return numbers, gaps, points and normals of those of the given pairs that are within the tolerance."""
         k = len(pairs)
         number, gap, point, normal = np.empty(k, np.int64), np.empty(k), np.empty((k, 3)), np.empty((k, 3))
-        count = _pairs_within(plain_array(self._where.of(q)), self._radii, pairs, tolerance, number, gap, point, normal)
+        count = pairs_within(plain_array(self.where.of(q)), self.radii, pairs, tolerance, number, gap, point, normal)
         return number[:count], gap[:count], point[:count], normal[:count]
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        centres = plain_array(self._where.of(q))
+        centres = plain_array(self.where.of(q))
         number, gap, point, normal = self._near(q, self._neighbours.within(centres, max(tolerance, 0.0)), tolerance)
         if not number.size:
             return None
-        i, j = np.divmod(number, len(self._radii))
+        i, j = np.divmod(number, len(self.radii))
         rows = self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal)
-        return Rows(number, gap, rows, self._e[self._group[i], self._group[j]], point, normal)
+        return Rows(number, gap, rows, self.restitution_of(number), point, normal)
 
     def nearest_points(self, q: Array) -> tuple[Array, Array]:
         """Return point and normal of every pair i < j, shapes (n (n - 1) / 2, 3)."""
-        return self._near(q, self._all_pairs(), np.inf)[2:]
+        return self._near(q, self.all_pairs(), np.inf)[2:]
 
-    def _all_pairs(self) -> Array:
+    def all_pairs(self) -> Array:
         """Return the numbers of all pairs i < j."""
-        i, j = np.triu_indices(len(self._radii), 1)
-        return i * len(self._radii) + j
+        i, j = np.triu_indices(len(self.radii), 1)
+        return i * len(self.radii) + j
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the gap of every pair i < j, shape (n (n - 1) / 2,) [m]."""
-        return self._near(q, self._all_pairs(), np.inf)[1]
+        return self._near(q, self.all_pairs(), np.inf)[1]
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradient of every pair i < j, shape (n (n - 1) / 2, nv)."""
-        number, _, point, normal = self._near(q, self._all_pairs(), np.inf)
-        i, j = np.divmod(number, len(self._radii))
+        number, _, point, normal = self._near(q, self.all_pairs(), np.inf)
+        i, j = np.divmod(number, len(self.radii))
         return dense(self.system.separation_rows(q, self._first_body + i, self._first_body + j, point, normal))

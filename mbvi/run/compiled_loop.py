@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.mechanism_state import MechanismState, can_be_compiled, pairs_of_shapes, row_buffer
+from ..constraints.mechanism_state import MechanismState, pairs_of_shapes, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
 from ..problem import Problem
 from ..projection import Projector
-from ..schemes import Centered, MoreauJean, Paoli, Scheme, Step
+from ..schemes import MoreauJean, Scheme, Step
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
+from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
-from ..system.articulated import ArticulatedSystem
-from ..system.controls import LoopControl, no_control
+from ..system.joined import joined
 from ..system.mechanism import Mechanism
+from .loop_scope import control_of, is_compiled, kind_of_scheme
 from .recorder import RECENT, Recorder
-from .step_loop import CENTERED, CENTERED_PROJECTED, FULL, MOREAU_JEAN, PAOLI, PLAIN, ROUGH, LoopRecord, run_steps
+from .step_loop import FULL, PLAIN, ROUGH, LoopRecord, run_steps
 from .tunnelling import TunnellingGuard
 
 Array = np.ndarray
@@ -28,11 +29,13 @@ CHUNK = 2000
 _ROWS = 40_000
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
+# steps from which on the loop takes other systems than one mechanism: shorter runs of these do without its kernels
+LONG = 10_000
 _NOTHING = np.zeros(0)
 
 
 class CompiledLoop:
-    """Steps of one mechanism that need no Python.
+    """Steps of mechanisms and free bodies that need no Python.
 
     Parameters
     ----------
@@ -53,6 +56,8 @@ class CompiledLoop:
     ----------
     codes : ndarray of int, shape (8,)
         How many calls of the kernel ended with each code.
+    idle : bool
+        Whether the last call of `run` was not an attempt.
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class CompiledLoop:
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
-        self._patience = Patience()
+        self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
@@ -81,7 +86,8 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        if self._patience.waits() or not self._state.enter():
+        self.idle = self._patience.waits() or not self._state.enter()
+        if self.idle:
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
@@ -121,7 +127,11 @@ class CompiledLoop:
 
     def _logged(self, done: int, j: int) -> Step:
         t = self._problem.t0 + (done + j) * self._h + self._h
-        return logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        step = logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        if self._problem.system.single_mechanism:
+            return step
+        # the recorder asks which bodies each row acts on
+        return step._replace(active=step.active._replace(jacobian=self._state.reach[step.active.constraint]))
 
 
 class Patience:
@@ -165,16 +175,16 @@ def mechanism_step(
     """Return what steps a problem that the loop takes, with room for one step."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
-    assert isinstance(system, ArticulatedSystem)
-    control = system.control.table if isinstance(system.control, LoopControl) else no_control(nv)
+    control, acted = control_of(system)
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
-    scales = Scales(problem.tolerance, problem.length, residual, squares, turn_squares, system.controlled, theta)
+    reach, twice = largest_reach(problem), system.velocity_dependent
+    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, twice, theta)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
-        mechanism, state.arrays, memory, scales, control, room(nq, nv), rows, ahead, middle, np.zeros(nq), np.zeros(nv),
-        np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+        mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
+        np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 
 
@@ -186,30 +196,8 @@ def loop_record(
     return LoopRecord(
         t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
         np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
-        guard.thickness(pairs_of_shapes(problem.constraints)),
+        guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
     )  # fmt: skip
-
-
-def is_compiled(problem: Problem, scheme: Scheme) -> bool:
-    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
-    system = problem.system
-    if kind_of_scheme(scheme) is None or type(system) is not ArticulatedSystem or problem.energy_cap:
-        return False
-    if system.controlled and not isinstance(system.control, LoopControl):
-        return False
-    return not system.applied.any() and can_be_compiled(problem.constraints)
-
-
-def kind_of_scheme(scheme: Scheme) -> int | None:
-    """Return which scheme of the loop this is, None if it is none."""
-    match scheme:
-        case Paoli(project_positions=False) if type(scheme) is Paoli:
-            return PAOLI
-        case MoreauJean(project_positions=False) if type(scheme) is MoreauJean:
-            return MOREAU_JEAN
-        case Centered() if type(scheme) is Centered:
-            return CENTERED_PROJECTED if scheme.project_positions else CENTERED
-    return None
 
 
 def compiled_loop(
@@ -217,12 +205,12 @@ def compiled_loop(
     every: int, total: int,
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
-    kind, system = kind_of_scheme(scheme), problem.system
+    kind = kind_of_scheme(scheme)
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or not isinstance(system, ArticulatedSystem):
+    if projector.accepted is not None or (not problem.system.single_mechanism and total < LONG):
         return None
-    mechanism = system.mechanism()
+    mechanism = joined(problem.system).mechanism()
     if mechanism is None:
         return None
     return CompiledLoop(problem, mechanism, kind, scheme, projector, recorder, guard, h, every, total)

@@ -16,7 +16,8 @@ from ..system.articulated import ArticulatedSystem, Control
 from ..system.mechanism import Mechanism
 from ..system.system import Array
 from .accuracy import projector_of
-from .compiled_loop import CHUNK, Patience, kind_of_scheme, logged_step, loop_record, mechanism_step
+from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
+from .loop_scope import kind_of_scheme
 from .start import admitted, closes_none, first_step
 from .step_loop import DONE, FULL, run_steps
 from .tunnelling import TunnellingGuard

@@ -13,8 +13,8 @@ from ..schemes import EventDriven, Scheme
 from ..system.articulated import ArticulatedSystem, Control
 from ..system.controls import HeldTorque, LoopControl
 from ..system.system import Array
-from .compiled_loop import is_compiled
 from .default_scheme import time_stepping
+from .loop_scope import is_compiled
 from .mechanism_run import controlled_copy
 from .rollout_job import Job
 from .simulate import check_problem, checked_for
@@ -104,7 +104,7 @@ def rollout(
         raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
     acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
     job = Job(problem, acting, chosen, q0, v0, steps, h)
-    if not (is_compiled(acting, chosen) and job.run_compiled(threads)):
+    if not (acting.system.single_mechanism and is_compiled(acting, chosen) and job.run_compiled(threads)):
         job.run_by_simulate()
     return Rollouts(job.q, job.v, job.status, tuple(job.errors))
 

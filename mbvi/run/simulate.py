@@ -213,7 +213,8 @@ def simulate(
                     continue
             i = done = done + 1
             t, length = problem.t0 + (i - 1) * h, h if i <= whole else last
-            if sleepers.any:
+            # bodies fall asleep only where the loop has left many steps in a row to Python
+            if sleepers.any and (loop is None or loop.idle):
                 *parts, new = sleepers.stepped(
                     partial(_advanced, guard, t, state, last_length, length, projector), length
                 )

@@ -15,8 +15,8 @@ from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
 from .accuracy import projector_of
-from .compiled_loop import is_compiled
 from .default_scheme import time_stepping
+from .loop_scope import is_compiled
 from .mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step
@@ -50,7 +50,8 @@ class Simulator:
 
     Notes
     -----
-    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding.
+    Bodies do not sleep here, so that heaps at rest differ from those of `simulate` by rounding. So do runs of several
+    robots or bodies that `simulate` takes in compiled code: those of at least 10,000 steps.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme | None = None, *, step: float) -> None:
@@ -200,7 +201,7 @@ class _CompiledStepper:
 
 
 def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:
-    if is_compiled(problem, scheme):
+    if problem.system.single_mechanism and is_compiled(problem, scheme):
         own = OwnProblem(problem)
         if own.mechanism is not None:
             return _CompiledStepper(own, scheme, h)

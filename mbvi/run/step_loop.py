@@ -26,7 +26,7 @@ PLAIN, ROUGH = 12, 27
 
 @record(
     "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
-    " f8[:,::1], f8[::1]"
+    " f8[:,::1], f8[::1], f8"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
@@ -48,7 +48,9 @@ class LoopRecord(NamedTuple):
     share, shares : ndarray, shapes (nv,) and (nv, m)
         As of `TunnellingGuard.shares`.
     thickness : ndarray, shape (m,)
-        Thickness of the pairs of shapes [m], infinite where `shares` are those of other constraints.
+        Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
+    slow_speed : float
+        As of `TunnellingGuard`.
     """
 
     t: Array
@@ -65,6 +67,7 @@ class LoopRecord(NamedTuple):
     share: Array
     shares: Array
     thickness: Array
+    slow_speed: float
 
 
 @kernel("void(MechanismStep, LoopRecord, i8)")
@@ -103,24 +106,32 @@ def may_pass(constraints: MechanismConstraints, v: Array, w: Array, log: LoopRec
         As of `TunnellingGuard`.
     """
     n, pairs = log.shares.shape
-    before = after = travel = 0.0
+    before = after = travel = fastest = 0.0
     for k in range(n):
         before += v[k] * v[k]
         after += w[k] * w[k]
-        travel += log.share[k] * max(abs(v[k]), abs(w[k]))
+        fastest = max(fastest, abs(v[k]), abs(w[k]))
+        if pairs > 0:
+            travel += log.share[k] * max(abs(v[k]), abs(w[k]))
     # written so that a NaN counts as swift
     if not after < RUNAWAY:
         return True
-    if (before < limit and after < limit) or (travel < 1.0 and pairs > 0):
+    if before < limit and after < limit:
+        return False
+    if pairs == 0:
+        return not fastest < log.slow_speed
+    if travel < 1.0:
         return False
     for i in range(pairs):
         travel = 0.0
         for k in range(n):
             travel += log.shares[k, i] * max(abs(v[k]), abs(w[k]))
         # a pair that is farther apart than it travels, there and back, does not pass
-        if not (travel < 1.0 or 2.0 * travel * log.thickness[i] < clearance_of(constraints, i)):
+        if travel >= 1.0 and (
+            log.thickness[i] == np.inf or not 2.0 * travel * log.thickness[i] < clearance_of(constraints, i)
+        ):
             return True
-    return pairs == 0
+    return False
 
 
 @kernel("f8(MechanismConstraints, i8)")

@@ -56,12 +56,12 @@ class TunnellingGuard:
         # the same for each pair, one array a family
         self._displacements: list[Array] = []
         # with many bodies there are no bounds of each pair, but an entry of v below which no body travels its thickness
-        self._slow_speed = 0.0
+        self.slow_speed = 0.0
         for family in self._watched:
             share = family.passed_share()
             if share is None:
                 self._per_velocity, self._displacements = np.full(problem.system.nv, np.inf), []
-                self._slow_speed = min(least[one] for one in self._watched) / h
+                self.slow_speed = min(least[one] for one in self._watched) / h
                 break
             np.maximum(self._per_velocity, h * share.max(axis=1), out=self._per_velocity)
             self._displacements.append(h * share)
@@ -79,11 +79,11 @@ class TunnellingGuard:
         return self._per_velocity, np.ascontiguousarray(np.concatenate([none, *self._displacements], axis=1))
 
     def thickness(self, family: ConstraintFamily | None) -> Array:
-        """Return the thickness of the pairs of `shares`, shape (n,) [m]; infinite unless all are those of a family."""
-        listed = self._watched if self._displacements else []
-        if family is not None and listed == [family]:
-            return np.array(np.broadcast_to(family.thickness, family.size), dtype=float)
-        return np.full(sum(one.size for one in listed), np.inf)
+        """Return the thickness of the pairs of `shares`, shape (n,) [m]; infinite but for a family that comes first."""
+        count, listed = sum(one.shape[1] for one in self._displacements), np.zeros(0)
+        if family is not None and count and self._watched[0] is family:
+            listed = np.broadcast_to(np.asarray(family.thickness, dtype=float), family.size)
+        return np.concatenate([listed, np.full(count - len(listed), np.inf)])
 
     def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps from a state at t to t + h, more than one where a body would pass through another."""
@@ -118,7 +118,7 @@ class TunnellingGuard:
     def _none_passes(self, v: Array) -> bool:
         """Return whether no pair travels its thickness in a step if no velocity exceeds that in v, shape (nv,)."""
         if not self._displacements:
-            return float(v.max(initial=0.0)) < self._slow_speed
+            return float(v.max(initial=0.0)) < self.slow_speed
         return float(self._per_velocity.dot(v)) < 1.0 or all(
             (v.dot(displacements) < 1.0).all() for displacements in self._displacements
         )

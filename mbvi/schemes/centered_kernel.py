@@ -15,8 +15,10 @@ from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
-from .nearby_rows import largest_reach
 from .step import joins, margin_of, write_closing_speeds
+
+# what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
+FAR = -1
 
 
 @kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
@@ -96,7 +98,7 @@ def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
 def settle(
     s: MechanismStep, place_ahead: Array, middle: Array, v: Array, h: float, near: Array, free: Array, margin: float
 ) -> int:  # fmt: skip
-    """Project closed contacts out of penetration after a step; return a code.
+    """Project closed contacts out of penetration after a step; return a code or `FAR`.
 
     Parameters
     ----------
@@ -114,10 +116,10 @@ def settle(
         How far beyond the tolerance the rows are known [m].
     """
     known, scales, room, mech, n, half = s.ahead, s.scales, s.room, s.mechanism, len(v), 0.5 * h
-    m, k, reach, displacement = known.size[0], s.rows.size[0], largest_reach(scales.length), room.displacement
+    m, k, reach, displacement = known.size[0], s.rows.size[0], scales.reach, room.displacement
     tangent(mech.calls, place_ahead, s.q, displacement)
-    if largest_travel(scales.squares, displacement) > reach:
-        return BOUNCES
+    if not largest_travel(scales.squares, displacement) < reach:
+        return FAR
     rates, law, open_speeds, i = room.table[: 4 * m].reshape((4, m)), room.law[:m], room.change[:m], 0
     for a in range(m):
         law[a], open_speeds[a] = near[a], room.opened[i] if near[a] else 0.0
@@ -195,7 +197,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
-        margin = near_margin + 2.0 * largest_reach(scales.length)
+        margin = near_margin + 2.0 * scales.reach
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code
@@ -204,7 +206,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
     for k in range(n):
         drift[k], force_velocity[k] = half * v[k], v[k]
     retract(s.mechanism.calls, q, drift, middle)
-    if not scales.controlled:
+    if scales.velocity_dependent:
         fly(s, t + half, middle, v, h, force_velocity)
         for k in range(n):
             force_velocity[k] = 0.5 * (v[k] + force_velocity[k])
@@ -212,7 +214,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         fly(s, t + half, middle, force_velocity, h, s.v)
         s.residual[0] = 0.0
         for k in range(n):
-            if not scales.controlled:
+            if scales.velocity_dependent:
                 s.v[k] = v[k] + (s.v[k] - force_velocity[k])
             drift[k] = half * s.v[k]
         retract(s.mechanism.calls, middle, drift, s.q)
@@ -253,8 +255,10 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, proj
         m = s.mechanism
         if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
             return UNSOLVED
-        return settle(s, end, middle, v, h, near, room.free, margin)
-    if projects and frictional and not bounces:
+        code = settle(s, end, middle, v, h, near, room.free, margin)
+        if code != FAR:
+            return code
+    if projects and not bounces:
         return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]

@@ -17,7 +17,6 @@ from ..system.pinocchio_address import retract
 from ..system.system import Array
 from .frictional_sunk import known_gaps, write_free_motion
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep
-from .nearby_rows import largest_reach
 
 # what `raise_contacts` returns where there is no such displacement
 _NONE = -1.0
@@ -116,7 +115,7 @@ def raise_contacts(s: MechanismStep, margin: float, depth: float, sticks: Array,
             return residual
         retract(s.mechanism.calls, s.q, room.moved, room.middle)
         travel = known_gaps(s, room.middle)
-        if travel > largest_reach(s.scales.length) or NEARBY * depth + travel > margin:
+        if not travel < s.scales.reach or NEARBY * depth + travel > margin:
             return np.inf
         for a in range(m):
             if room.owner[a] < 0 and known.lever[a] * room.gap[a] <= tolerance + NEARBY * depth:

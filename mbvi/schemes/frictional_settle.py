@@ -1,7 +1,7 @@
 """Projects closed contacts with friction out of penetration in one kernel, where no row joins.
 
 The kernel does what `project_positions` does there, which is its reference. Where anything else is needed it returns
-`BOUNCES`, and the step is left to that.
+`BOUNCES`, and the step is left to that. Without friction it finds out whether contacts have sunk that have moved far.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from ..system.system import Array
 from .frictional_raise import raise_and_follow
 from .frictional_sunk import closed_contacts, find_sunk_contacts, known_gaps, search_at_end, some_below
 from .mechanism_steps import BOUNCES, DONE, MechanismStep
-from .nearby_rows import largest_reach
 
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1[::1], f8)")
@@ -32,9 +31,9 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
     margin : float
         How far beyond the tolerance the rows are known [m].
     """
-    room, k, reach, depth, some, i = s.room, s.rows.size[0], largest_reach(s.scales.length), 0.0, 0, 0
+    room, k, reach, depth, some, i = s.room, s.rows.size[0], s.scales.reach, 0.0, 0, 0
     travel = known_gaps(s, s.q)
-    far = travel > reach or travel > margin
+    far = not travel < reach or travel > margin
     if far or some_below(s):
         some = closed_contacts(s, h, room.closed[:k])
     if some < 0:
@@ -51,7 +50,8 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
             i += near[a]
     if some > 0:
         depth = find_sunk_contacts(s)
-    if depth < 0.0:
+    # without friction `settle` raises contacts, where bodies have not moved far
+    if depth < 0.0 or (depth > 0.0 and len(s.rows.T) == 0):
         return BOUNCES
     if depth > 0.0:
         return raise_and_follow(s, s.middle if far else s.rows, v, h, margin, depth, far)

@@ -12,7 +12,6 @@ from ..projection.tree import advance_by, factor
 from ..system.pinocchio_address import tangent
 from ..system.system import Array
 from .mechanism_steps import DONE, UNSOLVED, MechanismStep
-from .nearby_rows import largest_reach
 
 
 @kernel("i8(MechanismStep, f8, b1[::1])")
@@ -84,7 +83,7 @@ def search_at_end(s: MechanismStep, v: Array, h: float) -> int:
     `s.middle` the rows of the law with what they are there. The free motion of v is written before: it takes the mass
     matrix at the place of the law.
     """
-    known, rows, room, reach = s.ahead, s.rows, s.room, largest_reach(s.scales.length)
+    known, rows, room, reach = s.ahead, s.rows, s.room, s.scales.reach
     if not write_free_motion(s, v, h):
         return UNSOLVED
     code = active_rows(s.mechanism, s.constraints, s.q[:0], room.moved, s.q, s.scales.tolerance + 2.0 * reach, known)

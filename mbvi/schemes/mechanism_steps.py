@@ -49,7 +49,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
 class Scales(NamedTuple):
     """Numbers of a problem.
 
@@ -57,22 +57,25 @@ class Scales(NamedTuple):
     ----------
     tolerance, length : float
         Activation tolerance and length of the scene [m].
+    reach : float
+        Travel below which gaps count as linear [m].
     residual : float
         Relative residual that a projection may have.
     squares, turn_squares : ndarray, shape (families, nv)
         As of `ClearanceCache`.
-    controlled : bool
-        Whether a control acts.
+    velocity_dependent : bool
+        Whether forces change with v and are evaluated twice a step.
     theta : float
         Of `MoreauJean`.
     """
 
     tolerance: float
     length: float
+    reach: float
     residual: float
     squares: Array
     turn_squares: Array
-    controlled: bool
+    velocity_dependent: bool
     theta: float
 
 
@@ -148,8 +151,8 @@ def room(nq: int, nv: int) -> Room:
 
 
 @record(
-    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, Room, RowBuffer, RowBuffer, RowBuffer, f8[::1],"
-    " f8[::1], f8[::1], f8[::1], f8[::1]"
+    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer, RowBuffer, RowBuffer,"
+    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
@@ -158,6 +161,8 @@ class MechanismStep(NamedTuple):
     ----------
     mechanism, constraints, memory, scales, control
         What steps.
+    acted : ndarray of int, shape (4,)
+        Where the coordinates that the control knows begin and end in q, and in v.
     room : Room
         Room within the step.
     rows : RowBuffer
@@ -179,6 +184,7 @@ class MechanismStep(NamedTuple):
     memory: LawMemory
     scales: Scales
     control: ControlTable
+    acted: Array
     room: Room
     rows: RowBuffer
     ahead: RowBuffer
@@ -190,11 +196,18 @@ class MechanismStep(NamedTuple):
     residual: Array
 
 
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
+def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
+    """Write the torques of the control; those of other parts of the system stay zero."""
+    begin, end = s.acted[2], s.acted[3]
+    write_torque(s.control, t, q[s.acted[0] : s.acted[1]], v[begin:end], s.room.torque[begin:end])
+
+
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
     m = s.mechanism
-    write_torque(s.control, t, q, v, s.room.torque)
+    act(s, t, q, v)
     place(m, q)
     nonlinear_effects(m.calls, q, v)
     if advance_by(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, s.room.L, w):
@@ -219,7 +232,7 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
         As of `closing_speeds`.
     """
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
-    write_torque(s.control, t, q, force_velocity, s.room.torque)
+    act(s, t, q, force_velocity)
     place(m, q)
     nonlinear_effects(m.calls, q, force_velocity)
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel
 from ..constraints import Rows
 from ..constraints.rows import take
 from ..problem import Problem
@@ -16,10 +15,9 @@ from ..system.system import Array
 SECOND_ORDER = 1e-6
 
 
-@kernel("f8(f8)")
-def largest_reach(length: float) -> float:
-    """Return the travel up to which gaps count as linear in a scene of this length [m]; see `NearbyRows`."""
-    return (2.0 * SECOND_ORDER) ** 0.5 * length
+def largest_reach(problem: Problem) -> float:
+    """Return the travel up to which gaps count as linear [m]; 0 where the travel of some constraint is not known."""
+    return (2.0 * SECOND_ORDER) ** 0.5 * problem.length if problem.constraints.knows_travel else 0.0
 
 
 class KnownRows(NamedTuple):
@@ -63,7 +61,7 @@ class NearbyRows:
 
     def __init__(self, problem: Problem, t: float, *, linear: bool) -> None:
         self._problem, self._t = problem, t
-        self._reach = largest_reach(problem.length) if linear and problem.constraints.knows_travel else 0.0
+        self._reach = largest_reach(problem) if linear else 0.0
         # the last search: the rows, where, and their largest gap less the tolerance
         self._rows: Rows | None = None
         self._q: Array | None = None

@@ -27,6 +27,8 @@ class Spheres(System):
 
     Attributes
     ----------
+    masses, gravity
+        As given.
     sparse : bool
         Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
 
@@ -44,8 +46,9 @@ class Spheres(System):
         self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
+        self.masses, self.gravity = masses, gravity
         self._metric = DiagonalMetric(np.repeat(masses, 3))
-        self._gravity = np.tile(gravity, len(masses))
+        self._pull = np.tile(gravity, len(masses))
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return q + dv
@@ -57,16 +60,16 @@ class Spheres(System):
         return self._metric
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        return self._metric.diagonal * self._gravity
+        return self._metric.diagonal * self._pull
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return v + h * self._gravity
+        return v + h * self._pull
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         return FreeMotion(self.free_velocity(t, q, v, h), self._metric)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._gravity
+        return self._pull
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         return v
@@ -75,7 +78,7 @@ class Spheres(System):
         return float(0.5 * v @ (self._metric.diagonal * v))
 
     def potential_energy(self, t: float, q: Array) -> float:
-        return float(-q @ (self._metric.diagonal * self._gravity))
+        return float(-q @ (self._metric.diagonal * self._pull))
 
     def placements(self, q: Array, bodies: Array) -> Array:
         places = np.empty((len(bodies), 4, 3))
@@ -115,6 +118,8 @@ class FreeBodies(System):
 
     Attributes
     ----------
+    masses, inertias, gravity
+        As given.
     sparse : bool
         Whether its rows are sparse: where it has many bodies, or is part of a system that has many.
     pull : float
@@ -139,8 +144,8 @@ class FreeBodies(System):
         self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
-        self._masses, self._inertias, self._gravity = masses, np.array(inertias, float, order="C"), gravity
-        self._inverses = np.linalg.inv(self._inertias)
+        self.masses, self.inertias, self.gravity = masses, np.array(inertias, float, order="C"), gravity
+        self._inverses = np.linalg.inv(self.inertias)
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
         blocks[:, 3:, 3:] = inertias
@@ -153,7 +158,7 @@ class FreeBodies(System):
 
     def hold(self, held: Array) -> None:
         self._acting = np.where(held[:, None], 0.0, self._weight)
-        self._pull = self._acting / self._masses[:, None]
+        self._pull = self._acting / self.masses[:, None]
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = np.empty(self.nq)
@@ -171,9 +176,9 @@ class FreeBodies(System):
         return self._metric
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        g = np.empty((len(self._masses), 6))
+        g = np.empty((len(self.masses), 6))
         spin = v.reshape(-1, 6)[:, 3:]
-        momentum = np.einsum("kij,kj->ki", self._inertias, spin)
+        momentum = np.einsum("kij,kj->ki", self.inertias, spin)
         g[:, :3] = self._acting
         g[:, 3] = momentum[:, 1] * spin[:, 2] - momentum[:, 2] * spin[:, 1]
         g[:, 4] = momentum[:, 2] * spin[:, 0] - momentum[:, 0] * spin[:, 2]
@@ -188,7 +193,7 @@ class FreeBodies(System):
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         out = np.empty(self.nv)
-        accelerations(plain_array(v), self._pull, self._inertias, self._inverses, out)
+        accelerations(plain_array(v), self._pull, self.inertias, self._inverses, out)
         return out
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ _MARGIN = 1e-6
 _MOST_COORDINATES = 100_000
 
 
-@record("i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1]")
+@record("i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1]")
 class ControlTable(NamedTuple):
     """A control as kernels take it; it acts on the last n velocities.
 
@@ -38,6 +38,8 @@ class ControlTable(NamedTuple):
         Torques [N, N m], positions and velocities of the trajectory; linear between the times.
     stiffness, damping, limit : ndarray, shape (n,)
         Gains, and the largest torque.
+    position : ndarray of int, shape (n,)
+        Where in q the position of each joint is, counted from the end.
     """
 
     kind: int
@@ -50,6 +52,7 @@ class ControlTable(NamedTuple):
     stiffness: Array
     damping: Array
     limit: Array
+    position: Array
 
 
 @kernel("Tuple((i8, f8))(f8[::1], f8)")
@@ -86,7 +89,7 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
     if control.kind == FUNCTION:
         call_address(control.address[0], t, q.ctypes.data, v.ctypes.data, torque.ctypes.data)
     n = control.torque.shape[1]
-    place, rate = len(q) - n, len(v) - n
+    rate = len(v) - n
     if control.kind == HELD:
         row: int = np.int64(np.floor((t - control.times[0]) / control.times[1]))  # type: ignore[assignment]
         row = control.held[0] + min(max(row, 0), control.held[1] - 1)
@@ -98,7 +101,7 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
     for k in range(n):
         tau = between(control.torque, row, k, share)
         if control.stiffness[k] != 0.0:
-            tau += control.stiffness[k] * (between(control.q, row, k, share) - q[place + k])
+            tau += control.stiffness[k] * (between(control.q, row, k, share) - q[len(q) - control.position[k]])
         if control.damping[k] != 0.0:
             tau += control.damping[k] * (between(control.v, row, k, share) - v[rate + k])
         torque[rate + k] = min(max(tau, -control.limit[k]), control.limit[k])
@@ -299,13 +302,41 @@ def no_control(nv: int) -> ControlTable:
     return _tracking(np.zeros((1, nv)))._replace(kind=NONE)
 
 
+def side_by_side(tables: Sequence[tuple[ControlTable, int, int]], nq: int, nv: int) -> ControlTable:
+    """Return one table of torques and PD controls that act on several mechanisms.
+
+    Parameters
+    ----------
+    tables : sequence of (ControlTable, int, int)
+        Tables of the kind `TRACKING`, and where q and v of the mechanism of each end.
+    nq, nv : int
+        Sizes of q and v of all.
+    """
+    times = np.unique(np.concatenate([table.times for table, *_ in tables]))
+    rows, gains = np.zeros((3, len(times), nv)), np.zeros((2, nv))
+    limit, position = np.full(nv, np.inf), np.ones(nv, np.int64)
+    for table, q_end, v_end in tables:
+        n = table.torque.shape[1]
+        here = slice(v_end - n, v_end)
+        for all_rows, own in zip(rows, (table.torque, table.q, table.v), strict=True):
+            all_rows[:, here] = np.transpose([np.interp(times, table.times, column) for column in own.T])
+        gains[:, here], limit[here], position[here] = (
+            (table.stiffness, table.damping), table.limit, nq - q_end + table.position
+        )  # fmt: skip
+    torque, q, v = rows
+    return _tracking(torque, times)._replace(
+        q=q, v=v, stiffness=gains[0], damping=gains[1], limit=limit, position=position
+    )
+
+
 def _tracking(torque: Array, times: Array | None = None) -> ControlTable:
     """Return the table of torques without gains."""
     k, n = torque.shape
     still, none = np.zeros((k, n)), np.zeros(n)
     when = np.zeros(1) if times is None else times
     numbers = np.zeros(1, np.int64), np.zeros(2, np.int64)
-    return ControlTable(TRACKING, *numbers, when, torque, still, still, none, none, np.full(n, np.inf))
+    position = n - np.arange(n)
+    return ControlTable(TRACKING, *numbers, when, torque, still, still, none, none, np.full(n, np.inf), position)
 
 
 def _rows(value: Array, name: str, k: int, n: int) -> Array:

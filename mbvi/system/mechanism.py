@@ -70,6 +70,14 @@ def place(mechanism: Mechanism, q: Array) -> None:
             mechanism.placed[k] = q[k]
 
 
+def free_joint() -> pin.JointModelComposite:
+    """Return a joint with the q, v and retraction of a free body: it moves the centre and then turns about it."""
+    joint = pin.JointModelComposite()
+    joint.addJoint(pin.JointModelTranslation())
+    joint.addJoint(pin.JointModelSpherical())
+    return joint
+
+
 def mechanism(model: pin.Model, data: pin.Data, support: Array, parent: Array) -> Mechanism | None:
     """Return the record of a mechanism, or None if results do not lie where they are expected.
 

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from ..compiled import KERNELS, cache_folder
 from . import pinocchio_address as by_address
-from .mechanism import Mechanism, mechanism
+from .mechanism import Mechanism, free_joint, mechanism
 
 Array = np.ndarray
 
@@ -156,11 +156,12 @@ def _results(
 
 
 def _models(rng: np.random.Generator) -> Iterator[pin.Model]:
-    """Yield one joint, a fixed arm, a robot on a free base and a tree of other joints."""
+    """Yield one joint, a fixed arm, a robot on a free base, and a tree of other joints, also that of a free body."""
     turning = [pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelPX()]
     other = [
         pin.JointModelPlanar(), pin.JointModelSpherical(), pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])),
         pin.JointModelTranslation(), pin.JointModelRUBZ(), pin.JointModelPrismaticUnaligned(np.array([0.0, 0.6, 0.8])),
+        free_joint(),
     ]  # fmt: skip
     for joints in (turning[:1], turning + turning[:3], [pin.JointModelFreeFlyer(), *turning * 3], other):
         model = pin.Model()

@@ -38,7 +38,7 @@ class PlanarSpheres(Spheres):
         self._metric = DiagonalMetric(np.repeat(masses, 2))
         # indices in q of the coordinates that velocities change
         self._places = np.add.outer(np.arange(0, self.nq, 3), np.arange(3)[self._along]).ravel()
-        self._gravity = np.tile(gravity[self._along], len(masses))
+        self._pull = np.tile(gravity[self._along], len(masses))
         self._weight = masses[:, None] * gravity
 
     def integrate(self, q: Array, dv: Array) -> Array:

@@ -909,7 +909,7 @@ ARGUMENTS = {
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "farthest_moved": farthest_moved,
-    "_pairs_within": touching,
+    "pairs_within": touching,
     "wall_contacts": wall_contacts,
     "distance_from_box": wall_and_point(1),
     "distance_from_capsule": wall_and_point(2),
@@ -1065,7 +1065,7 @@ def specified(name, result, arguments):
         return [*(result if isinstance(result, tuple) else [yes]), *arguments]
     if name == "_near_balls":
         return [result, np.sort(arguments[-1][:result])]
-    if name in ("_pairs_within", "wall_contacts"):
+    if name in ("pairs_within", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
     if name == "gram":

@@ -53,6 +53,7 @@ def arguments_of_call(number, wanted, problem, scheme):
     item = next(one for one in LOOP_KERNELS if one.__name__ == wanted)
     with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
         warnings.simplefilter("ignore", mbvi.MbviWarning)
+        patched.setattr(compiled_loop, "LONG", 0)
         patched.setattr(compiled_loop, "run_steps", interpreted(step_loop.run_steps, wanted, catch))
         mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
     for record in caught.value.args[0]:
@@ -135,6 +136,74 @@ def on_block(e, mu):
     return scene.build()
 
 
+def struck(e, mu):
+    """A quadruped under a PD control lands on four feet, and a ball hits it."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    stance = np.tile([0.0, 0.6, -1.2], 4)
+    scene.add_urdf(
+        ROBOTS / "quadruped/quadruped.urdf",
+        position=(0, 0, 0.36),
+        joints={f"{leg}_{joint}_joint": x for leg in LEGS for joint, x in zip(JOINTS, stance[:3], strict=True)},
+        control=mbvi.PDControl(stance, 60.0, 1.5),
+    )
+    scene.add_sphere(0.1, 1.5, position=(-0.5, 0.03, 0.4), velocity=(4.0, 0.0, 0.5), name="ball")
+    return scene.build()
+
+
+def two_hoppers(e, mu):
+    """They fall side by side, and the leg of one hits the other."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for x in (0.0, 0.35):
+        joints, velocity = {"knee": 0.4}, {"hip": -1.0}
+        scene.add_urdf(
+            ROBOTS / "hopper/hopper.urdf",
+            position=(x, 0, 0.475),
+            joints=joints,
+            velocity=velocity,
+            name=f"hopper {x:g}",
+        )
+    return scene.build()
+
+
+def among_boxes(e, mu):
+    """Boxes fall onto a quadruped and beside it."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.44))
+    scene.add_box((0.1, 0.12, 0.1), 0.5, position=(0.02, 0.01, 0.6), angular_velocity=(1, 2, 0), name="box 0")
+    for k in (1, 2):
+        scene.add_box((0.2, 0.1, 0.1), 0.5, position=(0.6, 0.03 * k, 0.2 * k - 0.14), velocity=(0, 0.3, 0))
+    return scene.build()
+
+
+def one_box(e, mu):
+    """It lands on an edge, and tips over."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.2, 0.3, 0.1), 1.0, position=(0, 0, 0.15), velocity=(1, 0, -1), angular_velocity=(1, 2, 0.5))
+    return scene.build()
+
+
+def one_ball(e, mu):
+    """It lands, and slips with friction."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(0.1, 1.0, position=(0, 0, 0.15), velocity=(1, 0, -1))
+    return scene.build()
+
+
+def small_heap(e, mu):
+    """Two balls and a box fall onto each other."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k in range(2):
+        scene.add_sphere(0.08, 0.5, position=(0.08 * k - 0.1, 0.02 * k, 0.25 + 0.17 * k), velocity=(0, 0, -1))
+    scene.add_box((0.3, 0.2, 0.1), 1.0, position=(0, 0, 0.08), angular_velocity=(0.5, 0, 0), name="box")
+    return scene.build()
+
+
 @cache
 def _pickled(scene, material):
     return pickle.dumps(scene(*material))
@@ -153,11 +222,13 @@ CALLS = {
     "paoli_step": [(PAOLI, hopper, BOUNCY, 42), (PAOLI, quadruped, ROUGH, 70), (PAOLI, hopper, ROUGH, 41)],
     "moreau_jean_step": [(MOREAU, hopper, BOUNCY, 41), (MOREAU, quadruped, RIGID, 70), (MOREAU, hopper, ROUGH, 42)],
     "centered_step": [(DEFAULT, hopper, RIGID, 41), (DEFAULT, quadruped, ROUGH, 70), (CENTERED, hopper, MIXED, 41)],
+    "act": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, struck, RIGID, 5), (CENTERED, swaying, RIGID, 5)],
     "fly": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, on_block, RIGID, 5), (CENTERED, quadruped, RIGID, 5)],
     "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],
     "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
     "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 20), (CENTERED, hopper, ROUGH, 5)],
     "half_space_contacts": [(PAOLI, hopper, RIGID, 99), (DEFAULT, quadruped, ROUGH, 90), (CENTERED, hopper, ROUGH, 3)],
+    "touching_balls": [(PAOLI, small_heap, RIGID, 82), (PAOLI, small_heap, MIXED, 114), (PAOLI, small_heap, ROUGH, 9)],
     "append_tangents": [(PAOLI, hopper, ROUGH, 150), (PAOLI, quadruped, ROUGH, 200), (CENTERED, quadruped, ROUGH, 20)],
     "pair_contacts": [(PAOLI, quadruped, BOUNCY, 27), (DEFAULT, on_block, ROUGH, 90), (CENTERED, quadruped, RIGID, 99)],
     "measured_in_closed_form": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
@@ -207,7 +278,6 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
-    "largest_reach": lambda rng, seed: (rng.random(),),
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
     "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),

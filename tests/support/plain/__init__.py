@@ -22,7 +22,7 @@ from support.plain.separating_axis import _clear_plain, _keep_plain, guess_axes_
 from support.plain.shared_percussions import least_norm_plain
 from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_walls import wall_contacts_plain
-from support.plain.spheres import _pairs_within_plain
+from support.plain.spheres import pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
 from support.plain.triangles import near_triangles_plain
@@ -55,7 +55,7 @@ PLAIN = {
     "_whiten": _whiten_plain,
     "_choose_rows": _struck_plain,
     "half_space_rows": half_space_rows_plain,
-    "_pairs_within": _pairs_within_plain,
+    "pairs_within": pairs_within_plain,
     "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
     "advance_by": advance_plain,

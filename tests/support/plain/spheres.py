@@ -7,7 +7,7 @@ import numpy as np
 from mbvi.arguments import Array
 
 
-def _pairs_within_plain(
+def pairs_within_plain(
     centres: Array, radii: Array, pairs: Array, tolerance: float, number: Array, gap: Array, point: Array, normal: Array
 ) -> int:
     """Write the pairs of spheres within the tolerance; return how many there are."""

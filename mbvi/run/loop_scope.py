@@ -1,0 +1,65 @@
+"""What the compiled loop takes: systems, constraints, controls and schemes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..constraints.mechanism_state import can_be_compiled
+from ..problem import Problem
+from ..schemes import Centered, MoreauJean, Paoli, Scheme
+from ..system.articulated import ArticulatedSystem
+from ..system.controls import TRACKING, ControlTable, LoopControl, no_control, side_by_side
+from ..system.joined import can_be_joined
+from ..system.system import Array, Part, System, located_parts, parts_of
+from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI
+
+# most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
+# sleep, costs less
+_MOST_FREE, _MOST_ROUGH = 30, 18
+
+
+def is_compiled(problem: Problem, scheme: Scheme) -> bool:
+    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
+    system = problem.system
+    if kind_of_scheme(scheme) is None or problem.energy_cap or system.sparse or not can_be_joined(system):
+        return False
+    most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
+    if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
+        return False
+    return _tables(system) is not None and can_be_compiled(problem.constraints)
+
+
+def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
+    """Return the controls of mechanisms, and what they act on; None if the loop does not evaluate them."""
+    found = []
+    for part in located_parts(system):
+        if part.system.controlled:
+            control = part.system.control if isinstance(part.system, ArticulatedSystem) else None
+            if not isinstance(control, LoopControl):
+                return None
+            found.append((control.table, part))
+    return found if len(found) <= 1 or all(table.kind == TRACKING for table, _ in found) else None
+
+
+def control_of(system: System) -> tuple[ControlTable, Array]:
+    """Return the control of a system, and where what it knows begins and ends in q and in v."""
+    tables, nq, nv = _tables(system) or [], system.nq, system.nv
+    if not tables:
+        return no_control(nv), np.array([0, nq, 0, nv])
+    if len(tables) == 1:
+        table, part = tables[0]
+        return table, np.array([part.q, part.q + part.system.nq, part.v, part.v + part.system.nv])
+    ends = [(table, part.q + part.system.nq, part.v + part.system.nv) for table, part in tables]
+    return side_by_side(ends, nq, nv), np.array([0, nq, 0, nv])
+
+
+def kind_of_scheme(scheme: Scheme) -> int | None:
+    """Return which scheme of the loop this is, None if it is none."""
+    match scheme:
+        case Paoli(project_positions=False) if type(scheme) is Paoli:
+            return PAOLI
+        case MoreauJean(project_positions=False) if type(scheme) is MoreauJean:
+            return MOREAU_JEAN
+        case Centered() if type(scheme) is Centered:
+            return CENTERED_PROJECTED if scheme.project_positions else CENTERED
+    return None
