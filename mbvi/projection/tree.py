@@ -165,7 +165,7 @@ class TreeFreeMotion:
     Parameters
     ----------
     mass, damping, parent, v, h, torque, effects
-        As of `advance_by`; good as long as `mass` is not written to.
+        As of `advance_by`.
     """
 
     __slots__ = ("kernel_arguments",)

@@ -51,11 +51,6 @@ class Applied(NamedTuple):
     motion: FreeMotion | TreeFreeMotion
     opened: Array | None = None
 
-    def kept(self) -> Applied:
-        """Return the same, with a free motion that stays valid when the system is evaluated elsewhere."""
-        motion = self.motion
-        return self if isinstance(motion, FreeMotion) else self._replace(motion=FreeMotion(motion.free, motion.metric))
-
 
 class _Projected(NamedTuple):
     """A projected configuration.
@@ -126,12 +121,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         if not closed.any():
             break
         # where the law acts at the end of the step, the active rows there are those of the law
-        if drift:
-            known = nearby.known_at(step.q)
-            applied = applied if known is not None else applied.kept()
-            before = nearby.at(step.q) if known is None else known
-        else:
-            before = rows
+        before = nearby.at(step.q) if drift else rows
         # for each row the row of the law at the same contact, -1 where there is none
         owner = match_contacts(before, rows)
         lengths = problem.constraints.levers(before.constraint) * before.gap
@@ -142,7 +132,6 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         depth = -float(lengths[sunk].min(initial=0.0))
         if depth <= problem.tolerance:
             break
-        applied = applied.kept()
         sticking = _sticking(problem, applied, step)
         start = problem, applied, step, before, floor, depth, projector, nearby
         projected = _projected(*start, sticking)

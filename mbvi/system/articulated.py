@@ -249,7 +249,8 @@ class ArticulatedSystem(System):
         effects = pin.nonLinearEffects(self.model, self._data, q, v)
         if not v.flags.carray:
             v = plain_array(v)
-        return TreeFreeMotion(self._memory.mass, self.damping, self._parent, v, h, torque, effects)
+        # a later evaluation at another q overwrites Pinocchio's mass matrix
+        return TreeFreeMotion(self._memory.mass.copy(), self.damping, self._parent, v, h, torque, effects)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.applied if self.control is None else self._torque(t, q, v)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.studies.shipped import cube_of_spheres
+from mbvi.studies.shipped import cube_of_spheres, robot_path
 
 H = 2e-3
 
@@ -296,3 +296,22 @@ def test_a_thousand_boxes_poured_stay_out_of_each_other():
         if step.t > 0.25:
             break
     assert len(step.active.gap) > 1000
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_percussions_are_the_gain_of_momentum_of_a_robot(e):
+    """M (w - v_free) = J^T p with the mass matrix of the beginning of the step, also after searches at its end."""
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_urdf(robot_path("quadruped"), position=(0, 0, 0.5))
+    problem, h, struck = scene.build(), 1e-3, 0
+    q, v, projector = problem.q0, problem.v0.copy(), Projector()
+    v[6:] = 5.0 * np.sin(np.arange(12.0))
+    for k in range(400):
+        step = mbvi.StewartTrinkle().step(problem, k * h, q, v, h, projector)
+        motion = problem.system.free_motion(k * h, q, v, h)
+        gain, impulse = motion.metric.apply(step.v - motion.free), step.active.jacobian.T @ step.percussion
+        np.testing.assert_allclose(gain, impulse, rtol=0.0, atol=1e-10 * max(1.0, np.abs(impulse).max(initial=0.0)))
+        struck += step.percussion.any()
+        q, v = step.q, step.v
+    assert struck > 20

@@ -228,3 +228,15 @@ def test_a_point_of_a_body_accelerates_by_its_bias_where_v_does_not_change(make,
     expected = (8 * (ahead[0] - behind[0]) - (ahead[1] - behind[1])) / (12 * h)
     found = system.point_bias(q, v, bodies, local)
     np.testing.assert_allclose(found, expected, atol=1e-7 * max(1.0, np.abs(expected).max()))
+
+
+def test_a_free_motion_stays_that_of_its_state(rng):
+    """Evaluating the system elsewhere changes neither the velocity nor the mass matrix of an earlier free motion."""
+    system = quadruped()
+    q, v = pin.neutral(system.model), rng.normal(size=system.nv)
+    motion, same = (system.free_motion(0.0, q, v, 1e-3) for _ in range(2))
+    free, metric = same.free.copy(), same.metric.dense()
+    elsewhere = system.integrate(q, 0.3 * rng.normal(size=system.nv))
+    system.free_motion(0.0, elsewhere, -v, 1e-3).metric.dense()
+    np.testing.assert_array_equal(motion.free, free)
+    np.testing.assert_array_equal(motion.metric.dense(), metric)
