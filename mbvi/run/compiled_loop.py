@@ -29,7 +29,7 @@ CHUNK = 2000
 _ROWS = 40_000
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
-# steps from which on the loop takes other systems than one mechanism: shorter runs of these do without its kernels
+# steps of a run after which the loop takes other systems than one mechanism: shorter runs do without its kernels
 LONG = 10_000
 _NOTHING = np.zeros(0)
 
@@ -66,6 +66,8 @@ class CompiledLoop:
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
+        # counted from the start: a run begins as a shorter one does, to the last bit
+        self._begin = 0 if problem.system.single_mechanism else LONG
         self._state = MechanismState(problem.constraints)
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state)
         self._memory = self._step.memory
@@ -86,7 +88,7 @@ class CompiledLoop:
         complete : bool
             Whether none of them was left to Python.
         """
-        self.idle = self._patience.waits() or not self._state.enter()
+        self.idle = done < self._begin or self._patience.waits() or not self._state.enter()
         if self.idle:
             return state, done, False
         problem, recorder, memory = self._problem, self._recorder, self._memory
@@ -208,7 +210,7 @@ def compiled_loop(
     kind = kind_of_scheme(scheme)
     if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or (not problem.system.single_mechanism and total < LONG):
+    if projector.accepted is not None or (not problem.system.single_mechanism and total <= LONG):
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:
