@@ -2,13 +2,14 @@
 
 from .addresses import call_address
 from .folder import cache_folder
-from .kernels import KERNELS, Kernel, compile_all, kernel, plain_array, record, seconds_compiling
+from .kernels import KERNELS, Kernel, calling_others, compile_all, kernel, plain_array, record, seconds_compiling
 
 __all__ = [
     "KERNELS",
     "Kernel",
     "cache_folder",
     "call_address",
+    "calling_others",
     "compile_all",
     "kernel",
     "plain_array",

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from hashlib import sha256
 from types import CodeType, FunctionType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -165,6 +165,14 @@ def kernel(signature: str, nogil: bool = False, apart: bool = False) -> Callable
         return made
 
     return mark
+
+
+def calling_others(function: Function, name: str, **others: Callable[..., Any]) -> Function:
+    """Return a kernel with the source of a given one that calls other kernels where that one names its own."""
+    given: Any = function
+    loops: Any = FunctionType(given.loops.__code__, {**given.loops.__globals__, **others}, name)
+    loops.__module__, loops.__doc__ = given.__module__, given.__doc__
+    return cast("Function", kernel(given.signature, given.nogil, given.apart)(loops))
 
 
 def record(kernel_types: str) -> Callable[[Record], Record]:

@@ -10,15 +10,15 @@ from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
 from ..problem import Problem
 from ..projection import Projector
-from ..schemes import MoreauJean, Scheme, Step
+from ..schemes import Centered, MoreauJean, Scheme, Step
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
 from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
 from ..system.joined import joined
 from ..system.mechanism import Mechanism
-from .loop_scope import control_of, is_compiled, kind_of_scheme
+from .loop_scope import control_of, is_compiled, loop_of
 from .recorder import RECENT, Recorder
-from .step_loop import FULL, PLAIN, ROUGH, LoopRecord, run_steps
+from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
 from .tunnelling import TunnellingGuard
 
 Array = np.ndarray
@@ -43,8 +43,8 @@ class CompiledLoop:
         Those of a run of which `is_compiled` is true.
     mechanism : Mechanism
         The problem's, with a `pin.Data` of its own.
-    kind : int
-        As of `kind_of_scheme`.
+    loop : Loop
+        As of `loop_of`.
     guard : TunnellingGuard
         Of the run.
     h : float
@@ -61,11 +61,11 @@ class CompiledLoop:
     """
 
     def __init__(
-        self, problem: Problem, mechanism: Mechanism, kind: int, scheme: Scheme, projector: Projector,
+        self, problem: Problem, mechanism: Mechanism, loop: Loop, scheme: Scheme, projector: Projector,
         recorder: Recorder, guard: TunnellingGuard, h: float, every: int, total: int,
     ) -> None:  # fmt: skip
         self._problem, self._projector, self._recorder = problem, projector, recorder
-        self._kind, self._limit, self._h, self._every, self._total = kind, guard.limit, h, every, total
+        self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
         # counted from the start: a run begins as a shorter one does, to the last bit
         self._begin = 0 if problem.system.single_mechanism else LONG
         self._state = MechanismState(problem.constraints)
@@ -94,8 +94,8 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
-        following, recorder.count, code = run_steps(
-            self._step, self._log, self._kind, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
+        following, recorder.count, code = self._loop(
+            self._step, self._log, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
             count, self._limit, STILL * problem.length,
         )  # fmt: skip
         self.codes[code] += 1
@@ -180,9 +180,10 @@ def mechanism_step(
     control, acted = control_of(system)
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
+    projects = isinstance(scheme, Centered) and scheme.project_positions
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
     reach, twice = largest_reach(problem), system.velocity_dependent
-    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, twice, theta)
+    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, twice, theta, projects)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
@@ -207,12 +208,12 @@ def compiled_loop(
     every: int, total: int,
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
-    kind = kind_of_scheme(scheme)
-    if kind is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
+    loop = loop_of(scheme)
+    if loop is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
         return None
     if projector.accepted is not None or (not problem.system.single_mechanism and total <= LONG):
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:
         return None
-    return CompiledLoop(problem, mechanism, kind, scheme, projector, recorder, guard, h, every, total)
+    return CompiledLoop(problem, mechanism, loop, scheme, projector, recorder, guard, h, every, total)

@@ -6,12 +6,12 @@ import numpy as np
 
 from ..constraints.mechanism_state import can_be_compiled
 from ..problem import Problem
-from ..schemes import Centered, MoreauJean, Paoli, Scheme
+from ..schemes import Centered, MoreauJean, Paoli, Scheme, StewartTrinkle
 from ..system.articulated import ArticulatedSystem
 from ..system.controls import TRACKING, ControlTable, LoopControl, no_control, side_by_side
 from ..system.joined import can_be_joined
 from ..system.system import Array, Part, System, located_parts, parts_of
-from .step_loop import CENTERED, CENTERED_PROJECTED, MOREAU_JEAN, PAOLI
+from .step_loop import Loop, run_centered, run_moreau_jean, run_paoli, run_stewart_trinkle
 
 # most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
 # sleep, costs less
@@ -21,7 +21,11 @@ _MOST_FREE, _MOST_ROUGH = 30, 18
 def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
     system = problem.system
-    if kind_of_scheme(scheme) is None or problem.energy_cap or system.sparse or not can_be_joined(system):
+    loop = loop_of(scheme)
+    if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
+        return False
+    # among several bodies `StewartTrinkle` linearises contacts again at the end of a step
+    if loop is run_stewart_trinkle and not system.single_mechanism:
         return False
     most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
     if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
@@ -53,13 +57,15 @@ def control_of(system: System) -> tuple[ControlTable, Array]:
     return side_by_side(ends, nq, nv), np.array([0, nq, 0, nv])
 
 
-def kind_of_scheme(scheme: Scheme) -> int | None:
-    """Return which scheme of the loop this is, None if it is none."""
+def loop_of(scheme: Scheme) -> Loop | None:
+    """Return the loop of a scheme; None if it has none."""
     match scheme:
         case Paoli(project_positions=False) if type(scheme) is Paoli:
-            return PAOLI
+            return run_paoli
         case MoreauJean(project_positions=False) if type(scheme) is MoreauJean:
-            return MOREAU_JEAN
+            return run_moreau_jean
         case Centered() if type(scheme) is Centered:
-            return CENTERED_PROJECTED if scheme.project_positions else CENTERED
+            return run_centered
+        case StewartTrinkle() if type(scheme) is StewartTrinkle:
+            return run_stewart_trinkle
     return None

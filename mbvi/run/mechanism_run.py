@@ -17,9 +17,9 @@ from ..system.mechanism import Mechanism
 from ..system.system import Array
 from .accuracy import projector_of
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
-from .loop_scope import kind_of_scheme
+from .loop_scope import loop_of
 from .start import admitted, closes_none, first_step
-from .step_loop import DONE, FULL, run_steps
+from .step_loop import DONE, FULL
 from .tunnelling import TunnellingGuard
 
 # no state is recorded
@@ -97,9 +97,9 @@ class MechanismRun:
     """
 
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float, room: int) -> None:
-        problem, kind = own.problem, kind_of_scheme(scheme)
-        assert kind is not None and own.mechanism is not None
-        self.scheme, self._kind, self._h, self._state = scheme, kind, h, own.state
+        problem, loop = own.problem, loop_of(scheme)
+        assert loop is not None and own.mechanism is not None
+        self.scheme, self._loop, self._h, self._state = scheme, loop, h, own.state
         self._guard, self._still = TunnellingGuard(problem, scheme, h), STILL * problem.length
         self.start(problem)
         problem.system.start()
@@ -141,8 +141,8 @@ class MechanismRun:
         """
         if self._since < first or not self._patience.waits():
             record, every, count = (self._log._replace(q=q, v=v), 1, first) if len(q) > 1 else (self._log, _NEVER, 0)
-            following, _, code = run_steps(
-                self._step, record, self._kind, self.q, self.v, self.problem.t0, self._h, first,
+            following, _, code = self._loop(
+                self._step, record, self.q, self.v, self.problem.t0, self._h, first,
                 min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
             )  # fmt: skip
             if following > first:

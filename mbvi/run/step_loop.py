@@ -1,24 +1,26 @@
-"""Kernel of the compiled loop: many steps of a mechanism with their record."""
+"""Kernels of the compiled loop: many steps of a mechanism with their record, a kernel for each scheme."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel, record
+from ..compiled import calling_others, kernel, record
 from ..constraints.mechanism_rows import MechanismConstraints
 from ..constraints.mechanism_tables import MOST_ROWS, PAIRS
 from ..schemes.centered_kernel import centered_step
 from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
+from ..schemes.stewart_trinkle_kernel import stewart_trinkle_step
 from .recorder import record_depth
 from .tunnelling import RUNAWAY
 
 Array = np.ndarray
+# kernels as `run_paoli`
+Loop = Callable[..., tuple[int, int, int]]
 
-# the schemes
-PAOLI, MOREAU_JEAN, CENTERED, CENTERED_PROJECTED = range(4)
-# what `run_steps` returns beside the codes of a step: a body may pass through another; no room for more rows
+# what the loop returns beside the codes of a step: a body may pass through another; no room for more rows
 SWIFT, FULL = 5, 6
 # numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
 PLAIN, ROUGH = 12, 27
@@ -147,14 +149,14 @@ def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
 
 
 @kernel(
-    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)",
+    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)",
     nogil=True,
 )
-def run_steps(
-    s: MechanismStep, log: LoopRecord, scheme: int, q: Array, v: Array, t0: float, h: float, first: int, end: int,
-    total: int, every: int, count: int, limit: float, still: float,
+def run_paoli(
+    s: MechanismStep, log: LoopRecord, q: Array, v: Array, t0: float, h: float, first: int, end: int, total: int,
+    every: int, count: int, limit: float, still: float,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Take the steps number `first` to `end` - 1, or up to one that is left to Python.
+    """Take the steps of a scheme number `first` to `end` - 1, or up to one that is left to Python.
 
     Parameters
     ----------
@@ -162,8 +164,6 @@ def run_steps(
         What steps.
     log : LoopRecord
         Receives the states.
-    scheme : int
-        Which scheme.
     q, v : ndarray, shapes (nq,) and (nv,)
         The state before the first step; receives that after the last.
     t0, h : float
@@ -196,12 +196,7 @@ def run_steps(
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
         t = t0 + (i - 1) * h
-        if scheme == PAOLI:
-            code = paoli_step(s, t, q, v, h)
-        elif scheme == MOREAU_JEAN:
-            code = moreau_jean_step(s, t, q, v, h)
-        else:
-            code = centered_step(s, t, q, v, h, scheme == CENTERED_PROJECTED)
+        code = paoli_step(s, t, q, v, h)
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
             code = FULL
@@ -237,3 +232,9 @@ def run_steps(
             count += 1
     log.begin[end - first] = place
     return end, count, DONE
+
+
+# a kernel of its own for each scheme: a run compiles the steps of no other
+run_moreau_jean = calling_others(run_paoli, "run_moreau_jean", paoli_step=moreau_jean_step)
+run_centered = calling_others(run_paoli, "run_centered", paoli_step=centered_step)
+run_stewart_trinkle = calling_others(run_paoli, "run_stewart_trinkle", paoli_step=stewart_trinkle_step)

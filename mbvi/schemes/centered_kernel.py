@@ -183,18 +183,15 @@ def settle(
     return DONE
 
 
-@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8, b1)")
-def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float, projects: bool) -> int:
-    """Write the state after a step of `Centered` from q, v at t; return a code.
-
-    `projects` is its `project_positions`.
-    """
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write the state after a step of `Centered` from q, v at t; return a code."""
     scales, room, half, n = s.scales, s.room, 0.5 * h, len(v)
     drift, end, middle, force_velocity = room.drift, room.end, room.middle, room.force_velocity
     for k in range(n):
         drift[k] = h * v[k]
     retract(s.mechanism.calls, q, drift, end)
-    frictional, near_margin, margin = len(s.rows.T) > 0, 0.0, 0.0
+    frictional, projects, near_margin, margin = len(s.rows.T) > 0, scales.projects, 0.0, 0.0
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
         margin = near_margin + 2.0 * scales.reach

@@ -49,9 +49,9 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8, b1")
 class Scales(NamedTuple):
-    """Numbers of a problem.
+    """Numbers of a problem and of a scheme.
 
     Attributes
     ----------
@@ -67,6 +67,8 @@ class Scales(NamedTuple):
         Whether forces change with v and are evaluated twice a step.
     theta : float
         Of `MoreauJean`.
+    projects : bool
+        `project_positions` of `Centered`.
     """
 
     tolerance: float
@@ -77,6 +79,7 @@ class Scales(NamedTuple):
     turn_squares: Array
     velocity_dependent: bool
     theta: float
+    projects: bool
 
 
 @record(

@@ -19,7 +19,7 @@ from .step import Step
 # most retries of a step with added rows
 _MOST_RETRIES = 6
 # penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
-_RETRY_DEPTH = 1e-3
+RETRY_DEPTH = 1e-3
 # depth to first order at the end, in allowed depths, from which on all contacts near the end are searched
 _LIKELY = 1e-3
 
@@ -77,7 +77,7 @@ class StewartTrinkle(Scheme):
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
-        allowed = _RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
+        allowed = RETRY_DEPTH * problem.length if projector.accepted is None else projector.accepted.depth
         velocity: RowProjection | None
         for retry in range(_MOST_RETRIES + 1):
             if rows.restitution.any():

@@ -15,7 +15,7 @@ from mbvi.run.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
 from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
-from mbvi.schemes import Step, position_projection
+from mbvi.schemes import Step, open_gaps, position_projection, stewart_trinkle
 from mbvi.schemes.step import NO_RATES
 from mbvi.studies.published_robots import published_robot
 from support.loop_arguments import (
@@ -38,6 +38,8 @@ SIMULATE = sys.modules["mbvi.run.simulate"]
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+# the loop takes one more of a mechanism alone
+each_scheme_of_one = pytest.mark.parametrize("scheme", [*SCHEMES, mbvi.StewartTrinkle()], ids=repr)
 pytestmark = pytest.mark.filterwarnings("ignore::mbvi.MbviWarning")
 
 
@@ -155,14 +157,14 @@ def share_that_agrees(problem, scheme, steps, spread=0.0):
     return np.mean([step is not None for step in steps_that_agree(problem, scheme, steps, spread=spread)])
 
 
-@each_scheme
+@each_scheme_of_one
 @pytest.mark.parametrize("name", ["double_pendulum", "hopper", "quadruped"])
 def test_a_step_is_that_of_the_scheme(name, scheme):
     share = share_that_agrees(problem_of(name, "fall", 0.0), scheme, 200)
     assert share == 1.0 if scheme != SCHEMES[-1] or name == "double_pendulum" else share > 0.95
 
 
-@each_scheme
+@each_scheme_of_one
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", [quadruped, hopper])
 def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
@@ -187,6 +189,17 @@ def test_a_step_that_raises_sticking_contacts_is_that_of_the_scheme(e, disturban
         calls.clear()
     assert raised >= least
     assert reordered >= fewest
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize(("e", "where"), [(0.0, stewart_trinkle), (0.5, open_gaps)])
+def test_a_step_that_removes_penetration_by_its_displacement_is_that_of_the_scheme(e, where, mu, monkeypatch):
+    """Of contacts at rest, and of those that would close another contact as they bounce."""
+    found, compute = [], where.displacing_velocity
+    monkeypatch.setattr(where, "displacing_velocity", lambda *args: found.append(compute(*args)) or found[-1])
+    assert None not in list(steps_that_agree(swaying(e, mu), mbvi.StewartTrinkle(), 200))
+    # in the run by Python, and in the steps that are compared
+    assert sum(removes for _, removes in found) >= 100
 
 
 def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
@@ -254,14 +267,14 @@ def test_robots_with_controls_move_as_by_the_python_step(name, scheme):
 
 
 @pytest.mark.slow
-@each_scheme
+@each_scheme_of_one
 @pytest.mark.parametrize("name", OWN)
 def test_a_thousand_steps_are_those_of_the_scheme(name, scheme):
     assert share_that_agrees(problem_of(name, "limits", 0.5), scheme, 1000) > 0.0
 
 
 @pytest.mark.slow
-@each_scheme
+@each_scheme_of_one
 @pytest.mark.parametrize("name", ["go2", "g1", "talos", "panda", "solo12", "anymal", "ur5"])
 def test_a_thousand_steps_of_a_published_robot_are_those_of_the_scheme(name, scheme):
     problem = problem_of("ur5", "fall", 0.0) if name == "ur5" else published_robot(name, 0.02)
@@ -294,7 +307,7 @@ def test_a_run_at_joint_limits_has_the_bytes_of_the_python_step(name, loops, mon
     same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.3))
 
 
-@each_scheme
+@each_scheme_of_one
 def test_a_run_of_any_scheme_is_close_to_that_of_the_python_step(scheme, monkeypatch):
     problem = quadruped(0.0, 0.0)
     run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.1, progress=False)
@@ -468,7 +481,6 @@ def controlled():
 
 
 REFUSED = {
-    "another scheme": (lambda: hopper(0.5, 0.0), mbvi.StewartTrinkle(), {}),
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
     "a control in Python": (controlled, mbvi.Paoli(), {}),
@@ -485,6 +497,13 @@ def test_other_runs_go_by_the_python_step(case, loops):
     assert loops == [None]
     assert run.complete
     assert run.impacts
+
+
+def test_stewart_trinkle_takes_the_loop_only_with_one_mechanism(always, loops):
+    for scene in (hopper, two_hoppers):
+        mbvi.simulate(scene(0.5, 0.0), mbvi.StewartTrinkle(), step=STEP, duration=0.05, progress=False)
+    assert loops[0].codes[0] > 0
+    assert loops[1] is None
 
 
 def test_without_calls_by_address_the_run_is_the_same_and_says_so(loops, monkeypatch):

@@ -14,12 +14,13 @@ import pytest
 
 import mbvi
 from mbvi.compiled import Kernel
-from mbvi.run import compiled_loop, step_loop
+from mbvi.run import compiled_loop, loop_scope, step_loop
 from support.paths import ROBOTS
 
 STEP, DURATION = 1e-3, 0.2
-PAOLI, MOREAU, CENTERED, DEFAULT = (
+PAOLI, MOREAU, CENTERED, DEFAULT, PILES = (
     mbvi.Paoli(), mbvi.MoreauJean(theta=0.7), mbvi.Centered(), mbvi.Centered(project_positions=True),
+    mbvi.StewartTrinkle(),
 )  # fmt: skip
 LEGS, JOINTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 
@@ -54,7 +55,8 @@ def arguments_of_call(number, wanted, problem, scheme):
     with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         patched.setattr(compiled_loop, "LONG", 0)
-        patched.setattr(compiled_loop, "run_steps", interpreted(step_loop.run_steps, wanted, catch))
+        loop = loop_scope.loop_of(scheme)
+        patched.setattr(compiled_loop, "loop_of", lambda _: interpreted(loop, wanted, catch))
         mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
     for record in caught.value.args[0]:
         if isinstance(record, step_loop.LoopRecord):
@@ -72,7 +74,10 @@ def _kernels_below(item, found):
     return found
 
 
-LOOP_KERNELS = [step_loop.run_steps, *_kernels_below(step_loop.run_steps, [])]
+LOOPS = [step_loop.run_paoli, step_loop.run_moreau_jean, step_loop.run_centered, step_loop.run_stewart_trinkle]
+LOOP_KERNELS = LOOPS.copy()
+for loop in LOOPS:
+    _kernels_below(loop, LOOP_KERNELS)
 
 
 def arrays_of(value, path=()):
@@ -217,7 +222,10 @@ def _call(wanted, scheme, scene, material, number):
 RIGID, BOUNCY, ROUGH, MIXED = (0.0, 0.0), (0.5, 0.0), (0.0, 0.6), (0.5, 0.6)
 # for each seed the scheme, the scene with its e and mu, and the number of the call
 CALLS = {
-    "run_steps": [(PAOLI, hopper, BOUNCY, 0), (DEFAULT, quadruped, RIGID, 0), (MOREAU, hopper, ROUGH, 0)],
+    "run_paoli": [(PAOLI, hopper, BOUNCY, 0), (PAOLI, quadruped, RIGID, 0), (PAOLI, hopper, ROUGH, 0)],
+    "run_moreau_jean": [(MOREAU, hopper, BOUNCY, 0), (MOREAU, quadruped, RIGID, 0), (MOREAU, hopper, ROUGH, 0)],
+    "run_centered": [(CENTERED, hopper, BOUNCY, 0), (DEFAULT, quadruped, RIGID, 0), (DEFAULT, hopper, ROUGH, 0)],
+    "run_stewart_trinkle": [(PILES, hopper, BOUNCY, 0), (PILES, quadruped, RIGID, 0), (PILES, hopper, ROUGH, 0)],
     "log_rows": [(PAOLI, hopper, BOUNCY, 2), (PAOLI, quadruped, ROUGH, 5), (CENTERED, hopper, ROUGH, 60)],
     "paoli_step": [(PAOLI, hopper, BOUNCY, 42), (PAOLI, quadruped, ROUGH, 70), (PAOLI, hopper, ROUGH, 41)],
     "moreau_jean_step": [(MOREAU, hopper, BOUNCY, 41), (MOREAU, quadruped, RIGID, 70), (MOREAU, hopper, ROUGH, 42)],
@@ -248,6 +256,16 @@ CALLS = {
     "some_below": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
     "search_at_end": [(DEFAULT, swaying, ROUGH, n) for n in (0, 1, 2)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
+    "stewart_trinkle_step": [(PILES, hopper, BOUNCY, 41), (PILES, swaying, RIGID, 70), (PILES, swaying, MIXED, 42)],
+    "project_bounds_with_friction": [(PILES, hopper, ROUGH, 3), (PILES, swaying, ROUGH, 9), (PILES, swaying, MIXED, 9)],
+    "open_the_gaps": [(PILES, swaying, BOUNCY, 0), (PILES, swaying, MIXED, 9), (PILES, swaying, BOUNCY, 50)],
+    **{
+        name: [(PILES, hopper, BOUNCY, 30), (PILES, swaying, ROUGH, 50), (PILES, swaying, MIXED, 9)]
+        for name in (
+            "reach_of", "write_bounds", "project_bounds", "depth_of_residual", "displacing_velocity", "write_rates",
+            "lower_to_the_end",
+        )
+    },
     **{
         name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 12, 132)]
         for name in (
