@@ -26,10 +26,11 @@ from .folder import cache_folder
 from .interrupts import interrupts_later
 from .linking import compile_now, entry_dispatcher, function_dispatcher, rebuilt, reduced
 from .one_process import one_process
+from .records import RecordType, record_type
 
 _logger = logging.getLogger(__name__)
 
-_MARK = b"mbvi-3\n\0"
+_MARK = b"mbvi-4\n\0"
 _DIGEST = 32
 # files of a kernel that are kept: four of each version of mbvi, numba or Python
 _MOST_FILES = 40
@@ -157,11 +158,16 @@ class _CheckedCache(FunctionCache):
 
 
 def signature_of(text: str, records: dict[str, Any]) -> Any:
-    """Return numba's signature from its text, in which records stand by their names."""
-    known = dict(vars(types))
+    """Return numba's signature from its text, in which records stand by their names.
+
+    A record that is a result is returned by value: the memory of a kernel is gone after it.
+    """
+    known = {**vars(types), "Tuple": lambda of: types.Tuple(getattr(of, "types", of))}
     for name, each in records.items():
-        known[name] = types.BaseTuple.from_types(eval(f"({each.kernel_types},)", known), each)
-    return eval(text, known)
+        known[name] = record_type(each, eval(f"({each.kernel_types},)", known))
+    found = eval(text, known)
+    result = getattr(found, "return_type", None)
+    return found.replace(return_type=result.by_value) if isinstance(result, RecordType) else found
 
 
 class Code:

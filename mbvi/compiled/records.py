@@ -1,0 +1,117 @@
+"""The type of records in kernels: their fields lie in memory, and kernels pass the address.
+
+numba passes a tuple by its fields, and an array by nine numbers: a kernel that steps a robot would have thousands of
+arguments, which take time at each call and most of the time to compile.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel import models, register_default
+from numba.core.imputils import impl_ret_borrowed, lower_cast
+from numba.core.pythonapi import NativeValue, unbox
+from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import lower_getattr_generic, typeof_impl
+
+
+class RecordType(types.Type):
+    """The type of a NamedTuple whose fields lie in memory.
+
+    Attributes
+    ----------
+    kind : type
+        The NamedTuple.
+    types : tuple of numba's types
+        Of its fields, which may be records.
+    """
+
+    def __init__(self, kind: Any, fields: tuple[Any, ...]) -> None:
+        self.kind, self.types = kind, fields
+        # types of equal names are one
+        digest = sha256(str(fields).encode()).hexdigest()[:8]
+        super().__init__(name=f"{kind.__module__}.{kind.__qualname__}.{digest}")
+
+    @property
+    def by_value(self) -> Any:
+        """The type of the same record as numba has it."""
+        return types.BaseTuple.from_types(self.types, self.kind)
+
+    def can_convert_from(self, context: Any, other: Any) -> Any:
+        """Take what a kernel makes by calling the class."""
+        return Conversion.safe if other == self.by_value else None
+
+
+_known: dict[Any, RecordType] = {}
+
+
+def record_type(kind: Any, fields: tuple[Any, ...]) -> RecordType:
+    """Return the type of a record; its values have this type in calls from Python from then on."""
+    if kind not in _known or _known[kind].types != fields:
+        _known[kind] = RecordType(kind, fields)
+        typeof_impl.register(kind, _type_of)
+    return _known[kind]
+
+
+def _type_of(value: Any, context: Any) -> Any:
+    """Return the type of a record only if each field has the type that kernels expect: they would misread another."""
+    fields = tuple(typeof_impl(each, context) for each in value)
+    known = _known[type(value)]
+    return known if fields == known.types else types.BaseTuple.from_types(fields, type(value))
+
+
+@register_default(RecordType)
+class _RecordModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, of: RecordType) -> None:
+        fields = ir.LiteralStructType([manager.lookup(field).get_data_type() for field in of.types])
+        super().__init__(manager, of, fields.as_pointer())
+
+
+@infer_getattr
+class _RecordFields(AttributeTemplate):
+    key = RecordType
+
+    def generic_resolve(self, of: RecordType, name: str) -> Any:  # type: ignore[override]
+        fields = of.kind._fields
+        return of.types[fields.index(name)] if name in fields else None
+
+
+@lower_getattr_generic(RecordType)
+def _field(context: Any, builder: Any, of: RecordType, record: Any, name: str) -> Any:
+    k = of.kind._fields.index(name)
+    value = context.unpack_value(builder, of.types[k], cgutils.gep_inbounds(builder, record, 0, k))
+    return impl_ret_borrowed(context, builder, of.types[k], value)
+
+
+@lower_cast(types.NamedTuple, RecordType)
+def _from_value(context: Any, builder: Any, given: Any, of: RecordType, record: Any) -> Any:
+    """Write a record that a kernel has made to memory of this kernel."""
+    room = cgutils.alloca_once(builder, context.get_value_type(of).pointee)
+    for k, field in enumerate(of.types):
+        value = builder.extract_value(record, k)
+        context.pack_value(builder, field, value, cgutils.gep_inbounds(builder, room, 0, k))
+    return room
+
+
+@unbox(RecordType)
+def _from_python(of: RecordType, record: Any, c: Any) -> Any:
+    """Write a record that Python gives to memory that lasts until the call ends."""
+    room = cgutils.alloca_once(c.builder, c.context.get_value_type(of).pointee)
+    failed, cleanups = cgutils.alloca_once_value(c.builder, cgutils.false_bit), []
+    for k, field in enumerate(of.types):
+        native = c.unbox(field, c.pyapi.tuple_getitem(record, k))
+        with c.builder.if_then(native.is_error, likely=False):
+            c.builder.store(cgutils.true_bit, failed)
+        c.context.pack_value(c.builder, field, native.value, cgutils.gep_inbounds(c.builder, room, 0, k))
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+
+    def cleanup() -> None:
+        for each in reversed(cleanups):
+            each()
+
+    return NativeValue(room, is_error=c.builder.load(failed), cleanup=cleanup if cleanups else None)
