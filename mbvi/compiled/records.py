@@ -88,6 +88,7 @@ def _field(context: Any, builder: Any, of: RecordType, record: Any, name: str) -
 
 
 @lower_cast(types.NamedTuple, RecordType)
+@lower_cast(types.NamedUniTuple, RecordType)
 def _from_value(context: Any, builder: Any, given: Any, of: RecordType, record: Any) -> Any:
     """Write a record that a kernel has made to memory of this kernel."""
     room = cgutils.alloca_once(builder, context.get_value_type(of).pointee)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.compiled import KERNELS, Kernel, call_address, record
+from mbvi.compiled import KERNELS, Kernel, call_address, calling_others, record
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, accepted, arguments, equal, seeds, specified
@@ -138,6 +138,44 @@ def sum_of_outer(o):
 def test_a_record_may_hold_another_one():
     o = Outer(Two(np.ones(1), np.ones(1)), np.full(1, 2), 3.0)
     assert unlisted(sum_of_outer, "f8(Outer)")(o) == sum_of_outer(o) == 6.0
+
+
+def total_of_two(two):
+    return two.a.sum() + two.b[0]
+
+
+total = unlisted(total_of_two, "f8(Two)")
+
+
+def total_of_made(a, b):
+    found = 0.0
+    for k in range(3):
+        b[0] = k
+        found += total(Two(a, b))
+    return found
+
+
+def test_kernels_pass_a_record_by_its_address():
+    """Also one that a kernel makes, and whose arrays change meanwhile."""
+    a, b = np.array([0.5, 1.5]), np.zeros(1)
+    assert unlisted(total_of_made, "f8(f8[::1], f8[::1])")(a, b) == 3 * 2.0 + 0.0 + 1.0 + 2.0
+    (found,) = total.callee().overloads.values()
+    function = found.library._get_module_for_linking().get_function(found.fndesc.llvm_func_name)
+    # beside it only where the result and an error go
+    assert len(list(function.arguments)) == 3
+
+
+def test_a_kernel_can_be_made_again_with_other_callees():
+    def twice(two):
+        return 2.0 * (two.a.sum() + two.b[0])
+
+    caller = unlisted(total_of_made, "f8(f8[::1], f8[::1])")
+    other = calling_others(caller, "twice_of_made", total=unlisted(twice, "f8(Two)"))
+    KERNELS.remove(other)
+    a, b = np.array([0.5, 1.5]), np.zeros(1)
+    assert caller(a, b) == 9.0
+    assert other(a, b) == 18.0
+    assert other.stamp() != caller.stamp()
 
 
 def call_it(address, a, b):
