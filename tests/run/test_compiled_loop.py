@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.constraints.mechanism_tables import copy_row
 from mbvi.run import compiled_loop
 from mbvi.run.accuracy import projector_of
 from mbvi.run.compiled_loop import Patience
@@ -17,9 +18,11 @@ from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, open_gaps, position_projection, stewart_trinkle
 from mbvi.schemes.step import NO_RATES
+from mbvi.schemes.stewart_trinkle_kernel import lower_to_the_end
 from mbvi.studies.published_robots import published_robot
 from support.loop_arguments import (
     among_boxes,
+    arguments_of_call,
     hopper,
     on_block,
     one_ball,
@@ -200,6 +203,18 @@ def test_a_step_that_removes_penetration_by_its_displacement_is_that_of_the_sche
     assert None not in list(steps_that_agree(swaying(e, mu), mbvi.StewartTrinkle(), 200))
     # in the run by Python, and in the steps that are compared
     assert sum(removes for _, removes in found) >= 100
+
+
+def test_contacts_deep_or_without_a_row_at_the_end_of_a_step_are_left_to_python():
+    s, gap = arguments_of_call(9, "lower_to_the_end", swaying(0.0, 0.6), mbvi.StewartTrinkle())
+    s.ahead.size[0], deep = 0, stewart_trinkle.RETRY_DEPTH * s.scales.length
+    copy_row(s.rows, 0, s.ahead)
+    for depth in (0.9 * deep, 1.1 * deep):
+        s.ahead.gap[0] = -depth
+        assert lower_to_the_end(s, gap) == (depth < deep)
+    assert gap[0] == -0.9 * deep
+    s.ahead.gap[0], s.ahead.number[0] = 0.0, s.rows.number.max() + 1
+    assert not lower_to_the_end(s, gap)
 
 
 def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
