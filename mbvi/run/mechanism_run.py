@@ -17,6 +17,7 @@ from ..system.mechanism import Mechanism
 from ..system.system import Array
 from .accuracy import projector_of
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
+from .control_stability import failures_with_time
 from .loop_scope import loop_of
 from .start import admitted, closes_none, first_step
 from .step_loop import DONE, FULL
@@ -173,10 +174,11 @@ class MechanismRun:
         self._state.leave()
         self._projector.take_back(memory.percussion, memory.start, memory.size)
         t, q, v = problem.t0 + (k - 1) * h, self.q.copy(), self.v.copy()
-        new = self.scheme.step(problem, t, q, v, h, self._projector)
-        if not (v.dot(v) < self._guard.limit and new.v.dot(new.v) < self._guard.limit):
-            before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
-            *_, new = self._guard.followed(t, before, new, h, self._projector)
+        before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
+        with failures_with_time(problem, h, lambda: before):
+            new = self.scheme.step(problem, t, q, v, h, self._projector)
+            if not (v.dot(v) < self._guard.limit and new.v.dot(new.v) < self._guard.limit):
+                *_, new = self._guard.followed(t, before, new, h, self._projector)
         self._go_on(new)
         return new
 

@@ -18,6 +18,7 @@ from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
 from .compiled_loop import compiled_loop
+from .control_stability import failures_with_time, warn_of_gains
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -179,6 +180,7 @@ def simulate(
     if isinstance(scheme, EventDriven):
         return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None
+    notes += warn_of_gains(problem, h)
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
     # the number of whole steps, the remaining time, and the number of all steps
@@ -199,6 +201,7 @@ def simulate(
         Writer(out, problem, scheme, h, recorder) as writer,
         Progress(total, progress) as bar,
         Sleepers(problem, h, projector) as sleepers,
+        failures_with_time(problem, h, lambda: state),
     ):
         observe, next_poll, fast, shortened_steps, last_length = _observed(guard, state), 0.0, True, 0, 0.0
         loop = compiled_loop(problem, scheme, projector, recorder, guard, h, every, total)
@@ -277,15 +280,16 @@ def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector,
     """Yield the states after steps from an initial state, without end."""
     guard, i = TunnellingGuard(problem, scheme, h), 0
     observe = _observed(guard, state)
-    while True:
-        parts, last_length = 0, h
-        for new in guard.steps(problem.t0 + i * h, state, h, projector):
-            yield new
-            parts, last_length, state = parts + 1, new.t - state.t, new
-        if observe is not None:
-            # the difference of times has rounding errors, h has none
-            observe(state, h if parts == 1 else last_length)
-        i += 1
+    with failures_with_time(problem, h, lambda: state):
+        while True:
+            parts, last_length = 0, h
+            for new in guard.steps(problem.t0 + i * h, state, h, projector):
+                yield new
+                parts, last_length, state = parts + 1, new.t - state.t, new
+            if observe is not None:
+                # the difference of times has rounding errors, h has none
+                observe(state, h if parts == 1 else last_length)
+            i += 1
 
 
 def _scheme_and_step(

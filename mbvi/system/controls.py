@@ -10,6 +10,7 @@ import numpy as np
 from ..arguments import array, function, integer, shown
 from ..compiled import call_address, kernel, plain_array, record
 from ..errors import InputError
+from .given import called
 from .system import Array
 
 # what a control is
@@ -253,7 +254,7 @@ class HeldTorque(LoopControl):
 
 
 class CompiledControl(LoopControl):
-    """A control whose function numba compiles.
+    """A control whose function numba compiles, with indices checked.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ class CompiledControl(LoopControl):
     Raises
     ------
     InputError
-        If it is no function, or numba cannot compile it.
+        If it is no function, or numba cannot compile it. At any call, if it raises, as by an index beyond an array.
     """
 
     def __init__(self, control: Callable[[float, Array, Array, Array], None], nq: int, nv: int) -> None:
@@ -275,7 +276,7 @@ class CompiledControl(LoopControl):
         if max(nq, nv) > _MOST_COORDINATES:
             raise InputError(f"nq and nv must be at most {_MOST_COORDINATES}; got {nq} and {nv}")
         self._control, self._sizes = control, (nq, nv)
-        self._compiled: Any = _compile(control, nq, nv)
+        self._function, self._compiled = _compile(control, nq, nv)
         address = np.array([self._compiled.address], dtype=np.int64)
         self.table = _tracking(np.zeros((1, nv)))._replace(kind=FUNCTION, address=address)
 
@@ -284,7 +285,24 @@ class CompiledControl(LoopControl):
         # the function would read beyond shorter arrays
         if (len(q), len(v)) != self._sizes:
             raise InputError(f"q and v have {len(q)} and {len(v)} entries; the control is made for {self._sizes}")
-        return super().__call__(t, q, v)
+        # as the loop passes them: writable, so that the function is not compiled again
+        tau, state = np.zeros(len(v)), (np.array(q, float, order="C"), np.array(v, float, order="C"))
+        try:
+            self._function(t, *state, tau)
+        except Exception as error:
+            raise InputError(
+                f"the control {called(self._control)} at t = {t:.9g}: {self._in_python(error, t, q, v)}"
+            ) from error
+        return tau
+
+    def _in_python(self, error: Exception, t: float, q: Array, v: Array) -> Exception:
+        """Return what Python raises where numba raised an error: it names the index and the size."""
+        plain = getattr(self._control, "py_func", self._control)
+        try:
+            plain(t, np.array(q, float), np.array(v, float), np.zeros(len(v)))
+        except Exception as named:
+            return named
+        return error
 
     def check(self, sizes: list[tuple[int, int]], name: str) -> None:
         """Raise `InputError` if the control was made for other sizes of q and v."""
@@ -355,16 +373,21 @@ def _not_negative(value: float | Array, name: str, n: int) -> Array:
     return np.broadcast_to(given, (n,)).copy()
 
 
-def _compile(control: Callable[..., None], nq: int, nv: int) -> Any:
-    """Return numba's C function control(t, q, v, tau) on addresses."""
+def _compile(control: Callable[..., None], nq: int, nv: int) -> tuple[Any, Any]:
+    """Return the compiled function, and a C function control(t, q, v, tau) on addresses: tau is NaN where it raises."""
     from numba import carray, cfunc, njit, types
     from numba.core.errors import NumbaError
 
-    compiled = njit(control)
+    compiled = njit(boundscheck=True)(getattr(control, "py_func", control))
     pointer = types.CPointer(types.float64)
 
     def on_addresses(t: float, q: Any, v: Any, tau: Any) -> None:
-        compiled(t, carray(q, (nq,)), carray(v, (nv,)), carray(tau, (nv,)))
+        torque = carray(tau, (nv,))
+        try:
+            compiled(t, carray(q, (nq,)), carray(v, (nv,)), torque)
+        except Exception:
+            # the step is then left to Python, where the call raises
+            torque[:] = np.nan
 
     try:
         made = cfunc(types.void(types.float64, pointer, pointer, pointer))(on_addresses)
@@ -373,4 +396,4 @@ def _compile(control: Callable[..., None], nq: int, nv: int) -> Any:
     returned = compiled.nopython_signatures[0].return_type
     if returned is not types.none:
         raise InputError(f"control returns {returned}; it must write the torques to tau and return nothing")
-    return made
+    return compiled, made

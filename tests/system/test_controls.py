@@ -108,6 +108,28 @@ def test_controls_are_copied(name, way):
     assert way(control)(0.05, q, v).tobytes() == control(0.05, q, v).tobytes()
 
 
+@pytest.mark.parametrize("index", [8, 100, 10**8, -9])
+@pytest.mark.parametrize("reads", [True, False])
+def test_a_compiled_control_raises_beyond_its_arrays(index, reads):
+    """From the first call that does, in the loop too: a silent write would change other memory."""
+
+    def beyond(t, q, v, tau):
+        if t > 0.02:
+            if reads:
+                tau[7] = v[index]
+            else:
+                tau[index] = 1.0
+
+    problem = hopper(mbvi.CompiledControl(beyond, 9, 8))
+    assert is_compiled(problem, mbvi.Paoli())
+    words = rf"the control beyond at t = 0.021: index {index} is out of bounds for axis 0 with size 8"
+    with pytest.raises(mbvi.InputError, match=words) as caught:
+        mbvi.simulate(problem, mbvi.Paoli(), step=STEP, duration=0.1)
+    assert caught.value.run.t[-1] == pytest.approx(0.02)
+    states = {"q0": np.tile(problem.q0, (2, 1)), "v0": np.tile(problem.v0, (2, 1))}
+    assert mbvi.rollout(problem, **states, steps=30, step=STEP, scheme=mbvi.Paoli()).status.all()
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

@@ -1,0 +1,148 @@
+"""Names controls whose gains are unstable at the step of a run."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..errors import DivergedError, MbviError, MbviWarning, ProjectionError
+from ..problem import Problem
+from ..schemes import Step
+from ..system import ArticulatedSystem, located_parts
+from ..system.controls import TRACKING, LoopControl
+from ..system.system import Array
+
+# h d + (h w)^2 / 2 below which explicit steps are stable, and its value at the gains and steps that are suggested: in
+# other poses it is up to 4 times larger
+_BOUND, _SUGGESTED = 2.0, 0.4
+# length of the differences that give the gains of a function [m, rad]
+_DIFFERENCE = 1e-6
+
+
+def unstable_gains(
+    problem: Problem, h: float, states: Sequence[tuple[float, Array, Array]], *, functions: bool
+) -> str | None:
+    """Return in words the control that is least stable at a step, with gains and a step that are stable.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem with its controls.
+    h : float
+        Time step [s].
+    states : sequence of (float, ndarray, ndarray)
+        Times, configurations and velocities where controls and mass matrices are linearised.
+    functions : bool
+        Whether controls that are functions of the user are called for their slope; else only `PDControl` is looked at.
+
+    Returns
+    -------
+    str or None
+        None if all controls are stable there.
+
+    Notes
+    -----
+    With stiffness K and damping D of a control, an explicit step is stable if all eigenvalues of
+    (M + h B)^-1 (h D + h^2 K / 2) are below 2, where B is the damping of the joints, which is implicit.
+    """
+    worst, words = _BOUND, None
+    for part in located_parts(problem.system):
+        system = part.system
+        if not isinstance(system, ArticulatedSystem) or system.control is None:
+            continue
+        for t, q, v in states:
+            own_q, own_v = q[part.q : part.q + system.nq], v[part.v : part.v + system.nv]
+            gains = _gains(system, t, own_q, own_v, functions)
+            if gains is None or not all(np.isfinite(one).all() for one in gains):
+                continue
+            value, found = _least_stable_joint(system, own_q, h, *gains)
+            if value >= worst:
+                worst, words = value, found
+    return words
+
+
+def _gains(system: ArticulatedSystem, t: float, q: Array, v: Array, functions: bool) -> tuple[Array, Array] | None:
+    """Return stiffness and damping of a control, shape (nv, nv); None if it is a function that may not be called."""
+    control = system.control
+    if isinstance(control, LoopControl) and control.table.kind == TRACKING:
+        free = np.zeros(system.nv - len(control.table.stiffness))
+        stiffness, damping = (
+            np.diag(np.concatenate([free, one])) for one in (control.table.stiffness, control.table.damping)
+        )
+        return stiffness, damping
+    if not functions or control is None:
+        return None
+    shifts, torque = _DIFFERENCE * np.eye(system.nv), control
+    try:
+        moved, faster = (
+            np.transpose([np.subtract(torque(t, *at(-s)), torque(t, *at(s))) / (2.0 * _DIFFERENCE) for s in shifts])
+            for at in (lambda s: (system.integrate(q, s), v), lambda s: (q, v + s))
+        )
+    except (MbviError, ValueError, ArithmeticError):
+        return None
+    return moved, faster
+
+
+def _least_stable_joint(
+    system: ArticulatedSystem, q: Array, h: float, stiffness: Array, damping: Array
+) -> tuple[float, str]:
+    """Return the largest of the eigenvalues, and in words the joint that moves most in its mode."""
+
+    def modes(h: float) -> tuple[Array, Array]:
+        mass = system.metric(q).dense() + h * np.diag(system.damping)
+        return np.linalg.eig(np.linalg.solve(mass, h * damping + 0.5 * h * h * stiffness))
+
+    values, vectors = modes(h)
+    fastest = int(np.argmax(values.real))
+    value = float(values.real[fastest])
+    if not value >= _BOUND:
+        return value, ""
+    k, model, shorter = int(np.argmax(np.abs(vectors[:, fastest]))), system.model, 0.5 * h
+    while modes(shorter)[0].real.max() > _SUGGESTED:
+        shorter *= 0.5
+    joint = next(n for n, first in enumerate(model.idx_vs) if n and first <= k < first + model.nvs[n])
+    s, d, share = float(stiffness[k, k]), float(damping[k, k]), _SUGGESTED / value
+    return value, (
+        f"the control of {system.name} is unstable at h = {h:g} s: joint {model.names[joint]} has a stiffness of "
+        f"{s:.3g} and a damping of {d:.3g}, and h d + (h w)^2 / 2 = {value:.3g} must be below 2; it is stable with a "
+        f"stiffness of {share * s:.2g} and a damping of {share * d:.2g} (all gains times {share:.2g}), or at h = "
+        f"{shorter:.1g} s"
+    )
+
+
+def warn_of_gains(problem: Problem, h: float) -> list[str]:
+    """Return a note on a `PDControl` that is unstable at a step of h [s], after a warning; no note if there is none."""
+    words = unstable_gains(problem, h, [(problem.t0, problem.q0, problem.v0)], functions=False)
+    if words is None:
+        return []
+    warnings.warn(words, MbviWarning, stacklevel=3)
+    return [words]
+
+
+@contextmanager
+def failures_with_time(problem: Problem, h: float, state: Callable[[], Step]) -> Iterator[None]:
+    """Give errors of steps their time, and name the control where its gains are what made the run diverge.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that runs.
+    h : float
+        Time step [s].
+    state : callable
+        Returns the last state.
+    """
+    try:
+        yield
+    except (ProjectionError, DivergedError) as error:
+        last = state()
+        states = (last.t, last.q, last.v), (problem.t0, problem.q0, problem.v0)
+        words = unstable_gains(problem, h, states, functions=True)
+        if words is not None:
+            raise DivergedError(f"the run diverges at t = {last.t:.6g} s: {words} ({error})") from error
+        if isinstance(error, ProjectionError):
+            error.args = (f"in the step from t = {last.t:.6g} s: {error}",)
+        raise
