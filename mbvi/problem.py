@@ -140,18 +140,24 @@ class Problem:
         self._check()
         self.constraints.renew()
 
-    def _check_quaternions(self) -> None:
+    def _check_rotations(self) -> None:
         off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0
-        # the sum of squares is faster and decides nearly all cases
-        if off.dot(off) > 1e-12 and np.abs(off).max() > 1e-6:
-            raise InputError("q0 holds a quaternion that is not of unit length: divide it by its norm")
+        # the sum of squares is faster and decides nearly all cases; NaN decides none
+        unit = off.dot(off) <= 1e-12 or np.abs(off).max() <= 1e-6
+        # Pinocchio leaves rotations of length near zero as they are
+        groups = (self.q0[group] for group in self.system.unit_groups())
+        if not (unit and all(np.vecdot(group, group).min(initial=1.0) > 0.5 for group in groups)):
+            raise InputError(
+                "q0 holds a quaternion, or cosine and sine of an angle, that is not of unit length: divide it by its "
+                "norm; the quaternion (0, 0, 0, 1) turns nothing"
+            )
 
     def _check(self) -> None:
+        self._check_rotations()
         try:
             self._check_system()
         except DivergedError as error:
             raise InputError(f"at the start {error}") from error
-        self._check_quaternions()
         self.constraints.check(self.t0, self.q0)
         active = self.constraints.active(self.t0, self.q0, self.tolerance)
         gaps = active.gap * self.constraints.levers(active.constraint)
@@ -221,7 +227,7 @@ class Problem:
             if self.scene is not None:
                 self.scene.check_in_plane(self, new.q0)
         else:
-            new._check_quaternions()
+            new._check_rotations()
         return new
 
     def model(self, name: str | None = None) -> pin.Model:
