@@ -111,7 +111,7 @@ class MechanismState:
     def reach(self) -> Array:
         """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
         parts: Any = [family.reach_of(np.arange(family.size)) for family in self._set.families]
-        return np.concatenate(parts)
+        return np.concatenate([np.zeros((0, self._set.system.nv)), *parts])
 
     def leave(self) -> None:
         """Copy the state back to the caches."""

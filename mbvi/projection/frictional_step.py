@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled import kernel
 from .coulomb_law import coulomb_law
 from .metric import Array
-from .tree import advance_by, factor, solve
+from .tree import advance_by, factor, is_damped, solve
 
 # returned where no contact has friction
 WITHOUT_FRICTION = -1.0
@@ -34,19 +34,19 @@ def wide_speeds(wide: Array, v: Array, speeds: Array) -> None:
 
 
 @kernel(
-    "Tuple((f8, b1))(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], "
+    "Tuple((f8, b1))(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1], "
     "f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1])"
 )
 def frictional_tree_law(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, T: Array,
-    e: Array, drift: Array, opened: Array, mu: Array, known: int, limit: float, start: Array, w: Array, rates: Array,
-    slip: Array,
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
+    J: Array, T: Array, e: Array, drift: Array, opened: Array, mu: Array, known: int, limit: float, start: Array,
+    w: Array, rates: Array, slip: Array,
 ) -> tuple[float, bool]:  # fmt: skip
     """Write the velocity that Coulomb's law gives, from the free motion of one mechanism; see `TreeFreeMotion`.
 
     Parameters
     ----------
-    mass, damping, parent, v, h, torque, effects
+    mass, damping, parent, v, h, torque, effects, twice
         As of `advance_by`.
     J, T : ndarray, shapes (m, nv) and (2 m, nv)
         Gradients of gaps, and of each contact those along its two tangents.
@@ -79,13 +79,10 @@ def frictional_tree_law(
     if most == 0.0:
         return WITHOUT_FRICTION, False
     n, L, x = 3 * m, np.empty(mass.shape), np.empty(nv)
-    if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, nv)), x):
         return np.inf, False
-    damped = False
-    for d in damping:
-        damped = damped or d != 0.0
     # L is that of M already where there is no damping
-    if damped and factor(mass, 0.0, damping, parent, L):
+    if is_damped(damping) and factor(mass, 0.0, damping, parent, L):
         return np.inf, False
     wide, W, A = np.empty((n, nv)), np.empty((n, nv)), np.empty((n, nv))
     interleave(J, T, wide)

@@ -12,7 +12,7 @@ from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani, start_from
 from .metric import Array
 from .orthonormal_rows import solve_lower, solve_upper
 from .shared_percussions import share
-from .tree import advance_by, factor, solve
+from .tree import advance_by, factor, is_damped, solve
 
 # a violation below this share of the sum of its terms is rounding
 ROUNDING = 1e-13
@@ -235,13 +235,13 @@ def newton_law(J: Array, v: Array, e: Array, opened: Array, lower: Array, rates:
 
 
 @kernel(
-    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, "
+    "f8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[::1], f8[::1], f8[::1], f8, "
     "f8[::1], f8[:,::1])",
     apart=True,
 )
 def tree_law(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    opened: Array, last: Array, limit: float, w: Array, rates: Array,
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
+    J: Array, e: Array, opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write the velocity after the impact law of `newton_law` for one mechanism in free motion; see `TreeFreeMotion`.
 
@@ -249,17 +249,15 @@ def tree_law(
     the result, those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
     m, n = J.shape
-    room, k = np.empty(n * n + n + m + 2 * m * n), n * n
+    room, k = np.empty(n * n + 3 * n + m + 2 * m * n), n * n
     L, x, lower = room[:k].reshape((n, n)), room[k : k + n], room[k + n : k + n + m]
     k += n + m
+    changes, k = room[k : k + 2 * n].reshape((2, n)), k + 2 * n
     A, W = room[k : k + m * n].reshape((m, n)), room[k + m * n :].reshape((m, n))
-    if advance_by(mass, damping, parent, v, h, torque, effects, L, x):
+    if advance_by(mass, damping, parent, v, h, torque, effects, twice, L, changes, x):
         return np.inf
-    damped = False
-    for d in damping:
-        damped = damped or d != 0.0
     # L is that of M already where there is no damping
-    if damped and factor(mass, 0.0, damping, parent, L):
+    if is_damped(damping) and factor(mass, 0.0, damping, parent, L):
         return np.inf
     solve(L, parent, J, W, A)
     newton_law(J, v, e, opened, lower, rates)

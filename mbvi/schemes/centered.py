@@ -22,6 +22,8 @@ class Centered(Scheme):
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
     the rows those of the constraints with f_a(q_i + h v_i) <= 0; q_{i+1} = q_m + h v_{i+1} / 2. Both drifts follow the
     retraction. Forces that change with v are evaluated half a step later, at v_i + h M^-1 g / 2; controls at v_i.
+    Joint damping D takes part in the free velocity, which is the same in flight and in contact: with the other forces F
+    and E(w) = w + (M + h D / 2)^-1 h (F - D w) / 2 it is x = 2 E^3(v_i) - E^4(v_i), without damping v_i + h M^-1 F.
 
     Parameters
     ----------
@@ -58,18 +60,16 @@ class Centered(Scheme):
             ahead = nearby.only(joining(problem, ahead, h * ahead.speeds(v)))
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
-        force_velocity = 0.5 * (v + system.free_velocity(t, middle, v, h)) if system.velocity_dependent else v
+        force_velocity = system.force_velocity(t, middle, v, half)
+        motion = system.free_motion(t, middle, force_velocity, h).of(v, force_velocity)
         if not ahead.gap.size:
-            w = system.free_velocity(t, middle, force_velocity, h)
-            w = w if force_velocity is v else v + (w - force_velocity)
+            w = motion.free
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
         change = half * ahead.speeds(v)
         if self.project_positions and not _bounces(problem, ahead, change):
             active = ahead._replace(gap=ahead.gap - change)
         else:
             active = _rows_in_the_middle(problem, t, middle, ahead, change)
-        motion = system.free_motion(t, middle, force_velocity, h)
-        motion = motion if force_velocity is v else motion.of(v, force_velocity)
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if margin > 0.0 else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)

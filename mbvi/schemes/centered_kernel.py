@@ -10,11 +10,11 @@ from ..projection.closed_contacts import find_sunk, is_closed
 from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_bend, largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
-from ..projection.tree import advance_by, factor, solve
-from ..system.pinocchio_address import retract, tangent
+from ..projection.tree import factor, solve
+from ..system.pinocchio_address import nonlinear_effects, retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
-from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, fly
+from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, evaluate_forces, move_freely
 from .step import joins, margin_of, write_closing_speeds
 
 # what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
@@ -183,11 +183,25 @@ def settle(
     return DONE
 
 
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
+    """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
+    late, w = s.scales.late, s.room.force_velocity
+    evaluate_forces(s, t, q, v)
+    if len(late):
+        # where M has no factor the step itself says so
+        move_freely(s, v, half, False, w)
+        for k in range(len(v)):
+            if not late[k]:
+                w[k] = v[k]
+        nonlinear_effects(s.mechanism.calls, q, w)
+
+
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
 def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     """Write the state after a step of `Centered` from q, v at t; return a code."""
     scales, room, half, n = s.scales, s.room, 0.5 * h, len(v)
-    drift, end, middle, force_velocity = room.drift, room.end, room.middle, room.force_velocity
+    drift, end, middle = room.drift, room.end, room.middle
     for k in range(n):
         drift[k] = h * v[k]
     retract(s.mechanism.calls, q, drift, end)
@@ -201,18 +215,14 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     near = room.near[: s.ahead.size[0]]
     count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
     for k in range(n):
-        drift[k], force_velocity[k] = half * v[k], v[k]
+        drift[k] = half * v[k]
     retract(s.mechanism.calls, q, drift, middle)
-    if scales.velocity_dependent:
-        fly(s, t + half, middle, v, h, force_velocity)
-        for k in range(n):
-            force_velocity[k] = 0.5 * (v[k] + force_velocity[k])
+    centered_forces(s, t + half, middle, v, half)
     if count == 0:
-        fly(s, t + half, middle, force_velocity, h, s.v)
+        if not move_freely(s, v, h, True, s.v):
+            return UNSOLVED
         s.residual[0] = 0.0
         for k in range(n):
-            if scales.velocity_dependent:
-                s.v[k] = v[k] + (s.v[k] - force_velocity[k])
             drift[k] = half * s.v[k]
         retract(s.mechanism.calls, middle, drift, s.q)
         return DONE
@@ -238,7 +248,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
             opened = room.opened[:count]
-    if apply_law(s, t + half, middle, v, force_velocity, h, opened) != DONE:
+    if apply_law(s, v, h, True, opened) != DONE:
         return UNSOLVED
     for k in range(n):
         drift[k] = half * s.v[k]
@@ -249,8 +259,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         if len(opened) == 0:
             for a in range(count):
                 room.opened[a] = 0.0
-        m = s.mechanism
-        if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
+        if not move_freely(s, v, h, True, room.free):
             return UNSOLVED
         code = settle(s, end, middle, v, h, near, room.free, margin)
         if code != FAR:

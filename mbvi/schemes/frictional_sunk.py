@@ -8,10 +8,10 @@ from ..constraints.mechanism_tables import FOUND, copy_row
 from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import is_closed
 from ..projection.raise_gaps import largest_travel
-from ..projection.tree import advance_by, factor
+from ..projection.tree import factor, is_damped
 from ..system.pinocchio_address import tangent
 from ..system.system import Array
-from .mechanism_steps import DONE, UNSOLVED, MechanismStep
+from .mechanism_steps import DONE, UNSOLVED, MechanismStep, move_freely
 
 
 @kernel("i8(MechanismStep, f8, b1[::1])")
@@ -66,13 +66,11 @@ def some_below(s: MechanismStep) -> bool:
 @kernel("b1(MechanismStep, f8[::1], f8)")
 def write_free_motion(s: MechanismStep, v: Array, h: float) -> bool:
     """Write the free motion of v, and the factor of M where the mechanism is placed; False where M has none."""
-    m, room, damped = s.mechanism, s.room, False
-    if advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, room.L, room.free):
+    m = s.mechanism
+    if not move_freely(s, v, h, True, s.room.free):
         return False
-    for d in m.damping:
-        damped = damped or d != 0.0
     # L is that of M already where there is no damping
-    return not (damped and factor(m.mass, 0.0, m.damping, m.parent, room.L))
+    return not (is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L))
 
 
 @kernel("i8(MechanismStep, f8[::1], f8)")

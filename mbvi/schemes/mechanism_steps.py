@@ -49,7 +49,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1, f8, b1")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], f8, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
 
@@ -63,8 +63,8 @@ class Scales(NamedTuple):
         Relative residual that a projection may have.
     squares, turn_squares : ndarray, shape (families, nv)
         As of `ClearanceCache`.
-    velocity_dependent : bool
-        Whether forces change with v and are evaluated twice a step.
+    late : ndarray of bool, shape (nv,) or (0,)
+        The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
     theta : float
         Of `MoreauJean`.
     projects : bool
@@ -77,15 +77,15 @@ class Scales(NamedTuple):
     residual: float
     squares: Array
     turn_squares: Array
-    velocity_dependent: bool
+    late: Array
     theta: float
     projects: bool
 
 
 @record(
-    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1],"
-    " f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1],"
-    " b1[::1], b1[::1], b1[::1], b1[::1]"
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1],"
+    " f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1],"
+    " i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -94,6 +94,8 @@ class Room(NamedTuple):
     ----------
     torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
         Tangent vectors.
+    changes : ndarray, shape (2, nv)
+        Room of `advance_by`.
     end, middle : ndarray, shape (nq,)
         Configurations.
     L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
@@ -119,6 +121,7 @@ class Room(NamedTuple):
     displacement: Array
     moved: Array
     tangent: Array
+    changes: Array
     end: Array
     middle: Array
     L: Array
@@ -149,7 +152,7 @@ def room(nq: int, nv: int) -> Room:
     rough = contacts, np.zeros((3, MOST_CONTACTS, nv)), np.zeros((2 * most, nv)), np.zeros((most, most))
     floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
-    fields: Any = *tangents, *places, *matrices, *rough, *floats, table, *numbers, *masks
+    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *rough, *floats, table, *numbers, *masks
     return Room(*fields)
 
 
@@ -209,41 +212,54 @@ def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
-    m = s.mechanism
-    act(s, t, q, v)
-    place(m, q)
-    nonlinear_effects(m.calls, q, v)
-    if advance_by(m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, s.room.L, w):
+    evaluate_forces(s, t, q, v)
+    if not move_freely(s, v, h, False, w):
         w[0] = np.nan
 
 
-@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8[::1], f8, f8[::1])")
-def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Array, h: float, opened: Array) -> int:
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
+def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array) -> None:
+    """Compute all that the free motion takes at (t, q, v)."""
+    act(s, t, q, v)
+    place(s.mechanism, q)
+    nonlinear_effects(s.mechanism.calls, q, v)
+
+
+@kernel("b1(MechanismStep, f8[::1], f8, b1, f8[::1])")
+def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> bool:
+    """Write the velocity after a time h under the forces that were evaluated last; False where M has no factor.
+
+    `twice` is that of `advance_by`.
+    """
+    m, room = s.mechanism, s.room
+    bad = advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.L, room.changes, w)
+    return bad == 0
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
+def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
     """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
 
     Parameters
     ----------
     s : MechanismStep
-        With the rows of the law.
-    t, q, v : float and ndarray, shapes (nq,) and (nv,)
-        When and where the law acts, and the velocity before.
-    force_velocity : ndarray, shape (nv,)
-        The velocity at which forces are evaluated.
+        With the rows of the law, where the law acts, and the forces there.
+    v : ndarray, shape (nv,)
+        The velocity before.
     h : float
         Length of the step [s].
+    twice : bool
+        As of `advance_by`.
     opened : ndarray, shape (k,) or (0,)
         As of `closing_speeds`.
     """
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
-    act(s, t, q, force_velocity)
-    place(m, q)
-    nonlinear_effects(m.calls, q, force_velocity)
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
     if len(rows.T) == 0:
         last = memory.percussion[: memory.size[0]]
         found = tree_law(
-            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, e, opened, last, limit, s.v, rates
+            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, e, opened, last, limit, s.v, rates
         )
         # written so that a NaN is refused too
         if not 0.0 <= found < np.inf:
@@ -262,8 +278,8 @@ def apply_law(s: MechanismStep, t: float, q: Array, v: Array, force_velocity: Ar
         for i in range(3 * k):
             start[i] = 0.0
     found, unique = frictional_tree_law(
-        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, J, rows.T[: 2 * k], e, opened[:0], opened,
-        rows.mu[:k], known, AIM, start, s.v, rates, slip,
+        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, rows.T[: 2 * k], e, opened[:0],
+        opened, rows.mu[:k], known, AIM, start, s.v, rates, slip,
     )  # fmt: skip
     if not 0.0 <= found <= s.scales.residual:
         return UNSOLVED
@@ -285,7 +301,8 @@ def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
         s.residual[0] = 0.0
         fly(s, t + h, s.q, v, h, s.v)
         return DONE
-    return apply_law(s, t + h, s.q, v, v, h, drift[:0])
+    evaluate_forces(s, t + h, s.q, v)
+    return apply_law(s, v, h, False, drift[:0])
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
@@ -303,8 +320,10 @@ def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -
     if count == 0:
         s.residual[0] = 0.0
         fly(s, t + before, middle, v, h, s.v)
-    elif apply_law(s, t + before, middle, v, v, h, drift[:0]) != DONE:
-        return UNSOLVED
+    else:
+        evaluate_forces(s, t + before, middle, v)
+        if apply_law(s, v, h, False, drift[:0]) != DONE:
+            return UNSOLVED
     for k in range(len(v)):
         drift[k] = theta * h * s.v[k]
     retract(s.mechanism.calls, middle, drift, s.q)

@@ -126,7 +126,9 @@ class ActuatedSystem(System):
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         total = self._act(t, q, v)
         motion = self.inner.free_motion(t, q, v, h)
-        return FreeMotion(motion.free + h * self._accelerated(total, q), motion.metric) if self._bodies else motion
+        if isinstance(motion, TreeFreeMotion) or not self._bodies:
+            return motion
+        return motion._replace(free=motion.free + h * self._accelerated(total, q))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         total = self._act(t, q, v)

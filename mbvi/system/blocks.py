@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..projection import BlockMetric, FreeMotion
+from ..projection import BlockMetric, FreeMotion, TreeFreeMotion
 from .sparse_rows import MOST_DENSE, rows_from, side_by_side
 from .system import Array, Part, System
 
@@ -39,7 +39,7 @@ class BlockSystem(System):
             q, v = q + part.nq, v + part.nv
         self.nq, self.nv = q, v
         self.controlled = any(part.controlled for part in parts)
-        self.velocity_dependent = any(part.velocity_dependent for part in parts) and not self.controlled
+        self.velocity_dependent = any(part.velocity_dependent for part in parts)
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]
@@ -80,9 +80,14 @@ class BlockSystem(System):
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
         return np.concatenate([b.system.free_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 
+    def force_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return np.concatenate([b.system.force_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         parts = [b.system.free_motion(t, q[b.q], v[b.v], h) for b in self.blocks]
-        return FreeMotion(np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices))
+        free, metric = np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices)
+        trees = [(b.v, p) for b, p in zip(self.blocks, parts, strict=True) if isinstance(p, TreeFreeMotion)]
+        return FreeMotion(free, metric, tuple(trees))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.acceleration(t, q[b.q], v[b.v]) for b in self.blocks])

@@ -172,6 +172,10 @@ class System:
         """Return v + h M^-1 g, shape (nv,)."""
         raise NotImplementedError
 
+    def force_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        """Return the velocity after a time h at which forces at (t, q) are evaluated, shape (nv,); v with a control."""
+        return self.free_velocity(t, q, v, h) if self.velocity_dependent else v
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         """Return v + h M^-1 g, shape (nv,), together with M(q); valid until a method is called with another q."""
         raise NotImplementedError

@@ -59,12 +59,12 @@ def percussions_before(rng, m):
 
 
 def forces(rng, system, q, v):
-    """Mass matrix, damping, tree, velocity, step, torques and nonlinear effects."""
+    """Mass matrix, damping, tree, velocity, step, torques, nonlinear effects and the order of damping."""
     system.metric(q)
     mass = np.array(system._memory.mass)
     effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
     damping = system.damping * rng.choice([0.0, 1.0])
-    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects
+    return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects, bool(rng.random() < 0.5)
 
 
 def factor_of(rng):
@@ -107,7 +107,17 @@ def solve(rng):
 def advance_by(rng):
     system, q, v = moving_robot(rng)
     mass, *others = forces(rng, system, q, v)
-    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.full(len(v), np.nan)
+    return indefinite(rng, mass), *others, np.full(mass.shape, np.nan), np.zeros((2, len(v))), np.full(len(v), np.nan)
+
+
+def is_damped(rng):
+    damping = rng.normal(size=rng.integers(1, 5)) * rng.choice([0.0, 1.0])
+    return (damping,)
+
+
+def damp(rng):
+    system, L = factor_of(rng)
+    return L, system.damping, system._parent, 1e-2, rng.normal(size=system.nv)
 
 
 def scaled_rows(rng):
@@ -954,6 +964,8 @@ ARGUMENTS = {
     "_unwhiten_four": unwhiten_four,
     "solve": solve,
     "advance_by": advance_by,
+    "is_damped": is_damped,
+    "_damp": damp,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
     "pivoted_cholesky": pivoted_cholesky,
@@ -1008,7 +1020,7 @@ ARGUMENTS = {
 IF_ACCEPTED = {
     **SETTLE_IF_ACCEPTED,
     "factor": 1,
-    "advance_by": 2,
+    "advance_by": 3,
     "goldfarb_idnani": 6,
     "share": 1,
     "solve_active_set": 2,

@@ -24,7 +24,7 @@ from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
-from support.plain.tree import _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
+from support.plain.tree import _damp_plain, _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
 from support.plain.triangles import near_triangles_plain
 from support.plain.turning import (
     accelerations_plain,
@@ -58,6 +58,7 @@ PLAIN = {
     "pairs_within": pairs_within_plain,
     "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
+    "_damp": _damp_plain,
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,

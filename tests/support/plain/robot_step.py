@@ -56,12 +56,12 @@ def newton_law_plain(J: Array, v: Array, e: Array, opened: Array, lower: Array, 
 
 
 def _tree_law_plain(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, J: Array, e: Array,
-    opened: Array, last: Array, limit: float, w: Array, rates: Array,
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
+    J: Array, e: Array, opened: Array, last: Array, limit: float, w: Array, rates: Array,
 ) -> float:  # fmt: skip
     """Write argmin |w - x|_M with J w >= -e J v, where x is the free motion of one mechanism; see `tree_law`."""
     L, x, A, W = np.empty(mass.shape), np.empty(len(v)), np.empty(J.shape), np.empty(J.shape)
-    if advance_plain(mass, damping, parent, v, h, torque, effects, L, x):
+    if advance_plain(mass, damping, parent, v, h, torque, effects, twice, L, np.empty((2, len(v))), x):
         return np.inf
     if factor_plain(mass, 0.0, damping, parent, L):
         return np.inf

@@ -36,11 +36,25 @@ def solve_plain(L: Array, parent: Array, rows: Array, whitened: Array, out: Arra
     out[:] = np.linalg.solve(L, whitened.T).T
 
 
+def _damp_plain(L: Array, damping: Array, parent: Array, time: float, x: Array) -> None:
+    """Overwrite a velocity, shape (nv,), by (L'L)^-1 time D x."""
+    x[:] = np.linalg.solve(L.T @ L, time * damping * x)
+
+
 def advance_plain(
-    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array, out: Array
-) -> int:
-    """Write v + (M + h D)^-1 h (torque - effects - D v) and the factor of M + h D; return as `factor_plain`."""
-    bad = factor_plain(mass, h, damping, parent, L)
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
+    L: Array, changes: Array, out: Array,
+) -> int:  # fmt: skip
+    """Write the velocity after implicit steps: one of h, or 2 E^3(v) - E^4(v) of steps E of h / 2; see `advance_by`."""
+    time = 0.5 * h if twice and damping.any() else h
+    bad = factor_plain(mass, time, damping, parent, L)
     if not bad:
-        out[:] = v + np.linalg.solve(L, np.linalg.solve(L.T, h * (torque - effects - damping * v)))
+        ends = [v]
+        for _ in range(4):
+            w = ends[-1]
+            ends.append(w + np.linalg.solve(L.T @ L, time * (torque - effects - damping * w)))
+        out[:] = ends[1]
+        if time != h:
+            before, last = 2.0 * (ends[3] - ends[2]), 2.0 * (ends[4] - ends[3])
+            out[:], changes[0], changes[1] = 2.0 * ends[3] - ends[4], last, before - last
     return bad
