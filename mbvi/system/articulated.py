@@ -109,7 +109,7 @@ class ArticulatedSystem(System):
     -----
     g(t, q, v) = tau - nle(q, v) - D v. Dry joint friction, effort and velocity limits are not modelled. Where D is
     not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
-    any usual step; with D = 0 it is (11) exactly.
+    any usual step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
     """
 
     single_mechanism = True

@@ -1,6 +1,7 @@
 """Joint damping under `Centered`: one rule in flight, in contact and in any company, by Python and in the loop."""
 
 import re
+import warnings
 from itertools import cycle
 
 import numpy as np
@@ -144,7 +145,9 @@ PARTS = {
     "held": lambda scene, path: scene.add_urdf(
         path, base="fixed", position=(0, 9, 0), control=mbvi.PDControl([0.5, 0.2], 20.0, 1.0), name="held"
     ),
-    "box": lambda scene, path: scene.add_box((0.3, 0.2, 0.1), mass=2.0, position=(0, -9, 0), angular_velocity=(5, 0.3, 1)),
+    "box": lambda scene, path: scene.add_box(
+        (0.3, 0.2, 0.1), mass=2.0, position=(0, -9, 0), angular_velocity=(5, 0.3, 1)
+    ),
     "ball": lambda scene, path: scene.add_sphere(0.1, mass=1.0, position=(-9, 0, 0), velocity=(1, 0, 2)),
 }
 
@@ -166,11 +169,68 @@ def test_what_never_meets_moves_as_each_alone(tmp_path, scheme, follow, names):
     assert together.system.nv == sum(problem.system.nv for problem in alone)
     # the loop takes several bodies in long runs only
     h, count = (5e-3, 150) if follow is by_python else (1e-4, LONG + 1)
-    q, v = (np.split(end, np.cumsum(sizes)[:-1]) for end, sizes in zip(
-        follow(together, scheme, h, count),
-        ([p.system.nq for p in alone], [p.system.nv for p in alone]), strict=True))
+    q, v = (
+        np.split(end, np.cumsum(sizes)[:-1])
+        for end, sizes in zip(
+            follow(together, scheme, h, count),
+            ([p.system.nq for p in alone], [p.system.nv for p in alone]),
+            strict=True,
+        )
+    )
     for k, problem in enumerate(alone):
         own = follow(problem, scheme, h, count)
-        print(names[k], np.abs(q[k]-own[0]).max(), np.abs(v[k]-own[1]).max())
+        print(names[k], np.abs(q[k] - own[0]).max(), np.abs(v[k] - own[1]).max())
         np.testing.assert_allclose(q[k], own[0], rtol=0, atol=1e-12)
         np.testing.assert_allclose(v[k], own[1], rtol=0, atol=1e-11)
+
+
+@each
+@given(
+    d=st.tuples(*[st.sampled_from([0.0, 1e-3, 1.0, 30.0, 1e6])] * 3),
+    v=st.tuples(*[st.floats(-1, 1)] * 3),
+    at=st.tuples(*[st.sampled_from([-0.5, 0.0, 0.5])] * 3),
+    h=st.sampled_from([1e-3, 1e-2, 0.3]),
+)
+def test_damping_never_raises_the_energy(tmp_path_factory, scheme, d, v, at, h):
+    """Neither in flight nor where slides are stopped at their limits."""
+    path = tmp_path_factory.getbasetemp() / "slides.urdf"
+    path.write_text(SLIDES.format(*d))
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_urdf(
+        path, base="fixed", joints=dict(zip("abc", at, strict=True)), velocity=dict(zip("abc", v, strict=True))
+    )
+    problem, energies = scene.build(), []
+    for _, step in zip(range(8), mbvi.steps(problem, scheme, step=h), strict=False):
+        energies.append(problem.system.kinetic_energy(step.q, step.v))
+    before = problem.system.kinetic_energy(problem.q0, problem.v0)
+    assert (np.diff([before, *energies]) <= 1e-14 + 1e-12 * before).all()
+
+
+PUBLISHED = {
+    "allegro": ("allegro_hand_description/urdf/allegro_left_hand.urdf", 0.12),
+    "talos": ("talos_data/robots/talos_reduced.urdf", 1.085),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param("talos", marks=pytest.mark.slow(seconds=20)), "allegro"])
+def test_contacts_of_damped_robots_balance_their_momentum(name):
+    """With friction and projected positions M (v+ - x) = J'p to rounding, in the M and the x of the step."""
+    file, height = PUBLISHED[name]
+    scene = mbvi.Scene(friction=0.6)
+    scene.add_halfspace((0, 0, 1))
+    with warnings.catch_warnings():
+        # of what its files hold and is not modelled
+        warnings.simplefilter("ignore")
+        scene.add_urdf(real_robot(file), position=(0, 0, height), base_velocity=(0.3, 0, -0.5, 0, 0, 0), name=name)
+        problem = scene.build()
+    model, q, v, h, rough = problem.model(name), problem.q0, problem.v0, 1e-3, 0
+    assert (np.array(model.damping) > 0.0).any()
+    for _, step in zip(range(150), mbvi.steps(problem, SCHEMES[1], step=h), strict=False):
+        _, M, x = oracle(model, q, v, h)
+        rows, pushed = step.active, np.zeros(model.nv)
+        if step.slip is not None:
+            pushed = rows.jacobian.T @ step.percussion + rows.tangents.jacobian.T @ step.slip[0].ravel()
+            rough += step.slip[0].any()
+        np.testing.assert_allclose(M @ (step.v - x), pushed, rtol=0, atol=1e-11)
+        q, v = step.q, step.v
+    assert rough > 10
