@@ -137,16 +137,20 @@ class Problem:
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = _ACTIVATION * self.length
+        groups = self.system.unit_groups()
+        # which entries of q are those of unit quaternions and unit vectors, and how many of these there are
+        self._rotations = np.concatenate([np.zeros(0, np.intp), *map(np.ravel, groups)]), sum(map(len, groups))
         self._check()
         self.constraints.renew()
 
     def _check_rotations(self) -> None:
-        off = self.system.integrate(self.q0, np.zeros(self.system.nv)) - self.q0
+        q = self.q0
+        off = self.system.integrate(q, np.zeros(self.system.nv)) - q
         # the sum of squares is faster and decides nearly all cases; NaN decides none
         unit = off.dot(off) <= 1e-12 or np.abs(off).max() <= 1e-6
         # Pinocchio leaves rotations of length near zero as they are
-        groups = (self.q0[group] for group in self.system.unit_groups())
-        if not (unit and all(np.vecdot(group, group).min(initial=1.0) > 0.5 for group in groups)):
+        entries, count = self._rotations
+        if not (unit and (turns := q[entries]).dot(turns) > count - 0.5):
             raise InputError(
                 "q0 holds a quaternion, or cosine and sine of an angle, that is not of unit length: divide it by its "
                 "norm; the quaternion (0, 0, 0, 1) turns nothing"

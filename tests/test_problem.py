@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from tests.support.paths import ROBOTS
+from support.paths import ROBOTS
 
 WHEEL = """<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>

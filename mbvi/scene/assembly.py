@@ -30,8 +30,9 @@ from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel
 from .pair_settings import LeftOut, LeftOutAround, PairSetting
+from .passing import passing_robots
 from .plane import check_plane, collinear_points
-from .reductions import DEFAULT_REDUCTIONS
+from .reductions import DEFAULT_REDUCTIONS, Omission
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -67,7 +68,8 @@ class _ConstraintBuilder:
         still = {name: wall for name, wall in self.walls.items() if wall.motion is None}
         yield from self._at_walls(system, still, single)
         yield from self._at_surfaces(system, [s for s in items.surfaces if s.motion is None], moving)
-        if len(self.shapes) - len(self.spheres) > _FEW_SHAPES or (bulk and len(self.shapes) > len(bulk)):
+        some_excluded, others = not self._without_exclusion, len(self.shapes) - len(self.spheres)
+        if others > _FEW_SHAPES or (bulk and others) or some_excluded:
             yield from self._crowd(system)
             pairs = []
         else:
@@ -76,12 +78,12 @@ class _ConstraintBuilder:
             yield self._distances(system, pairs)
         if bulk:
             yield from self._sphere_walls(system, still, self._solids())
-        if len(self.spheres) > 1:
+        if len(self.spheres) > 1 and not some_excluded:
             yield self._sphere_contacts(system)
         yield from self._moving_walls(system, single, moving)
 
     def _at_walls(self, system: Any, walls: dict[str, HalfSpace], shapes: list[PlacedShape]) -> Iterator[Any]:
-        pairs = [(n, wall, s) for n, wall in walls.items() for s in shapes if (n, s.name) not in self.apart]
+        pairs = [(n, wall, s) for n, wall in walls.items() for s in shapes if self._meet(n, s.name)]
         if pairs:
             labels = [f"{s.name} | {name}" for name, _, s in pairs]
             e, mu = self._settings([(name, s.name) for name, _, s in pairs])
@@ -92,14 +94,21 @@ class _ConstraintBuilder:
 
     def _at_surfaces(self, system: Any, surfaces: list[SurfaceItem], shapes: list[PlacedShape]) -> Iterator[Any]:
         for item in surfaces:
-            others = [s.name for s in shapes if not isinstance(s.shape, Sphere)]
+            meeting = [s for s in shapes if self._meet(item.name, s.name)]
+            others = [s.name for s in meeting if not isinstance(s.shape, Sphere)]
             if others:
                 raise InputError(
                     f"{others[0]} would meet {item.name}, but a mesh as it is meets spheres only: take its hull by "
-                    "add_mesh(..., fixed=True), several of these, or boxes"
+                    f"add_mesh(..., fixed=True), several of these, or boxes, or let them pass through each other by "
+                    f"exclude({others[0]!r}, {item.name!r})"
                 )
-            e, mu = self._settings([(item.name, s.name) for s in shapes])
-            yield SphereSurface(system, shapes, item.placed(), item.name, e, mu)
+            if meeting:
+                e, mu = self._settings([(item.name, s.name) for s in meeting])
+                yield SphereSurface(system, meeting, item.placed(), item.name, e, mu)
+
+    def _meet(self, a: str, b: str) -> bool:
+        """Return whether the pair of two shapes, or a wall and a shape, is not left out."""
+        return (a, b) not in self.apart and not self.items.excludes(a, b)
 
     def _distances(self, system: Any, pairs: list[tuple[PlacedShape, PlacedShape]]) -> SignedDistances:
         first, second = [a for a, _ in pairs], [b for _, b in pairs]
@@ -130,7 +139,12 @@ class _ConstraintBuilder:
             walls = {name: wall for name, wall in self.walls.items() if wall.motion is motion}
             shapes = [s for s in fixed if s.motion is motion]
             solid = [s for s in shapes if bulk and isinstance(s.shape, Box | Capsule)]
-            pairs = [(a, b) for a in shapes for b in (single if a in solid else moving)]
+            pairs = [
+                (a, b)
+                for a in shapes
+                for b in (single if a in solid else moving)
+                if not self.items.excludes(a.name, b.name)
+            ]
             found = [*self._at_walls(seen, walls, single)]
             found += self._at_surfaces(seen, [s for s in self.items.surfaces if s.motion is motion], moving)
             if len(pairs) > _MANY_PAIRS:
@@ -141,8 +155,15 @@ class _ConstraintBuilder:
             yield from (MovingWalls(seen, constraint) for constraint in found)
 
     def _bulk(self) -> set[int]:
-        """Return the spheres, if they are many: these meet walls, boxes and capsules in bulk."""
-        return set(self.spheres) if len(self.spheres) > _FEW_SPHERES else set()
+        """Return the spheres, if they are many and meet all others: walls, boxes and capsules meet them in bulk."""
+        some = len(self.spheres) <= _FEW_SPHERES or not self._without_exclusion
+        return set() if some else set(self.spheres)
+
+    @property
+    def _without_exclusion(self) -> bool:
+        """Whether no pair with a free sphere is excluded."""
+        named = {name for pair in self.items.excluded for name in pair}
+        return not any(item.name in named for item in self.items.spheres)
 
     def _solids(self) -> list[PlacedShape]:
         """Return the boxes and capsules that spheres meet in bulk: those of the world, and few others."""
@@ -161,12 +182,13 @@ class _ConstraintBuilder:
                 # nothing of the world moves against the world
                 if a.body == b.body or a.motion or b.motion:
                     continue
-                if (a.name, b.name) not in self.apart:
+                if self._meet(a.name, b.name):
                     yield a, b
 
     def _crowd(self, system: System) -> Iterator[BroadPhasePairs]:
         """Yield the pairs of shapes that are no two spheres, none of them listed, if there are any."""
-        free = {self.shapes[k].name for k in self.spheres}
+        # two spheres of which some pairs are excluded are found here
+        free = {self.shapes[k].name for k in self.spheres} if self._without_exclusion else set()
         bulk = bool(self._bulk())
         solid = {s.name for s in self._solids()} if bulk else set()
         # where spheres meet all others in bulk, these are among themselves
@@ -181,7 +203,7 @@ class _ConstraintBuilder:
         apart = {(number[a], number[b]) for a, b in self.apart if a in number and b in number}
         known = np.sort(np.array([min(p) * n + max(p) for p in apart], dtype=np.int64))
         driven = np.array([s.motion is not None for s in shapes])
-        left_out = LeftOut(sphere, closed, driven, known)
+        left_out = LeftOut(sphere, closed, driven, known, self._excluded(shapes))
         yield self._found_when_near(system, shapes, left_out)
 
     def _crowd_around(
@@ -197,13 +219,18 @@ class _ConstraintBuilder:
         walls = {id(s) for s in solid}
         closed = np.array([id(s) in walls for s in everything])
         sphere = np.array([s.body > 0 and id(s) not in alone for s in everything])
-        left_out = LeftOutAround(len(shapes), sphere, closed)
+        left_out = LeftOutAround(len(shapes), sphere, closed, self._excluded(everything))
         return self._found_when_near(seen, everything, left_out)
+
+    def _excluded(self, shapes: list[PlacedShape]) -> PairSetting | None:
+        """Return which pairs of some shapes the user leaves out; None if no pair at all."""
+        names = tuple(s.name for s in shapes)
+        return PairSetting(self.items, names, "excluded") if self.items.excluded else None
 
     def _found_when_near(self, system: Any, shapes: list[PlacedShape], left_out: Any) -> BroadPhasePairs:
         names, items = tuple(s.name for s in shapes), self.items
         e, most = PairSetting(items, names), max(items.friction, *items.pair_friction.values(), 0.0)
-        mu = PairSetting(items, names, friction=True) if most > 0.0 else None
+        mu = PairSetting(items, names, "friction") if most > 0.0 else None
         return BroadPhasePairs(system, ShapeTable(shapes), left_out, e, self.line, self.at_rest, mu, most)
 
     def _all_spheres(self, system: System) -> tuple[SphereCentres, int, Array, tuple[str, ...], Array]:
@@ -260,7 +287,12 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) ->
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
-    omitted = (*blocks.simplified.added_to(blocks.omitted), *collinear_points(builder.collinear_points))
+    omitted = (
+        *passing_robots(items),
+        *(Omission(f"pairs of {pair[0]} and {pair[-1]}", "excluded") for pair in sorted(map(sorted, items.excluded))),
+        *blocks.simplified.added_to(blocks.omitted),
+        *collinear_points(builder.collinear_points),
+    )
     acted = actuated(blocks, system, blocks.length)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
     return Problem(

@@ -58,6 +58,7 @@ def describe(problem: Problem) -> str:
             "friction": items.friction,
             "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
+            "excluded": sorted(map(sorted, items.excluded)),
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
                 for n, w in items.walls.items()
@@ -93,6 +94,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     items.friction, items.energy_cap = data.get("friction", 0.0), data.get("energy_cap", False)
     for a, *b, mu in data.get("pair_friction", ()):
         items.pair_friction[frozenset((a, *b))] = mu
+    items.excluded = {frozenset(pair) for pair in data.get("excluded", ())}
     for wall in data["walls"]:
         items.walls[wall["name"]] = HalfSpace(tuple(wall["normal"]), wall["offset"], _motion_back(wall.get("motion")))
     items.surfaces += [_surface_back(s) for s in data.get("surfaces", ())]

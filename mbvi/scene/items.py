@@ -126,6 +126,7 @@ class SceneItems:
     friction: float = 0.0
     pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
     energy_cap: bool = False
+    excluded: set[frozenset[str]] = field(default_factory=set)
 
     def names(self) -> set[str]:
         """Return the names in use."""
@@ -141,6 +142,44 @@ class SceneItems:
         """Return the names of links, of single bodies of many, and of a container's walls."""
         shapes = (s.name for r in self.robots for s in r.robot.shapes)
         return {*shapes, *(b.name for b in self.bodies), *self.walls}
+
+    def shapes_of_links(self) -> dict[str, list[str]]:
+        """Return the names of the shapes of each link "robot/link" that has several, or none."""
+        found: dict[str, list[str]] = {link: [] for item in self.robots for link in item.links()}
+        for item in self.robots:
+            for shape in item.robot.shapes:
+                link, _, number = shape.name.rpartition("_")
+                if shape.name not in found and number.isdigit() and link in found:
+                    found[link].append(shape.name)
+        return found
+
+    def carriers(self, name: str) -> list[tuple[str, str | tuple[str, int], bool]]:
+        """Return the shapes that a name stands for: name, what carries each, and whether that moves; two of a group."""
+        found: list[tuple[str, str | tuple[str, int], bool]] = []
+        for item in self.robots:
+            own = item.robot.name
+            shapes = item.robot.shapes if name == own else [s for s in item.robot.shapes if s.name == name]
+            found += [(s.name, (own, s.body), s.body > 0) for s in shapes]
+        several = [b for b in self.bodies if name in (b.name, entity(b.name))]
+        found += [(b.name, b.name, not b.fixed) for b in several[:2]]
+        for spheres in self.spheres:
+            found += [(s, s, True) for s in spheres.names()[:2] if spheres.name == name]
+        if not found:
+            found.append((name, (name, 0), False))
+        return found
+
+    def can_meet(self, first: str, second: str) -> bool:
+        """Return whether some shapes that two names stand for can touch, as far as files leave them in."""
+        apart: set[tuple[str, str]] = set().union(*(item.robot.apart for item in self.robots))
+        return any(
+            here != there and (moves or others_move) and not {(a, b), (b, a)} & apart
+            for a, here, moves in self.carriers(first)
+            for b, there, others_move in self.carriers(second)
+        )
+
+    def excludes(self, a: str, b: str) -> bool:
+        """Return whether the user leaves out the pair of two shapes."""
+        return bool(self.excluded) and _setting(dict.fromkeys(self.excluded, 1.0), a, b, 0.0) > 0.0
 
     def new_name(self, name: str | None, default: str) -> str:
         """Return an unused name.

@@ -5,6 +5,7 @@ These are classes, for a function within a function cannot be pickled.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,19 +20,22 @@ class LeftOut:
     """Which pairs of shapes are left out.
 
     `sphere`, `closed` and `driven` hold of each shape whether it is a sphere, one that spheres meet in bulk, and one
-    that moves on its own; `known` holds i n + j of other pairs, ascending.
+    that moves on its own; `known` holds i n + j of other pairs, ascending. `excluded` is 1 for pairs that the user
+    leaves out.
     """
 
     sphere: Array
     closed: Array
     driven: Array
     known: Array
+    excluded: PairSetting | None = None
 
     def __call__(self, i: Array, j: Array) -> Array:
         """Return which of the pairs i < j are left out."""
         sphere, driven = self.sphere, self.driven
         apart = np.isin(i * len(sphere) + j, self.known)
-        return np.asarray(sphere[i] & sphere[j] | self.closed[i] & sphere[j] | driven[i] | driven[j] | apart)
+        out = sphere[i] & sphere[j] | self.closed[i] & sphere[j] | driven[i] | driven[j] | apart
+        return out if self.excluded is None else np.asarray(out | (self.excluded(i, j) > 0.0))
 
 
 @dataclass(frozen=True)
@@ -41,27 +45,34 @@ class LeftOutAround:
     count: int
     sphere: Array
     closed: Array
+    excluded: PairSetting | None = None
 
     def __call__(self, i: Array, j: Array) -> Array:
         """Return which of the pairs i < j are left out."""
-        return np.asarray((i >= self.count) | self.closed[i] & self.sphere[j])
+        out = (i >= self.count) | self.closed[i] & self.sphere[j]
+        return out if self.excluded is None else np.asarray(out | (self.excluded(i, j) > 0.0))
 
 
 @dataclass(frozen=True)
 class PairSetting:
     """e or mu of pairs of shapes by their places in `names`; looked up once for each pair of groups of shapes.
 
-    Shapes are in one group if no setting of the scene tells them apart. `friction` is whether it is mu.
+    Shapes are in one group if no setting of the scene tells them apart. `kind` is "restitution", "friction", or
+    "excluded": 1 for pairs that the user leaves out, else 0.
     """
 
     items: SceneItems
     names: tuple[str, ...]
-    friction: bool = False
+    kind: str = "restitution"
 
     @cached_property
     def _groups(self) -> tuple[Array, list[str]]:
         """The group of each shape, and one name of each group."""
-        pairs = self.items.pair_friction if self.friction else self.items.pair_restitution
+        pairs: Iterable[frozenset[str]] = {
+            "restitution": self.items.pair_restitution,
+            "friction": self.items.pair_friction,
+            "excluded": self.items.excluded,
+        }[self.kind]
         set_for = {name for pair in pairs for name in pair}
         known: dict[tuple[str, ...], int] = {}
         group: list[int] = []
@@ -79,5 +90,6 @@ class PairSetting:
         group, member = self._groups
         pairs, place = np.unique(group[i] * len(member) + group[j], return_inverse=True)
         sides = [divmod(pair, len(member)) for pair in pairs.tolist()]
-        value_of = self.items.friction_of if self.friction else self.items.restitution_of
+        values = {"restitution": self.items.restitution_of, "friction": self.items.friction_of}
+        value_of = values.get(self.kind, self.items.excludes)
         return np.array([value_of(member[a], member[b]) for a, b in sides], dtype=float)[place]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Unpack
 
@@ -19,12 +20,10 @@ from ..arguments import (
     numbers_by_name,
     optional,
     positive,
-    printable,
     several_names,
-    shown,
     vector,
 )
-from ..errors import InputError
+from ..errors import InputError, MbviWarning
 from ..geometry.motion import Motion, checked_motion
 from ..geometry.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
@@ -36,11 +35,13 @@ from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .mjcf_models import MjcfModels
 from .overview import overview, overview_html
+from .pair_rules import PairRules
+from .passing import passing_robots
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .robot_names import description_file
 from .still_joints import checked_locked
-from .urdf import initial_state, load_robot, robot_name, set_base_velocity
+from .urdf import initial_state, load_robot, robot_name, set_base_velocity, unfollowed
 from .urdf_checks import check_mass_matrix
 from .walls import Walls
 
@@ -50,11 +51,9 @@ if TYPE_CHECKING:
 _ORIGIN = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6
 _UPRIGHT = np.eye(3)
-# most links and single bodies that an error names
-_MOST_NAMED = 50
 
 
-class Scene(Walls, Grains, MjcfModels, Actions):
+class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -169,6 +168,9 @@ class Scene(Walls, Grains, MjcfModels, Actions):
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
+        left = unfollowed(robot, still)
+        if left:
+            warnings.warn(f"{file.name}: {left}", MbviWarning, stacklevel=2)
         return robot.name
 
     def add_sphere(
@@ -292,49 +294,6 @@ class Scene(Walls, Grains, MjcfModels, Actions):
         within = optional(positive, tolerance, "tolerance")
         return self._add_body(hull, mass, file.stem, within, **body)
 
-    def set_restitution(self, first: str, second: str, e: float) -> None:
-        """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
-
-        Parameters
-        ----------
-        first, second : str
-            Names; the same twice is a robot's contact with itself or the spheres' among each other.
-        e : float
-            Newton's e in [0, 1]; a link's own setting goes before its robot's, the last said before the earlier.
-
-        Raises
-        ------
-        InputError
-            If a name is unknown or e is outside [0, 1].
-        """
-        self._items.pair_restitution[self._pair(first, second)] = between(e, "restitution e", 0.0, 1.0)
-
-    def set_friction(self, first: str, second: str, mu: float) -> None:
-        """Set the coefficient of friction between two things, named as in `set_restitution`.
-
-        Parameters
-        ----------
-        first, second : str
-            Names; settings go before each other as those of e do.
-        mu : float
-            Coefficient of Coulomb friction, at least 0. Above 100 it counts as 100: nothing that bears slips then.
-
-        Raises
-        ------
-        InputError
-            If a name is unknown, or mu negative or not finite.
-        """
-        self._items.pair_friction[self._pair(first, second)] = not_negative(mu, "friction mu")
-
-    def _pair(self, first: str, second: str) -> frozenset[str]:
-        """Return two names of things in the scene as a pair."""
-        things, parts = self._items.names(), self._items.parts()
-        for name in (printable(first, "first"), printable(second, "second")):
-            if name not in things and name not in parts:
-                known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
-                raise InputError(f"unknown name {shown(name)}; known are {', '.join(known) or 'none yet'}")
-        return frozenset((first, second))
-
     def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
 
@@ -356,7 +315,10 @@ class Scene(Walls, Grains, MjcfModels, Actions):
         InadmissibleStartError
             If two things overlap at the start.
         """
-        return assemble(self._items, checked_reductions(reduce))
+        problem = assemble(self._items, checked_reductions(reduce))
+        for one in passing_robots(self._items):
+            warnings.warn(str(one), MbviWarning, stacklevel=2)
+        return problem
 
     def _add_body(
         self,

@@ -6,7 +6,7 @@ import os
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +32,9 @@ from .urdf_checks import (
     mesh_folders,
     read_xml,
 )
+
+# how the name of a mimic joint that is not modelled begins
+_MIMIC = "mimic of joint "
 
 
 @dataclass(frozen=True)
@@ -281,7 +284,7 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
 
 
 def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
-    """Return the omitted parts of the URDF: dry friction, effort and velocity limits, mimic joints."""
+    """Return the omitted parts of the URDF: dry friction, effort and velocity limits, what mimic joints follow."""
     found = []
     names = [model.names[j] for j in range(1, model.njoints) if model.nvs[j]]
     dry = [
@@ -294,9 +297,22 @@ def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
     if root.find("joint/limit") is not None:
         found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
     for joint in root.findall("joint"):
-        if joint.find("mimic") is not None:
-            found.append(Omission(f"mimic of joint {joint.get('name')}", "the joint moves on its own"))
+        mimic, name = joint.find("mimic"), joint.get("name", "")
+        if mimic is not None:
+            why = f"the joint moves on its own, and does not follow {mimic.get('joint')}"
+            found.append(Omission(f"{_MIMIC}{name}", why if model.existJointName(name) else "the joint is fixed"))
     return found
+
+
+def unfollowed(robot: Robot, still: Collection[str]) -> str:
+    """Return which joints of a robot are to follow others by its URDF and do not, in words; `still` are locked."""
+    named = [one.what.removeprefix(_MIMIC) for one in robot.omitted if one.what.startswith(_MIMIC)]
+    named = [name for name in named if name not in still]
+    fixed = [name for name in named if not robot.model.existJointName(name)]
+    moving = [name for name in named if name not in fixed]
+    said = [f"{', '.join(moving)} move on their own: lock them, or drive them by a control"] if moving else []
+    said += [f"{', '.join(fixed)} are fixed"] if fixed else []
+    return f"joints do not mimic others: {'; '.join(said)}" if said else ""
 
 
 def _first_line(error: Exception) -> str:

@@ -342,10 +342,6 @@ class ArticulatedSystem(System):
         return found
 
     def unit_groups(self) -> list[Array]:
-        return self._unit_groups
-
-    @cached_property
-    def _unit_groups(self) -> list[Array]:
         model, groups = self.model, []
         for joint in range(1, model.njoints):
             nq, nv, end = model.nqs[joint], model.nvs[joint], model.idx_qs[joint] + model.nqs[joint]

@@ -432,6 +432,7 @@ def as_tuples(contacts):
     return tuple((c.name, *c.point, *c.normal, c.percussion, c.force) for c in contacts)
 
 
+@pytest.mark.filterwarnings("ignore:contacts of cart")
 def test_event_driven_control_sees_an_impact_until_the_next_smooth_step_has_ended(carts):
     """The force that it then exerts on a cart acts for exactly that one step."""
     push, scene = 8.0, carts(restitution=0.5)
