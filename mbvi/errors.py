@@ -56,7 +56,15 @@ class InadmissibleStartError(MbviError):
 
 
 class DivergedError(MbviError):
-    """A step produced numbers that are not finite, or the integration makes no progress in time."""
+    """A step produced numbers that are not finite, or the integration makes no progress in time.
+
+    Attributes
+    ----------
+    returned : bool
+        Whether a function of the user returned what is not finite, from a finite state.
+    """
+
+    returned = False
 
 
 class TrajectoryFileError(MbviError):

@@ -137,20 +137,22 @@ class Problem:
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = _ACTIVATION * self.length
-        groups = self.system.unit_groups()
-        # which entries of q are those of unit quaternions and unit vectors, and how many of these there are
-        self._rotations = np.concatenate([np.zeros(0, np.intp), *map(np.ravel, groups)]), sum(map(len, groups))
+        # entries of q of unit quaternions and unit vectors, and where each starts among them; None without them
+        entries = [one for group in self.system.unit_groups() for one in group]
+        self._rotations: tuple[Array, Array] | None = None
+        if entries:
+            self._rotations = np.concatenate(entries), np.cumsum([0, *map(len, entries[:-1])])
         self._check()
         self.constraints.renew()
 
     def _check_rotations(self) -> None:
-        q = self.q0
-        off = self.system.integrate(q, np.zeros(self.system.nv)) - q
+        if self._rotations is None:
+            return
+        entries, starts = self._rotations
+        turns = self.q0[entries]
+        off = np.add.reduceat(turns * turns, starts) - 1.0
         # the sum of squares is faster and decides nearly all cases; NaN decides none
-        unit = off.dot(off) <= 1e-12 or np.abs(off).max() <= 1e-6
-        # Pinocchio leaves rotations of length near zero as they are
-        entries, count = self._rotations
-        if not (unit and (turns := q[entries]).dot(turns) > count - 0.5):
+        if not (off.dot(off) <= 4e-12 or np.abs(off).max() <= 2e-6):
             raise InputError(
                 "q0 holds a quaternion, or cosine and sine of an angle, that is not of unit length: divide it by its "
                 "norm; the quaternion (0, 0, 0, 1) turns nothing"

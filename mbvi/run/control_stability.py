@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 
-from ..errors import DivergedError, MbviError, MbviWarning, ProjectionError
+from ..errors import DivergedError, MbviError, ProjectionError
 from ..problem import Problem
 from ..schemes import Step
 from ..system import ArticulatedSystem, located_parts
@@ -113,13 +112,11 @@ def _least_stable_joint(
     )
 
 
-def warn_of_gains(problem: Problem, h: float) -> list[str]:
-    """Return a note on a `PDControl` that is unstable at a step of h [s], after a warning; no note if there is none."""
+def gain_notes(problem: Problem, h: float) -> list[str]:
+    """Return a note on a `PDControl` that is unstable in flight at a step of h [s]; none if there is none."""
+    # no warning: a robot that stands may bear such gains
     words = unstable_gains(problem, h, [(problem.t0, problem.q0, problem.v0)], functions=False)
-    if words is None:
-        return []
-    warnings.warn(words, MbviWarning, stacklevel=3)
-    return [words]
+    return [] if words is None else [words]
 
 
 @contextmanager
@@ -138,6 +135,8 @@ def failures_with_time(problem: Problem, h: float, state: Callable[[], Step]) ->
     try:
         yield
     except (ProjectionError, DivergedError) as error:
+        if isinstance(error, DivergedError) and error.returned:
+            raise
         last = state()
         states = (last.t, last.q, last.v), (problem.t0, problem.q0, problem.v0)
         words = unstable_gains(problem, h, states, functions=True)

@@ -18,7 +18,7 @@ from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
 from .compiled_loop import compiled_loop
-from .control_stability import failures_with_time, warn_of_gains
+from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
@@ -180,7 +180,7 @@ def simulate(
     if isinstance(scheme, EventDriven):
         return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
     assert h is not None
-    notes += warn_of_gains(problem, h)
+    notes += gain_notes(problem, h)
     if duration / h > _MOST_STEPS:
         raise InputError(f"{duration / h:.1g} steps are more than any run can take: shorten it or lengthen the step")
     # the number of whole steps, the remaining time, and the number of all steps

@@ -24,7 +24,9 @@ def not_finite(what: str, value: Array, t: float | None, q: Array, v: Array | No
         return DivergedError(f"the state{when} is not finite: q = {short(q)}; take a smaller step")
     where = f"q = {short(q)}" if v is None else f"q = {short(q)}, v = {short(v)}"
     advice = "correct it there, or take a smaller step if the motion ran away"
-    return DivergedError(f"{what} is not finite{when}, {where}: it returned {short(value)}; {advice}")
+    error = DivergedError(f"{what} is not finite{when}, {where}: it returned {short(value)}; {advice}")
+    error.returned = True
+    return error
 
 
 def short(value: Any) -> str:

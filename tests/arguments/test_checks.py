@@ -189,4 +189,4 @@ def test_files_give_names_that_can_be_named_again(tmp_path, stem):
     assert len(set(names)) == 3
     for name in names:
         assert arguments.label(name) == name
-        scene.set_restitution(name, names[0], 0.5)
+        scene.set_restitution(name, names[0] if name != names[0] else names[1], 0.5)

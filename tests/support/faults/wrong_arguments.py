@@ -482,6 +482,9 @@ CALLS: dict[str, Call] = {
     "Scene.set_friction": Call(
         lambda **given: scene().set_friction(**given), lambda: {"first": "ball", "second": "floor", "mu": 0.5}
     ),
+    "Scene.exclude": Call(
+        lambda **given: scene().exclude(**given), lambda: {"first": "ball", "second": "floor"}
+    ),
     "Scene.build": Call(lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest")}, _moves),
     "Problem": Call(
         mbvi.Problem,
