@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .geometry.shapes import HalfSpace, PlacedShape
 
 # gap at and below which a constraint is active, in lengths of the scene
-_ACTIVATION = 1e-8
+ACTIVATION = 1e-8
 
 
 class BuiltScene(Protocol):
@@ -56,12 +56,19 @@ class BuiltScene(Protocol):
         """Kinds of reductions of the model that are on."""
 
     @property
+    def start(self) -> Any:
+        """The initial configuration, where it was moved out of penetration, and by how much; else None."""
+
+    @property
     def system(self) -> System:
         """The system the scene was built to."""
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
         """The constraints the scene was built to."""
+
+    def notes(self, problem: Problem) -> list[str]:
+        """Return what a run shall note about how the scene was built."""
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
         """Raise `InputError` if a configuration leaves the plane of a planar scene."""
@@ -136,7 +143,7 @@ class Problem:
         self.friction = checked_friction(friction, len(constraints))
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
-        self.tolerance = _ACTIVATION * self.length
+        self.tolerance = ACTIVATION * self.length
         # entries of q of unit quaternions and unit vectors, and where each starts among them; None without them
         entries = [one for group in self.system.unit_groups() for one in group]
         self._rotations: tuple[Array, Array] | None = None
@@ -173,9 +180,10 @@ class Problem:
             more = f" ({others} more constraint{'s' if others > 1 else ''} with it)" if others else ""
             depth = f"{-active.gap[worst]:.6g}"
             # a joint limit has no normal; its unit depends on the joint
-            found = f"penetrates by {depth} m{more}; move the bodies apart or leave that pair out"
+            resolve = "" if self.scene is None else ", or build the scene by build(resolve=True), which moves it out"
+            found = f"penetrates by {depth} m{more}; move the bodies apart or leave that pair out{resolve}"
             if np.isnan(active.normal[worst]).any():
-                found = f"is violated by {depth}{more}; start where its gap is not negative"
+                found = f"is violated by {depth}{more}; start where its gap is not negative{resolve}"
             name = self.constraints.name(int(active.constraint[worst]))
             raise InadmissibleStartError(f"the initial configuration is not admissible: {name} {found}")
 

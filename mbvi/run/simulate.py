@@ -174,7 +174,8 @@ def simulate(
     optional(choice, record, "record", ("contacts",))
     scheme, h, notes = _scheme_and_step(problem, scheme, h, duration)
     projector, accepted = projector_of(problem, scheme, residual, depth, checked_solver(solver))
-    notes += accepted + problem.system.notes()
+    built = [] if problem.scene is None else problem.scene.notes(problem)
+    notes += accepted + problem.system.notes() + built
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
     if isinstance(scheme, EventDriven):

@@ -28,11 +28,12 @@ from ..system import BlockSystem, System
 from .actuation import actuated
 from .blocks import Blocks, blocks_of
 from .items import SceneItems, SurfaceItem
-from .model import SceneModel
+from .model import SceneModel, Start
 from .pair_settings import LeftOut, LeftOutAround, PairSetting
 from .passing import passing_robots
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS, Omission
+from .resolve import resolved
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -268,8 +269,12 @@ class _ConstraintBuilder:
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, *settings)
 
 
-def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) -> Problem:
+def assemble(
+    items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS, resolve: bool = False, start: Start | None = None
+) -> Problem:
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
+
+    `resolve` moves a start that overlaps; `start` is one that was moved before.
 
     Raises
     ------
@@ -294,7 +299,10 @@ def assemble(items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS) ->
         *collinear_points(builder.collinear_points),
     )
     acted = actuated(blocks, system, blocks.length)
-    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints))
+    if resolve:
+        start = resolved(acted, constraints, q0, blocks.length)
+    q0 = q0 if start is None else start.q
+    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start)
     return Problem(
         acted,
         constraints,

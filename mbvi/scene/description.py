@@ -23,6 +23,7 @@ from ..system.articulated import Control
 from .assembly import assemble
 from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
 from .items import BodyItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from .model import Start
 from .reductions import Omission, checked_reductions
 from .urdf import Robot, build_model
 
@@ -44,6 +45,7 @@ def describe(problem: Problem) -> str:
         sources = [_source(f) for f in functions if f is not None]
         return json.dumps({"kind": "functions", "system": type(system).__name__, "functions": sources})
     items = problem.scene.items
+    start = problem.scene.start
     # many bodies may share a shape
     shapes = {id(b.shape): b.shape for b in items.bodies}
     number = {shape: k for k, shape in enumerate(shapes)}
@@ -58,6 +60,7 @@ def describe(problem: Problem) -> str:
             "friction": items.friction,
             "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
+            "start": None if start is None else {"q": start.q.tolist(), "moved": start.moved},
             "excluded": sorted(map(sorted, items.excluded)),
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -109,9 +112,11 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
         again, stand_in = forces.get(one["body"]), LostForce(str(one["source"]), "/" in one["body"])
         items.forces.append(ForceItem(one["body"], again.pop(0) if again else stand_in))
     # older files without reductions hold the states of the full model
-    problem = assemble(items, checked_reductions(data.get("reduce", ())))
-    moved = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
-    motions = [_motion_name(thing["name"]) for thing in moved if "source" in (thing.get("motion") or ())]
+    moved = data.get("start")
+    start = None if moved is None else Start(_vector(moved["q"]), moved["moved"])
+    problem = assemble(items, checked_reductions(data.get("reduce", ())), start=start)
+    driven = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
+    motions = [_motion_name(thing["name"]) for thing in driven if "source" in (thing.get("motion") or ())]
     named = data.get("not_kept", [])
     if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
         raise TrajectoryFileError("not_kept of its scene is no list of texts")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from ..constraints import ConstraintFamily
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
@@ -17,6 +19,26 @@ if TYPE_CHECKING:
     from ..geometry.motion import Motion
     from ..problem import Problem
     from .items import SceneItems, SurfaceItem
+
+
+class Start(NamedTuple):
+    """A start that was moved out of penetration.
+
+    Attributes
+    ----------
+    q : ndarray, shape (nq,)
+        The configuration.
+    moved : str
+        By how much what was moved, in words.
+    """
+
+    q: Array
+    moved: str
+
+    @property
+    def note(self) -> str:
+        """One line on it."""
+        return f"the start was moved out of penetration: {self.moved}"
 
 
 @dataclass(frozen=True)
@@ -37,6 +59,8 @@ class SceneModel:
         The system that the scene was built to.
     constraints : tuple of ConstraintFamily
         The constraints that the scene was built to.
+    start : Start or None
+        The initial configuration, where it was moved out of penetration.
     """
 
     items: SceneItems
@@ -45,6 +69,7 @@ class SceneModel:
     reduce: tuple[str, ...]
     system: System
     constraints: tuple[ConstraintFamily, ...]
+    start: Start | None = None
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -62,6 +87,10 @@ class SceneModel:
         given = [w.motion for w in self.walls.values()]
         given += [s.motion for s in self.surfaces] + [s.motion for s in self.shapes]
         return list({id(motion): motion for motion in given if motion is not None}.values())
+
+    def notes(self, problem: Problem) -> list[str]:
+        """Return what a run shall note about how the scene was built."""
+        return [self.start.note] if self.start is not None and np.array_equal(self.start.q, problem.q0) else []
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
         """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""
@@ -87,6 +116,7 @@ class SceneModel:
                 added = (1 if self.items.plane and "plane" in self.reduce else 3) * turning
                 lines.append(f"  {added} degrees of freedom of them by rotation of spheres, which friction turns")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
+        lines += [f"  {self.start.note}"] if self.start is not None else []
         lines.append("Left out")
         lines += [f"  {one}" for one in self.omitted] or ["  nothing"]
         counted = Counter(one.why.partition(",")[0] for one in self.omitted if one.what.startswith("pair "))

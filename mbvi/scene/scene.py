@@ -294,7 +294,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         within = optional(positive, tolerance, "tolerance")
         return self._add_body(hull, mass, file.stem, within, **body)
 
-    def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS) -> Problem:
+    def build(self, reduce: Collection[str] = DEFAULT_REDUCTIONS, resolve: bool = False) -> Problem:
         """Return the Problem, with no degree of freedom, pair or constraint in it that the scene does not need.
 
         Parameters
@@ -307,15 +307,18 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
             scene is built in space.
             "rest": free bodies at rest sleep until something touches them, and contacts of shapes that stand still
             are not measured again.
+        resolve : bool
+            Whether a start that overlaps is moved out of penetration: by the least displacement of bodies and joints in
+            the kinetic metric. Report and runs say by how much.
 
         Raises
         ------
         InputError
             If nothing moves, a reduction is unknown, or something leaves the scene's plane.
         InadmissibleStartError
-            If two things overlap at the start.
+            If two things overlap at the start and `resolve` is off, or finds no way out.
         """
-        problem = assemble(self._items, checked_reductions(reduce))
+        problem = assemble(self._items, checked_reductions(reduce), boolean(resolve, "resolve"))
         for one in passing_robots(self._items):
             warnings.warn(str(one), MbviWarning, stacklevel=2)
         return problem

@@ -485,7 +485,9 @@ CALLS: dict[str, Call] = {
     "Scene.exclude": Call(
         lambda **given: scene().exclude(**given), lambda: {"first": "ball", "second": "floor"}
     ),
-    "Scene.build": Call(lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest")}, _moves),
+    "Scene.build": Call(
+        lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest"), "resolve": True}, _moves
+    ),
     "Problem": Call(
         mbvi.Problem,
         lambda: {
