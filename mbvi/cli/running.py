@@ -139,7 +139,7 @@ def run_and_print(problem: Problem, request: Request) -> None:
 
     scheme, duration, out = request.scheme, request.duration, request.out
     # the time of compiling kernels is left out
-    begin = time.perf_counter() - seconds_compiling()
+    begin = time.perf_counter() - seconds_compiling().wall
     with warnings.catch_warnings():
         # warnings are in the notes, too
         warnings.simplefilter("ignore", MbviWarning)
@@ -153,7 +153,7 @@ def run_and_print(problem: Problem, request: Request) -> None:
                 kept = save_interrupted(so_far) if out is None else out
                 print(f"run          {kept} (interrupted at t = {so_far.t[-1]:g} s)", flush=True)
             raise
-    wall = time.perf_counter() - seconds_compiling() - begin
+    wall = time.perf_counter() - seconds_compiling().wall - begin
     ends = [0, -1]
     first, last = energies(problem, run.t[ends], run.q[ends], run.v[ends], run.step, run.record.timing.jump).sum(axis=1)
     # without fixed steps, the recorded states are counted

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from hashlib import sha256
 from types import CodeType, FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -27,7 +27,15 @@ KERNELS: list[Kernel] = []
 # one kernel is compiled at a time; a kernel compiles those that it calls
 _LOCK = threading.RLock()
 _announced = False
-_seconds = 0.0
+# of each thread, by its identifier
+_seconds: dict[int, Seconds] = {}
+
+
+class Seconds(NamedTuple):
+    """What a thread has spent on compiling and loading kernels at their first calls [s]."""
+
+    wall: float = 0.0
+    cpu: float = 0.0
 
 
 class Kernel:
@@ -52,10 +60,10 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Compile the kernel and run it."""
-        global _seconds
-        start = time.perf_counter()
+        wall, cpu = time.perf_counter(), time.thread_time()
         function = self.compiled()
-        _seconds += time.perf_counter() - start
+        thread, before = threading.get_ident(), seconds_compiling()
+        _seconds[thread] = Seconds(before.wall + time.perf_counter() - wall, before.cpu + time.thread_time() - cpu)
         return function(*arguments)
 
     def compiled(self) -> Any:
@@ -196,9 +204,9 @@ def compile_all() -> None:
         item.compiled()
 
 
-def seconds_compiling() -> float:
-    """Return the time that this process has spent on compiling and loading kernels at their first calls [s]."""
-    return _seconds
+def seconds_compiling(thread: int | None = None) -> Seconds:
+    """Return the time that a thread, by default this one, has spent on compiling and loading kernels [s]."""
+    return _seconds.get(threading.get_ident() if thread is None else thread, Seconds())
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*")

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ def run_batch(folder: str, numbered: Sequence[tuple[int, Mapping[str, Any]]], al
     # rows of an earlier attempt, whose process ended
     rows: list[Row] = read_file(path) if path.exists() else []
     have, before = {row["run"] for row in rows}, len(rows)
-    begin = time.perf_counter() - seconds_compiling()
+    begin = time.perf_counter() - seconds_compiling().wall
     since = begin
     with Marks(here.rows / f"{first:09d}.running") as marks:
         for index, point in numbered:
@@ -93,14 +93,14 @@ def run_batch(folder: str, numbered: Sequence[tuple[int, Mapping[str, Any]]], al
                 marks.begin(index)
                 with first_run_alone():
                     rows.append(row_of(study, index, point, here.runs, ends_process=_has_nanny()))
-            now = time.perf_counter() - seconds_compiling()
+            now = time.perf_counter() - seconds_compiling().wall
             if now - begin > _LONGEST:
                 break
             if now - since >= _WRITE_EVERY:
                 write_rows(path, rows)
                 since = now
         write_rows(path, rows)
-    spent = time.perf_counter() - seconds_compiling() - begin
+    spent = time.perf_counter() - seconds_compiling().wall - begin
     failed = sum(row["status"] != STATUS.ok for row in rows)
     return Done(len(rows), failed, spent, len(rows) - before, len(numbered) - len(rows))
 
@@ -141,10 +141,14 @@ class Marks:
             self._path.unlink(missing_ok=True)
 
 
-def size_of_marks(folder: StudyFolder, first: int) -> int:
-    """Return how many processes have begun the batch that begins with a run."""
-    path = folder.rows / f"{first:09d}.running"
-    return path.stat().st_size if path.exists() else 0
+def size_of_marks(folder: StudyFolder) -> int:
+    """Return a number that grows with every process that begins a batch, and falls where a batch has ended."""
+    found = 0
+    for path in folder.rows.glob("*.running"):
+        # its batch may end just now
+        with suppress(FileNotFoundError):
+            found += path.stat().st_size
+    return found
 
 
 _first_run = True
@@ -168,12 +172,13 @@ def first_run_alone() -> Iterator[None]:
         except BlockingIOError:
             fcntl.flock(lock, fcntl.LOCK_SH)
             fcntl.flock(lock, fcntl.LOCK_UN)
-        begin = time.perf_counter() - seconds_compiling()
+        runs = threading.get_ident()
+        begin = time.perf_counter() - seconds_compiling(runs).wall
 
         def release() -> None:
             # a long run compiles at its beginning
             while not ended.wait(0.2):
-                if time.perf_counter() - seconds_compiling() - begin > _ALONE:
+                if time.perf_counter() - seconds_compiling(runs).wall - begin > _ALONE:
                     fcntl.flock(lock, fcntl.LOCK_UN)
                     return
 

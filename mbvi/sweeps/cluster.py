@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 from ..arguments import shown
@@ -24,6 +25,8 @@ _QUIET = {
     "distributed.admin.system-monitor.interval": "5s",
     "distributed.worker.memory.monitor-interval": "1s",
 }
+# where runs end a process again and again, Dask would give it up while it starts for the next time
+_PATIENT = {"distributed.deploy.lost-worker-timeout": "1 day"}
 
 
 def check_packages() -> None:
@@ -43,11 +46,6 @@ def check_client(client: Any) -> None:
         raise InputError(f"client must be a distributed.Client that is not asynchronous; got {shown(client)}")
 
 
-def leave_interrupts() -> None:
-    """Let Ctrl-C, which all processes of a terminal get, end this process only where the client ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 @contextmanager
 def client_of(given: Client | None) -> Iterator[tuple[Client, int]]:
     """Yield the client, and how often a process may end in a run."""
@@ -56,11 +54,12 @@ def client_of(given: Client | None) -> Iterator[tuple[Client, int]]:
 
     with suppress(ValueError):
         given = given or Client.current()
-    if given is not None:
-        yield given, int(dask.config.get("distributed.scheduler.allowed-failures"))
-        return
-    with local_client() as client:
-        yield client, _ALLOWED_HERE
+    with dask.config.set(_PATIENT):
+        if given is not None:
+            yield given, int(dask.config.get("distributed.scheduler.allowed-failures"))
+            return
+        with local_client() as client:
+            yield client, _ALLOWED_HERE
 
 
 @contextmanager
@@ -83,24 +82,18 @@ def local_client(workers: int | None = None) -> Iterator[Client]:
     from distributed import Client, LocalCluster, Status
 
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with dask.config.set(_QUIET), _without_interrupts():
+        cluster = LocalCluster(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            # a killed worker is a row, not a message
+            silence_logs=logging.CRITICAL,
+        )
     try:
-        with dask.config.set(_QUIET):
-            cluster = LocalCluster(
-                n_workers=workers or count,
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",
-                # a killed worker is a row, not a message
-                silence_logs=logging.CRITICAL,
-            )
-    except RuntimeError as error:
-        raise InputError(
-            f"worker processes do not start: {error} In a script, call it below `if __name__ == '__main__':`, because "
-            "worker processes import the script"
-        ) from error
-    try:
+        _start(cluster, workers or count or 1)
         with Client(cluster, set_as_default=False) as client:
-            # for processes that are started again, too
-            client.register_worker_callbacks(setup=leave_interrupts)
             yield client
     finally:
         try:
@@ -108,3 +101,45 @@ def local_client(workers: int | None = None) -> Iterator[Client]:
         except KeyError:
             # Dask may have forgotten a worker that was killed; all processes have ended
             cluster.status = Status.closed
+
+
+def _start(cluster: Any, workers: int) -> None:
+    """Start worker processes, and wait until they have begun."""
+    import asyncio
+
+    import dask
+
+    async def started() -> None:
+        await cluster
+
+    for _ in range(workers):
+        cluster.worker_spec.update(cluster.new_worker_spec())
+    with dask.config.set(_QUIET):
+        starting = asyncio.run_coroutine_threadsafe(started(), cluster.loop.asyncio_loop)
+        try:
+            starting.result()
+        except KeyboardInterrupt:
+            # Dask cannot end processes that begin; a second interrupt ends this wait
+            with suppress(Exception):
+                starting.result()
+            raise
+        except RuntimeError as error:
+            raise InputError(
+                f"worker processes do not start: {error} In a script, call it below `if __name__ == '__main__':`, "
+                "because worker processes import the script"
+            ) from error
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let threads that start here, and all processes that they start, not get the Ctrl-C of a terminal.
+
+    The client ends them. This thread gets an interrupt at the end of the block.
+    """
+    # it would let these signals through again in the thread that starts it
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

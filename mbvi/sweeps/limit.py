@@ -52,7 +52,7 @@ class Limit:
         clock = time.pthread_getcpuclockid(self._thread) if hasattr(time, "pthread_getcpuclockid") else None
         if clock is not None:
             self._cpu = partial(time.clock_gettime, clock)
-        self._begin = self._cpu() - seconds_compiling()
+        self._begin = self._spent()
         self._alive()
         threading.Thread(target=self._watch, args=(self._seconds,), daemon=True).start()
 
@@ -68,6 +68,9 @@ class Limit:
         if self._ends_process:
             stop_watching()
 
+    def _spent(self) -> float:
+        return self._cpu() - seconds_compiling(self._thread).cpu
+
     def _alive(self) -> None:
         if self._ends_process:
             # it ends the process from a thread that needs no lock of Python
@@ -79,8 +82,8 @@ class Limit:
             with self._lock:
                 if self._over.is_set():
                     return
-                spent = self._cpu() - seconds_compiling() - self._begin
-                if spent > seconds and not self._compiling():
+                # what it compiles just now is not in its sum yet
+                if not self._compiling() and self._spent() - self._begin > seconds:
                     raised = ctypes.py_object(OverBudget)
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), raised)
                     return

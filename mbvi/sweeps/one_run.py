@@ -71,7 +71,7 @@ def row_of(study: Study, index: int, point: Mapping[str, Any], runs: Path, ends_
     """
     row: Row = {"run": index, "status": STATUS.ok, "message": "", "notes": "", "cpu": 0.0, "host": machine()}
     run: Trajectory | None = None
-    begin = time.thread_time() - seconds_compiling()
+    begin = time.thread_time() - seconds_compiling().cpu
     try:
         # warnings are in the notes, too
         with Limit(study.budget, ends_process), warnings.catch_warnings():
@@ -86,11 +86,11 @@ def row_of(study: Study, index: int, point: Mapping[str, Any], runs: Path, ends_
     except DivergedError as error:
         run = error.run or run
         row |= {"status": STATUS.diverged, "message": _message(error)}
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         # a user's functions may raise anything
         run = getattr(error, "run", None) or run
         row |= {"status": STATUS.failed, "message": _message(error)}
-    row["cpu"] = time.thread_time() - seconds_compiling() - begin
+    row["cpu"] = time.thread_time() - seconds_compiling().cpu - begin
     if run is not None and (study.keep == "all" or (study.keep == "failed" and row["status"] != STATUS.ok)):
         row["message"] += keep(run, kept(runs, index))
     return row
@@ -118,5 +118,5 @@ def keep(run: Trajectory, path: Path) -> str:
     return ""
 
 
-def _message(error: Exception) -> str:
+def _message(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"[:_LONGEST]

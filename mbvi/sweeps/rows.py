@@ -1,16 +1,17 @@
-"""Rows of a study: one for each run, in files of Parquet that are written whole and renamed."""
+"""Rows of a study: one for each run, in files of Parquet with checksums that are written whole and renamed."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..arguments import shown
-from ..errors import InputError
+from ..errors import InputError, TrajectoryFileError
 from .points import OWN_COLUMNS
 from .study import written
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 _NUMBERS = (bool, int, float)
+# what stands before the digest of a file in its metadata, and in the digest's place while it is taken
+_DIGEST, _ZEROS = b"SHA-256 of this file with zeros here: ", b"0" * 64
 
 
 class Status(NamedTuple):
@@ -76,22 +79,60 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
         If the file cannot be written.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     names = list(dict.fromkeys(name for row in rows for name in row))
     table = pa.table({name: _column(name, [row.get(name) for row in rows]) for name in names})
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     with written(path.parent.parent):
-        pq.write_table(table, part)
+        part.write_bytes(_packed(table))
         os.replace(part, path)
 
 
 def read_file(path: Path) -> list[Row]:
     """Return the rows of one file."""
+    rows: list[Row] = _table(path).to_pylist()
+    return rows
+
+
+def _packed(table: pa.Table) -> bytes:
+    """Return a file of Parquet whose metadata holds the digest of the file, taken with zeros in its place."""
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows: list[Row] = pq.read_table(path).to_pylist()
-    return rows
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(sink, table.schema) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"mbvi": (_DIGEST + _ZEROS).decode()})
+    data = sink.getvalue().to_pybytes()
+    return _with_digest(data, sha256(data).hexdigest().encode())
+
+
+def _table(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Return the rows of a file whose digest fits.
+
+    Raises
+    ------
+    TrajectoryFileError
+        If the file cannot be read, is damaged, or was changed.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise TrajectoryFileError(f"{path} cannot be read: {error.strerror or error}") from error
+    if _with_digest(data, sha256(_with_digest(data, _ZEROS)).hexdigest().encode()) != data or _DIGEST not in data:
+        raise TrajectoryFileError(
+            f"{path} is damaged, or was changed after it was written: remove it, and the same call makes its runs again"
+        )
+    return pq.read_table(pa.BufferReader(data), columns=columns)
+
+
+def _with_digest(data: bytes, digest: bytes) -> bytes:
+    """Return a file with another digest in its metadata, which stands near the end."""
+    place = data.rfind(_DIGEST) + len(_DIGEST)
+    return data[:place] + digest + data[place + len(digest) :]
 
 
 def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
@@ -108,12 +149,13 @@ def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
     ------
     InputError
         If a name means a number in one run and a text in another.
+    TrajectoryFileError
+        If a file cannot be read, is damaged, or was changed.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     names = None if columns is None else list(columns)
-    tables = [pq.read_table(path, columns=names) for path in sorted(folder.glob("*.parquet"))]
+    tables = [_table(path, names) for path in sorted(folder.glob("*.parquet"))]
     if not tables:
         return pa.table({name: pa.array([], pa.int64()) for name in columns or ["run"]})
     try:

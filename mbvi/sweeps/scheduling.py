@@ -67,13 +67,16 @@ class Submission:
         from distributed import as_completed
 
         self._client, self._folder, self._name, self._allowed = client, folder, name, allowed
-        self._batches: dict[str, tuple[list[Numbered], int, Future]] = {}
+        self._batches: dict[str, tuple[list[Numbered], tuple[int, int], Future]] = {}
+        # batches whose workers ended before they began it, until it is known whether others go on
+        self._held: list[list[Numbered]] = []
+        self._ended = 0
         self._completed = as_completed(loop=client.loop)
         self._stamp, self._count = time.time_ns(), 0
         self._workers, self._counted = 0, -math.inf
 
     def __len__(self) -> int:
-        return len(self._batches)
+        return len(self._batches) + len(self._held)
 
     @property
     def workers(self) -> int:
@@ -88,38 +91,50 @@ class Submission:
         first, self._count = batch[0][0], self._count + 1
         # Dask groups tasks by what stands before the first hyphen
         key = f"{self._name}-{self._stamp:x}-{self._count}-{first}"
-        size = size_of_marks(self._folder, first)
+        begun = self._begun()
         future = self._client.submit(
             run_batch, str(self._folder.path), batch, self._allowed, key=key, pure=False, priority=-self._count
         )
-        self._batches[key] = batch, size, future
+        self._batches[key] = batch, begun, future
         self._completed.add(future)
 
     def next(self) -> tuple[Done, list[Numbered]] | None:
-        """Wait for a batch, and return the runs that it left over; None if it was submitted again: its workers ended.
+        """Wait for a batch, and return the runs that it left over; None if its workers ended and it is tried again.
+
+        Workers also end while a batch waits on them, in runs of others; Dask counts these ends against it.
 
         Raises
         ------
         InputError
-            If workers end before they begin a run.
+            If workers end and no run is begun meanwhile.
         """
         from distributed import KilledWorker
 
         future = next(self._completed)
-        batch, size, _ = self._batches.pop(future.key)
+        batch, begun, _ = self._batches.pop(future.key)
         try:
             done: Done = future.result()
         except KilledWorker as error:
-            if size_of_marks(self._folder, batch[0][0]) == size:
+            if self._begun() != begun:
+                self.add(batch)
+            elif self._batches:
+                self._held.append(batch)
+            else:
                 raise InputError(
                     f"workers end before they begin a run; their log says why: {error}; they must see the folder "
                     f"{self._folder.path} and have memory for make"
                 ) from error
-            self.add(batch)
             return None
         finally:
             future.release()
+        self._ended += 1
+        while self._held:
+            self.add(self._held.pop())
         return done, batch[len(batch) - done.left :]
+
+    def _begun(self) -> tuple[int, int]:
+        """Return numbers that change whenever a worker begins a batch, or ends one."""
+        return self._ended, size_of_marks(self._folder)
 
     def cancel(self) -> None:
         """Cancel what has not ended."""

@@ -21,7 +21,9 @@ from ..results.versions import versions
 from .fingerprint import digest
 from .points import Points
 
-FORMAT = "mbvi study 1"
+# the one before had rows without checksums
+FORMAT = "mbvi study 2"
+_KINDS = {"runs": int, "seed": int, "keep": str, "names": list, "grid": bool, "versions": dict}
 _FILE, _FUNCTIONS, _POINTS, _LOCK = "study.json", "functions.pkl", "points.pkl", "study.lock"
 
 
@@ -128,7 +130,10 @@ class StudyFolder:
         try:
             found = json.loads((self.path / _FILE).read_bytes())
             if found["format"] != FORMAT:
-                raise KeyError(FORMAT)
+                raise ValueError(f"its format is {shown(found['format'])}, not {FORMAT!r}")
+            for name, kind in _KINDS.items():
+                if not isinstance(found[name], kind):
+                    raise ValueError(f"{name} is {shown(found[name])}")
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.path} holds no study that mbvi.sweep wrote: {shown(error)}") from error
         return dict(found)
@@ -152,7 +157,7 @@ class StudyFolder:
     def study(self) -> Study:
         """Return the study with its functions; a process loads each study once."""
         stamp = (self.path / _FUNCTIONS).stat().st_mtime_ns if (self.path / _FUNCTIONS).exists() else 0
-        return _loaded(self.path, self.about()["module"], stamp)
+        return _loaded(self.path, self.about().get("module"), stamp)
 
     def _check(self, identity: dict[str, Any]) -> None:
         found = {name: value for name, value in self.about().items() if name in identity}

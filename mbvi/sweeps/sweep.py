@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arguments import choice, file_path, function, integer, optional, positive, shown
-from ..errors import InputError
+from ..errors import InputError, TrajectoryFileError
 from ..run.simulate import simulate
 from .cluster import check_client, check_packages, client_of
 from .points import Points, points_of
@@ -74,7 +74,7 @@ def sweep(
     InputError
         If an argument is wrong, packages are missing, `out` holds another study, or workers cannot begin.
     TrajectoryFileError
-        If the folder cannot be written.
+        If the folder cannot be written, or a file of rows is damaged.
 
     Notes
     -----
@@ -126,8 +126,10 @@ def missing_runs(folder: StudyFolder, count: int) -> np.ndarray:
     """Return the numbers of the runs that have no row."""
     from .rows import read_rows
 
-    missing = np.ones(count, dtype=bool)
-    missing[read_rows(folder.rows, ["run"])["run"].to_numpy()] = False
+    missing, there = np.ones(count, dtype=bool), read_rows(folder.rows, ["run"])["run"].to_numpy()
+    if there.size and not 0 <= there[0] <= there[-1] < count:
+        raise TrajectoryFileError(f"{folder.rows} holds rows of another study, of run {there[0]} to run {there[-1]}")
+    missing[there] = False
     return np.flatnonzero(missing)
 
 

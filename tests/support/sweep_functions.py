@@ -53,6 +53,12 @@ def troubled(kind: str) -> mbvi.Scene | mbvi.Problem:
         raise ValueError("no scene today")
     if kind == "kills":
         os.kill(os.getpid(), signal.SIGKILL)
+    if kind == "exits":
+        os._exit(0)
+    if kind == "segfaults":
+        ctypes.string_at(0)
+    if kind == "leaves":
+        raise SystemExit(2)
     if kind == "endless":
         while True:
             sum(range(1000))

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import time
 
@@ -14,15 +13,17 @@ import mbvi
 from mbvi.sweeps.points import points_of
 from mbvi.sweeps.rows import read_rows
 from mbvi.sweeps.study import Study, StudyFolder
+from mbvi.sweeps.sweep import run_study
 from support import sweep_functions as f
-from support.programs import environment
+from support.programs import LIMIT, environment, started, wait_until
+from support.programs import run as run_program
 
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 2e-3, "duration": 0.1}
 # 60 runs
 GRID = {"height": np.linspace(0.1, 0.3, 15).tolist(), "e": [0.0, 0.3, 0.5, 0.9]}
 
 
-COMMAND = [sys.executable, "-c", "from mbvi.cli.main import main; main()"]
+ENTRY = [sys.executable, "-c", "from mbvi_command import main; main()"]
 
 
 class Fixed:
@@ -48,8 +49,6 @@ def client():
 
 
 def run(client, folder, make, parameters, measure, size, workers, keep="none", budget=None):
-    from mbvi.sweeps.sweep import run_study
-
     client.cluster.scale(workers)
     client.wait_for_workers(workers)
     study, points = Study(make, measure, 0, keep, budget, OPTIONS), points_of(parameters, make)
@@ -88,11 +87,12 @@ def test_batches_and_workers_do_not_change_the_table(workers, size, client, expe
     check(tmp_path / "study", expected)
 
 
-def wait_for_rows(folder, count, alive=lambda: True, seconds=180.0):
-    end = time.monotonic() + seconds
-    while not (folder / "rows").is_dir() or read_rows(folder / "rows", ["run"]).num_rows < count:
-        assert time.monotonic() < end and alive(), "no rows are written"
-        time.sleep(0.05)
+def wait_for_rows(folder, count, child=None):
+    def written():
+        assert child is None or child.poll() is None
+        return (folder / "rows").is_dir() and read_rows(folder / "rows", ["run"]).num_rows >= count
+
+    wait_until(written, "no rows are written")
 
 
 @pytest.mark.slow
@@ -129,15 +129,11 @@ if __name__ == "__main__":
 def test_everything_killed_at_a_third_and_resumed(client, expected, tmp_path):
     folder, calls, program = tmp_path / "study", tmp_path / "calls", tmp_path / "program.py"
     program.write_text(PROGRAM.format(grid=GRID))
-    child = subprocess.Popen(
-        [sys.executable, str(program), str(folder)], env=environment() | {"MBVI_TEST_CALLS": str(calls)},
-        start_new_session=True,
-    )  # fmt: skip
-    try:
-        wait_for_rows(folder, 20, lambda: child.poll() is None)
-    finally:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
+    with started(
+        [sys.executable, program, folder], env=environment() | {"MBVI_TEST_CALLS": str(calls)},
+        start_new_session=True, stdout=None, stderr=None,
+    ) as child:  # fmt: skip
+        wait_for_rows(folder, 20, child)
     kept, begun = read_rows(folder / "rows", ["run"]).num_rows, len(calls.read_text())
     assert 20 <= kept < len(expected)
     # what is repeated: runs of a second of each worker, and one that it was at
@@ -155,6 +151,22 @@ def test_a_run_that_kills_its_worker_is_a_row_and_the_rest_finish(tmp_path):
     assert np.isnan(table["height"][2]) and np.isfinite(table["height"][[0, 1, 5]]).all()
 
 
+@pytest.mark.slow(seconds=30)
+def test_runs_that_end_their_process_again_and_again_do_not_end_the_study(tmp_path):
+    """Each kills the only worker twice, while others wait on it."""
+    from mbvi.sweeps.cluster import local_client
+
+    kinds = ["a", "exits", "segfaults", "kills", "leaves", *"bcdef"]
+    study, points = Study(f.troubled, f.height, options=OPTIONS), points_of({"kind": kinds}, f.troubled)
+    folder = StudyFolder(tmp_path / "study")
+    folder.open(study, points)
+    with local_client(1) as made:
+        table = run_study(folder, study, points, made)
+    assert table["status"].values.tolist() == ["ok", "killed", "killed", "killed", "failed", *["ok"] * 5]
+    assert table["message"].values[1].startswith("the worker process ended in this run, ")
+    assert table["message"].values[4] == "SystemExit: 2"
+
+
 STUCK = """
 import faulthandler, sys
 from mbvi.sweeps import limit
@@ -167,10 +179,8 @@ with limit.Limit(0.1, ends_process=True):
 
 @pytest.mark.slow
 def test_a_process_that_does_not_answer_ends():
-    begin = time.monotonic()
-    child = subprocess.run([sys.executable, "-c", STUCK], env=environment(), capture_output=True, text=True)
+    child = run_program([sys.executable, "-c", STUCK])
     assert child.returncode == 1 and "Timeout" in child.stderr
-    assert time.monotonic() - begin < 30.0
 
 
 def running_in_session(leader):
@@ -185,29 +195,54 @@ def running_in_session(leader):
     return found
 
 
-@pytest.mark.slow
-def test_an_interrupt_ends_all_processes_in_one_line_and_the_rows_are_kept(tmp_path):
-    folder, file = tmp_path / "study", tmp_path / "slow_throws.py"
+def interrupted(command, ready):
+    """Start a command, wait, interrupt all its processes as Ctrl-C does; return its code and what it said."""
+    with started([*ENTRY, *command], start_new_session=True, stdout=None) as child:
+        wait_until(lambda: ready(child.pid) or child.poll() is not None)
+        assert child.poll() is None
+        os.killpg(child.pid, signal.SIGINT)
+        _, said = child.communicate(timeout=LIMIT)
+        wait_until(lambda: not running_in_session(child.pid))
+    return child.returncode, said
+
+
+@pytest.fixture
+def throws(tmp_path):
+    """Return a file that defines a study."""
+    file = tmp_path / "slow_throws.py"
     file.write_text(
         "import mbvi\n"
         "from support.sweep_functions import energy as measure, slow as make\n"
         f"parameters = {GRID}\n"
         "options = dict(scheme=mbvi.Paoli(), step=2e-3, duration=0.1)\n"
     )
-    child = subprocess.Popen(
-        [*COMMAND, "sweep", str(file), "--out", str(folder), "--workers", "1"], env=environment(),
-        stderr=subprocess.PIPE, start_new_session=True, text=True,
-    )  # fmt: skip
-    wait_for_rows(folder, 5, lambda: child.poll() is None)
-    # as by Ctrl-C in a terminal
-    os.killpg(child.pid, signal.SIGINT)
-    _, said = child.communicate(timeout=120)
-    assert (child.returncode, said) == (130, "mbvi: interrupted\n")
+    return file
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_processes_in_one_line_and_the_rows_are_kept(throws, tmp_path):
+    folder = tmp_path / "study"
+    command = ["sweep", throws, "--out", folder, "--workers", "1"]
+
+    def ready(leader):
+        return (folder / "rows").is_dir() and read_rows(folder / "rows", ["run"]).num_rows >= 5
+
+    assert interrupted(command, ready) == (130, "mbvi: interrupted\n")
     assert 5 <= read_rows(folder / "rows", ["run"]).num_rows < 60
-    end = time.monotonic() + 20.0
-    while running_in_session(child.pid):
-        assert time.monotonic() < end
-        time.sleep(0.1)
+
+
+@pytest.mark.slow(seconds=20)
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0])
+def test_an_interrupt_while_workers_start_is_one_line(delay, throws, tmp_path):
+    times = []
+
+    def ready(leader):
+        # the command, multiprocessing's tracker, and a worker
+        if len(running_in_session(leader)) > 2:
+            times.append(time.monotonic())
+        return times and times[-1] - times[0] >= delay
+
+    assert interrupted(["sweep", throws, "--out", tmp_path / "study"], ready) == (130, "mbvi: interrupted\n")
 
 
 @pytest.mark.slow(seconds=18)
@@ -225,9 +260,7 @@ def test_the_command_line_begins_goes_on_and_says_how_far_it_is(tmp_path):
     )
 
     def mbvi_sweep(*arguments):
-        child = subprocess.run(
-            [*COMMAND, "sweep", *map(str, arguments)], env=environment(), capture_output=True, text=True, cwd=tmp_path
-        )
+        child = run_program([*ENTRY, "sweep", *arguments], cwd=tmp_path)
         return child.returncode, child.stdout, child.stderr
 
     code, out, err = mbvi_sweep(file, "--out", tmp_path / "study", "--workers", 1)

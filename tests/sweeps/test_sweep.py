@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import subprocess
 import sys
 import threading
 import time
@@ -10,6 +9,8 @@ import warnings
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import xarray as xr
 from hypothesis import given
@@ -17,15 +18,19 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.cli.main import main
+from mbvi.compiled import Kernel, seconds_compiling
 from mbvi.sweeps import batch
 from mbvi.sweeps.batch import Done
 from mbvi.sweeps.fingerprint import digest
+from mbvi.sweeps.one_run import row_of
 from mbvi.sweeps.points import points_of
 from mbvi.sweeps.rows import read_rows, write_rows
 from mbvi.sweeps.scheduling import BatchSizes
+from mbvi.sweeps.status import status as text_of
 from mbvi.sweeps.study import Study, StudyFolder
 from support import sweep_functions as f
-from support.programs import environment
+from support.programs import LIMIT
+from support.programs import run as run_program
 
 OPTIONS = {"scheme": mbvi.Paoli(), "step": 2e-3, "duration": 0.1}
 GRID = {"height": [0.1, 0.2, 0.3], "e": [0.0, 0.5]}
@@ -106,6 +111,69 @@ def test_rows_that_are_there_twice_count_once(sweep, tmp_path):
     assert same(sweep(), table)
 
 
+def flipped(path, rng):
+    data = bytearray(path.read_bytes())
+    data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+    path.write_bytes(data)
+
+
+def cut(path, rng):
+    path.write_bytes(path.read_bytes()[: rng.integers(path.stat().st_size)])
+
+
+def rewritten(change):
+    def damage(path, rng):
+        table = pq.read_table(path)
+        pq.write_table(change(table, table.column_names[rng.integers(table.num_columns)]), path)
+
+    return damage
+
+
+DAMAGES = {
+    "a flipped bit": flipped,
+    "cut off": cut,
+    "another file": lambda path, rng: path.write_text("no rows"),
+    "a dropped column": rewritten(lambda table, name: table.drop([name])),
+    "a renamed column": rewritten(lambda table, name: table.rename_columns({name: "other"})),
+    "another number": rewritten(lambda table, _: table.set_column(0, "run", pa.array([10**6] * table.num_rows))),
+    "the same, written by others": rewritten(lambda table, _: table),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damaged_rows_are_refused_by_name_and_made_again_where_they_are_removed(kind, sweep, tmp_path):
+    table = sweep()
+    files = sorted((tmp_path / "study/rows").glob("*.parquet"))
+    for seed in range(30 if kind in ("a flipped bit", "cut off") else 3):
+        rng = np.random.default_rng(seed)
+        path = files[rng.integers(len(files))]
+        before = path.read_bytes()
+        DAMAGES[kind](path, rng)
+        for act in (sweep, lambda: text_of(StudyFolder(tmp_path / "study"))):
+            with pytest.raises(mbvi.TrajectoryFileError, match=f"{path.name} is damaged, or was changed"):
+                act()
+        path.write_bytes(before)
+    assert same(sweep(), table)
+    path.unlink()
+    assert same(sweep(), table)
+
+
+def test_rows_of_another_study_and_a_damaged_study_are_refused(sweep, tmp_path):
+    sweep()
+    sweep(parameters={"height": [0.1] * 9, "e": [0.5]}, out="larger")
+    sweep(parameters={"height": [0.1], "e": [0.5]}, out="smaller")
+    last = max((tmp_path / "larger/rows").glob("*.parquet"))
+    (tmp_path / "smaller/rows" / last.name).write_bytes(last.read_bytes())
+    with pytest.raises(mbvi.TrajectoryFileError, match="rows of another study, of run"):
+        sweep(parameters={"height": [0.1], "e": [0.5]}, out="smaller")
+    path = tmp_path / "study/study.json"
+    about = json.loads(path.read_text())
+    for name, value in [("runs", "6"), ("versions", None), ("format", "mbvi study 1")]:
+        path.write_text(json.dumps({**about, name: value}))
+        with pytest.raises(mbvi.InputError, match=r"holds no study that mbvi.sweep wrote: .*" + name):
+            sweep()
+
+
 CHANGES = {
     "make is another one": {"make": f.drop_by_chance},
     "measure is another one": {"measure": f.height},
@@ -142,6 +210,48 @@ def test_a_study_that_is_running_is_refused(sweep, tmp_path):
     sweep()
     with StudyFolder(tmp_path / "study").alone(), pytest.raises(mbvi.InputError, match="another process is running"):
         sweep()
+
+
+class Waiting(Kernel):
+    """A kernel that waits for another process to compile it."""
+
+    def compiled(self):
+        time.sleep(1.0)
+        return lambda: 0.0
+
+
+def wait_for_kernel():
+    type("wait", (Waiting,), {})(lambda: 0.0, "f8()")()
+
+
+def test_cpu_time_is_measured_by_cpu_clocks(tmp_path):
+    def make(spins):
+        wait_for_kernel()
+        begin = time.thread_time()
+        try:
+            while spins:
+                pass
+        finally:
+            spent.append(time.thread_time() - begin)
+        return f.drop(0.1)
+
+    spent = []
+    study = Study(make, f.height, budget=0.1, options=OPTIONS)
+    rows = [row_of(study, k, {"spins": spins}, tmp_path) for k, spins in enumerate([False, True])]
+    assert [row["status"] for row in rows] == ["ok", "over budget"]
+    assert all(row["cpu"] > 0.0 for row in rows)
+    # the second of waiting is no CPU time
+    assert 0.05 < spent[1] < 0.6
+
+
+def test_what_one_thread_compiles_is_no_time_of_another():
+    before = seconds_compiling()
+    thread = threading.Thread(target=wait_for_kernel)
+    thread.start()
+    thread.join()
+    there = seconds_compiling(thread.ident)
+    assert there.wall > 0.9 and 0.0 <= there.cpu < 0.5
+    assert seconds_compiling() == before
 
 
 def test_what_goes_wrong_in_a_run_is_its_row(sweep, tmp_path):
@@ -255,7 +365,7 @@ def test_one_process_at_a_time_makes_its_first_run_and_those_that_waited_go_on_t
     def first():
         with batch.first_run_alone():
             begun.set()
-            go_on.wait(10)
+            go_on.wait(LIMIT)
             order.append("first")
 
     def other():
@@ -268,12 +378,12 @@ def test_one_process_at_a_time_makes_its_first_run_and_those_that_waited_go_on_t
         monkeypatch.setattr(batch, "_first_run", True)
         threads.append(threading.Thread(target=run))
         threads[-1].start()
-        assert begun.wait(10)
+        assert begun.wait(LIMIT)
         time.sleep(0.05)
     assert order == []
     go_on.set()
     for thread in threads:
-        thread.join(10)
+        thread.join(LIMIT)
     assert order == ["first", "other", "other"]
     # the second run of a process does not wait
     with batch.first_run_alone(), batch.first_run_alone():
@@ -283,7 +393,7 @@ def test_one_process_at_a_time_makes_its_first_run_and_those_that_waited_go_on_t
 def test_packages_are_imported_when_they_are_used_and_named_when_they_are_missing(sweep, monkeypatch):
     names = "{'dask', 'distributed', 'pandas', 'xarray', 'pyarrow', 'matplotlib'}"
     program = f"import sys, mbvi; print(sorted({names} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", program], env=environment(), capture_output=True, text=True)
+    done = run_program([sys.executable, "-c", program])
     assert done.stdout == "[]\n", done.stderr
     monkeypatch.setattr(mbvi.sweeps.cluster, "_PACKAGES", ("distributed", "no_such_package"))
     with pytest.raises(mbvi.InputError, match=r"sweeps need no_such_package: pip install 'mbvi\[sweep\]'"):
