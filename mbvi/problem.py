@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -69,6 +69,9 @@ class BuiltScene(Protocol):
 
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
+
+    def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
+        """Return q and v of a problem with values given by name."""
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
         """Raise `InputError` if a configuration leaves the plane of a planar scene."""
@@ -243,6 +246,33 @@ class Problem:
         else:
             new._check_rotations()
         return new
+
+    def state(self, q: Mapping[str, Any] | None = None, v: Mapping[str, Any] | None = None) -> tuple[Array, Array]:
+        """Return the start of a scene with other values by name, as `at`, `rollout` and `Simulator` take them.
+
+        Parameters
+        ----------
+        q, v : mapping of str to mapping or array_like, optional
+            For a robot values by joint, {"quadruped": {"FL_hip_joint": 0.1}}: an angle [rad] or a length [m], several
+            numbers for a joint with several; or all of its numbers, shapes (nq,) and (nv,). For a rigid body its centre
+            of mass and quaternion (x, y, z, w), shape (7,) [m]; its velocities in space are that of the centre of mass
+            in the world and the angular velocity in its own axes, shape (6,) [m/s, rad/s]. For a sphere its centre and
+            velocity, shape (3,); for a body the first three alone will do, and the others stay. A group has one row for
+            each member. What is not named keeps its value at the start.
+
+        Returns
+        -------
+        q, v : ndarray, shapes (nq,) and (nv,)
+            New arrays.
+
+        Raises
+        ------
+        InputError
+            If the problem is of no scene, a name is unknown, or a shape or number is wrong.
+        """
+        if self.scene is None:
+            raise InputError("this problem is of no scene: nothing in it has a name; give q and v as arrays")
+        return self.scene.state(self, q, v)
 
     def model(self, name: str | None = None) -> pin.Model:
         """Return a copy of the Pinocchio model of a robot, as it is simulated.

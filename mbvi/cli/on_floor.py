@@ -107,7 +107,7 @@ class RobotOnFloor(NamedTuple):
         return read_xml(self.robot)[1].tag == "mujoco"
 
     def _gravity_of_mjcf(self) -> Array:
-        return np.array(compiled_model(description_file(self.robot, "MJCF")).opt.gravity)
+        return np.array(compiled_model(description_file(self.robot, "MJCF"))[0].opt.gravity)
 
     def _of_mjcf(self, gravity: Array) -> tuple[bool, bool]:
         """Return whether a MJCF has walls of its own, and whether its base is fixed."""

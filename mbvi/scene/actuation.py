@@ -12,7 +12,7 @@ from ..system import ActuatedSystem, ArticulatedSystem, System, located_parts
 from ..system.actuated import Load
 from ..system.system import Part
 from .blocks import Blocks
-from .items import BodyItem
+from .items import SceneItems
 from .loads import BodyForce, LinkForce, SceneControls, SphereForce
 from .plane import axes_of
 from .state import Place, Places
@@ -33,7 +33,7 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
     items = blocks.items
     if not items.controls and not items.forces:
         return system
-    places = _places(blocks, system)
+    places = places_of(items, blocks.axes, system)
     normal = axes_of(items.plane)[2] if items.plane else None
     robots = {item.robot.name: part.system for item, part in zip(items.robots, located_parts(system), strict=False)}
     spheres = {name for s in items.spheres for name in (s.name, *s.names())}
@@ -53,7 +53,7 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
                 )
             )
             continue
-        kind = SphereForce if force.body in spheres else BodyForce
+        kind = SphereForce if force.body in spheres and not items.frictional else BodyForce
         loads.append(kind(*given, places.of(force.body), normal, length))
     if items.controls:
         where = {name: places.of(name).v for name in robots}
@@ -61,9 +61,9 @@ def actuated(blocks: Blocks, system: System, length: float) -> System:
     return ActuatedSystem(system, loads, bool(items.controls))
 
 
-def _places(blocks: Blocks, system: System) -> Places:
-    """Return the places in q and v of everything that moves."""
-    items, parts = blocks.items, located_parts(system)
+def places_of(items: SceneItems, axes: Array | None, system: System) -> Places:
+    """Return the places in q and v of everything that moves; `axes` are those of a plane that all moves in."""
+    parts = located_parts(system)
     places = Places()
     for item in items.robots:
         part, *parts = parts
@@ -71,24 +71,28 @@ def _places(blocks: Blocks, system: System) -> Places:
         places.known[item.robot.name] = Place(q, v, (part.system.nq,), (part.system.nv,))
     bodies = [b for b in items.bodies if not b.fixed]
     groups = [(name, list(group)) for name, group in groupby(bodies, lambda b: b.name.partition("[")[0])]
-    given = [(name, [b.name for b in group], _lift(blocks.axes, group)) for name, group in groups]
+    given = [(name, [b.name for b in group], _lift(axes, [b.rotation for b in group])) for name, group in groups]
     if bodies:
         part, *parts = parts
         _add(places, part, given, 7, 6)
-    if items.spheres:
-        lifts = None if blocks.axes is None else blocks.axes[None, :2].transpose(0, 2, 1)
+    if items.spheres and items.frictional:
+        # friction turns them: they are rigid bodies
+        turns = [(s.name, s.names(), _lift(axes, [np.eye(3)] * len(s.radii))) for s in items.spheres]
+        _add(places, parts[0], turns, 7, 6)
+    elif items.spheres:
+        lifts = None if axes is None else axes[None, :2].transpose(0, 2, 1)
         each = [(s.name, s.names(), None if lifts is None else lifts.repeat(len(s.radii), 0)) for s in items.spheres]
         _add(places, parts[0], each, 3, 3)
     return places
 
 
-def _lift(axes: Array | None, bodies: list[BodyItem]) -> Array | None:
+def _lift(axes: Array | None, rotations: list[Array]) -> Array | None:
     """Return the matrices from velocities of bodies in a plane to velocities in space, shape (n, 6, 3)."""
     if axes is None:
         return None
-    lift = np.zeros((len(bodies), 6, 3))
+    lift = np.zeros((len(rotations), 6, 3))
     lift[:, :3, :2] = axes[:2].T
-    lift[:, 3:, 2] = [b.rotation.T @ axes[2] for b in bodies]
+    lift[:, 3:, 2] = [rotation.T @ axes[2] for rotation in rotations]
     return lift
 
 

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..errors import MjcfError
+from ..arguments import shown
+from ..errors import InputError, MjcfError
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
-from .mjcf_file import compiled_model, placement
+from .mjcf_file import compiled_model, disabled, placement
 from .mjcf_left_out import left_out
 from .mjcf_shapes import Geoms
 from .reductions import Omission
@@ -46,6 +47,8 @@ class MjcfModel:
         The file's own, in its frame turned into the world [m/s^2].
     ignored : tuple of str
         What acts on the motion in MuJoCo and is left out here.
+    velocity : ndarray, shape (nv,)
+        At the start.
     """
 
     robot: Robot
@@ -56,6 +59,7 @@ class MjcfModel:
     friction: dict[frozenset[str], float]
     gravity: Array
     ignored: tuple[str, ...]
+    velocity: Array
 
 
 @dataclass
@@ -80,7 +84,9 @@ class Tree:
     names: list[str] = field(default_factory=list)
 
 
-def load_mjcf(file: Path, pose: pin.SE3, name: str, taken: Collection[str] = ()) -> MjcfModel:
+def load_mjcf(
+    file: Path, pose: pin.SE3, name: str, taken: Collection[str] = (), keyframe: str | None = None
+) -> MjcfModel:
     """Read a MJCF.
 
     Parameters
@@ -93,15 +99,17 @@ def load_mjcf(file: Path, pose: pin.SE3, name: str, taken: Collection[str] = ())
         Name in the scene.
     taken : collection of str
         Names that walls and static shapes must not have.
+    keyframe : str, optional
+        The keyframe that it starts from.
 
     Raises
     ------
     MjcfError
         If there is no such file, it is no MJCF, MuJoCo refuses it, or nothing in it moves.
     InputError
-        If MuJoCo is not installed.
+        If MuJoCo is not installed, or the file has no such keyframe.
     """
-    m = compiled_model(file)
+    m, text = compiled_model(file)
     tree = _tree(m, pose)
     model = tree.model
     if model.nv == 0:
@@ -109,16 +117,19 @@ def load_mjcf(file: Path, pose: pin.SE3, name: str, taken: Collection[str] = ())
     reference, moved = _reference(m, tree, pose)
     geoms = Geoms(m, tree.joint, tree.place, tree.names, name, {name, *taken})
     apart, dropped = geoms.pairs_left_out(model, reference)
-    named, counted = left_out(m, tree.names)
+    named, counted = left_out(m, text, tree.names)
+    start, velocity = reference, np.zeros(model.nv)
+    if keyframe is not None:
+        start, velocity, moved = *_keyframe(m, tree, pose, keyframe), []
     omitted = (*geoms.omitted, *named, *moved, *dropped)
     free = model.joints[1].shortname() == "JointModelFreeFlyer" and list(model.parents)[1:].count(0) == 1
-    base = pin.XYZQUATToSE3(reference[:7]) if free else pin.SE3.Identity()
+    base = pin.XYZQUATToSE3(start[:7]) if free else pin.SE3.Identity()
     shapes = tuple(geoms.shapes)
-    robot = Robot(name, "", model, shapes, frozenset(apart), omitted, reference, str(file.resolve()))
-    ignored = (*counted, *geoms.ignored)
-    gravity = pose.rotation @ m.opt.gravity
+    robot = Robot(name, "", model, shapes, frozenset(apart), omitted, start, str(file.resolve()))
+    ignored = (*counted, *(f"{one.what}, {one.why}" for one in moved), *geoms.ignored)
+    gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
     kind = "free" if free else "fixed"
-    return MjcfModel(robot, kind, base, geoms.walls, geoms.statics, geoms.friction(), gravity, ignored)
+    return MjcfModel(robot, kind, base, geoms.walls, geoms.statics, geoms.friction(), gravity, ignored, velocity)
 
 
 def _tree(m: Any, pose: pin.SE3) -> Tree:
@@ -152,7 +163,7 @@ def _add_joint(m: Any, j: int, name: str, model: pin.Model, parent: int, place: 
     if kind == _FREE:
         joint = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
         model.addJointFrame(joint)
-        model.damping[model.idx_vs[joint] :][:6] = m.dof_damping[dof : dof + 6]
+        model.damping[model.idx_vs[joint] :][:6] = _damping(m, dof, 6)
         return joint, pin.SE3.Identity()
     here = place * pin.SE3(np.eye(3), anchor)
     back = pin.SE3(np.eye(3), -anchor)
@@ -164,14 +175,19 @@ def _add_joint(m: Any, j: int, name: str, model: pin.Model, parent: int, place: 
             pin.exp3(-zero * axis), np.zeros(3)
         )  # fmt: skip
         joint, width = model.addJoint(parent, _along(kind, axis), here * zeroed, name), 1
-        if m.jnt_limited[j]:
+        if m.jnt_limited[j] and not disabled(m, "LIMIT", "CONSTRAINT"):
             k = model.idx_qs[joint]
             model.lowerPositionLimit[k], model.upperPositionLimit[k] = m.jnt_range[j]
     model.addJointFrame(joint)
     v = model.idx_vs[joint]
     model.armature[v : v + width] = m.dof_armature[dof : dof + width]
-    model.damping[v : v + width] = m.dof_damping[dof : dof + width]
+    model.damping[v : v + width] = _damping(m, dof, width)
     return joint, back
+
+
+def _damping(m: Any, dof: int, width: int) -> Array:
+    """Return the damping of a joint, shape (width,)."""
+    return np.zeros(width) if disabled(m, "DAMPER") else np.array(m.dof_damping[dof : dof + width])
 
 
 def _along(kind: int, axis: Array) -> Any:
@@ -208,16 +224,46 @@ def _inertia(m: Any, body: int) -> pin.Inertia:
     return pin.Inertia(float(m.body_mass[body]), turn.translation, 0.5 * (moments + moments.T))
 
 
-def _reference(m: Any, tree: Tree, pose: pin.SE3) -> tuple[Array, list[Omission]]:
-    """Return the configuration of the file, and the joints that it puts outside their limits."""
-    q, moved = pin.neutral(tree.model), []
+def _configuration(m: Any, tree: Tree, pose: pin.SE3, qpos: Array) -> Array:
+    """Return q, shape (nq,), of MuJoCo's positions."""
+    q = pin.neutral(tree.model)
     for j in range(m.njnt):
         # joint 0 of Pinocchio is the world
         k, at = tree.model.idx_qs[j + 1], int(m.jnt_qposadr[j])
         if m.jnt_type[j] == _FREE:
-            q[k : k + 7] = pin.SE3ToXYZQUAT(pose * placement(m.qpos0[at : at + 3], m.qpos0[at + 3 : at + 7]))
-        elif m.jnt_type[j] in (_HINGE, _SLIDE):
-            q[k] = m.qpos0[at]
+            q[k : k + 7] = pin.SE3ToXYZQUAT(pose * placement(qpos[at : at + 3], qpos[at + 3 : at + 7]))
+        elif m.jnt_type[j] == _BALL:
+            w, x, y, z = qpos[at : at + 4] / np.linalg.norm(qpos[at : at + 4])
+            q[k : k + 4] = x, y, z, w
+        else:
+            q[k] = qpos[at]
+    return q
+
+
+def _keyframe(m: Any, tree: Tree, pose: pin.SE3, name: str) -> tuple[Array, Array]:
+    """Return q and v of a keyframe, shapes (nq,) and (nv,)."""
+    names = [m.key(k).name for k in range(m.nkey)]
+    if name not in names:
+        raise InputError(f"the file has no keyframe {shown(name)}; it has {', '.join(filter(None, names)) or 'none'}")
+    row, v = names.index(name), np.zeros(tree.model.nv)
+    q = _configuration(m, tree, pose, m.key_qpos[row])
+    for j in range(m.njnt):
+        here, at, width = tree.model.idx_vs[j + 1], int(m.jnt_dofadr[j]), tree.model.nvs[j + 1]
+        v[here : here + width] = m.key_qvel[row, at : at + width]
+        if m.jnt_type[j] == _FREE:
+            # MuJoCo has the linear velocity in the world, Pinocchio in the body
+            k = tree.model.idx_qs[j + 1]
+            turn = pin.XYZQUATToSE3(q[k : k + 7]).rotation.T @ pose.rotation
+            v[here : here + 3] = turn @ v[here : here + 3]
+    return q, v
+
+
+def _reference(m: Any, tree: Tree, pose: pin.SE3) -> tuple[Array, list[Omission]]:
+    """Return the configuration of the file, and the joints that it puts outside their limits."""
+    q, moved = _configuration(m, tree, pose, m.qpos0), []
+    for j in range(m.njnt):
+        if m.jnt_type[j] in (_HINGE, _SLIDE):
+            k = tree.model.idx_qs[j + 1]
             lower, upper = tree.model.lowerPositionLimit[k], tree.model.upperPositionLimit[k]
             if not lower <= q[k] <= upper:
                 q[k] = 0.5 * (lower + upper)

@@ -26,8 +26,14 @@ def mujoco_module() -> Any:
         raise InputError("MJCF is read by MuJoCo, which is not installed: pip install 'mbvi[mjcf]'") from error
 
 
-def compiled_model(file: Path) -> Any:
-    """Return the MjModel of a MJCF.
+def disabled(m: Any, *flags: str) -> bool:
+    """Return whether an MjModel disables one of some flags, named as in mjtDisableBit: "CONTACT"."""
+    bits = mujoco_module().mjtDisableBit
+    return any(m.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}")) for flag in flags)
+
+
+def compiled_model(file: Path) -> tuple[Any, str]:
+    """Return the MjModel of a MJCF, and the MJCF as MuJoCo writes it, without includes and default values.
 
     Raises
     ------
@@ -43,12 +49,13 @@ def compiled_model(file: Path) -> Any:
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            model = mujoco.MjSpec.from_file(str(file)).compile()
+            spec = mujoco.MjSpec.from_file(str(file))
+            model, text = spec.compile(), spec.to_xml()
     except (ValueError, RuntimeError, TypeError, mujoco.FatalError) as error:
         raise MjcfError(f"{file}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
     for warning in said:
         _logger.info("%s: MuJoCo warns: %s", file, " ".join(str(warning.message).split()))
-    return model
+    return model, text
 
 
 def mjcf_name(file: Path) -> str:

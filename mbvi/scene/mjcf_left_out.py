@@ -7,47 +7,62 @@ from typing import Any
 
 import numpy as np
 
-from .mjcf_file import mujoco_module
+from .mjcf_file import disabled, mujoco_module
+from .mjcf_schema import unknown_parts
 from .reductions import Omission
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 # most names in one entry
 _MOST_NAMED = 8
-# what a compiled file counts: the attribute, words for it, why it is left out, and whether MuJoCo's motion needs it
+# what a compiled file counts: the attribute, words for it, the kind of its names, why it is left out, and whether
+# MuJoCo's motion needs it
 _COUNTED = (
-    ("ntendon", "tendons", "not modelled", True),
-    ("neq", "equality constraints", "not modelled", True),
-    ("nu", "actuators", "give their torques by control", True),
-    ("nflex", "flexes", "bodies are rigid", True),
-    ("nskin", "skins", "not shown", False),
-    ("nplugin", "plugins", "not run", True),
-    ("nmocap", "mocap bodies", "they stand still", True),
-    ("nsensor", "sensors", "read the run instead", False),
-    ("nsite", "sites", "not kept", False),
-    ("ncam", "cameras", "not kept", False),
-    ("nlight", "lights", "not kept", False),
-    ("nkey", "keyframes", "give joints and velocity", False),
+    ("ntendon", "tendons", "tendon", "not modelled", True),
+    ("neq", "equality constraints", "equality", "not modelled", True),
+    ("nu", "actuators", "actuator", "give their torques by control", True),
+    ("nflex", "flexes", "", "bodies are rigid", True),
+    ("nskin", "skins", "", "not shown", False),
+    ("nplugin", "plugins", "", "not run", True),
+    ("nmocap", "mocap bodies", "", "they stand still", True),
+    ("nsensor", "sensors", "sensor", "read the run instead", False),
+    ("nsite", "sites", "", "not kept", False),
+    ("ncam", "cameras", "", "not kept", False),
+    ("nlight", "lights", "", "not kept", False),
+    ("nkey", "keyframes", "key", "start from one by keyframe", False),
 )
 # MuJoCo's defaults of soft constraints
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
-_FLAGS = ("CONTACT", "LIMIT", "GRAVITY", "CONSTRAINT", "DAMPER")
+# flags that are honoured, or that act on nothing that is modelled: others are named
+_HONOURED = ("CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT")
+_NO_EFFECT = (
+    "EQUALITY", "FRICTIONLOSS", "SPRING", "PASSIVE", "CLAMPCTRL", "ACTUATION", "SENSOR", "WARMSTART", "REFSAFE",
+    "MIDPHASE", "NATIVECCD", "MULTICCD", "EULERDAMP", "AUTORESET", "ISLAND",
+    "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE",
+)  # fmt: skip
 
 
-def left_out(m: Any, bodies: Sequence[str]) -> tuple[list[Omission], list[str]]:
-    """Return what an MjModel holds that is not modelled, and those parts that change the motion in MuJoCo."""
+def left_out(m: Any, text: str, bodies: Sequence[str]) -> tuple[list[Omission], list[str]]:
+    """Return what an MjModel holds that is not modelled, and those parts that change the motion in MuJoCo.
+
+    `text` is its MJCF as MuJoCo writes it, `bodies` the names of its bodies.
+    """
     omitted, ignored = [], []
-    for attribute, words, why, moves in _COUNTED:
+    for attribute, words, kind, why, moves in _COUNTED:
         count = int(getattr(m, attribute, 0))
         if count:
-            omitted.append(Omission(f"{count} {words}", why))
+            names = [getattr(m, kind)(k).name for k in range(count)] if kind else []
+            named = f" ({_listed(names)})" if any(names) else ""
+            omitted.append(Omission(f"{count} {words}{named}", why))
             if moves:
-                ignored.append(f"{count} {words}")
+                ignored.append(f"{count} {words}{named}")
     softened = _softened(m)
     if softened:
         omitted.append(
             Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given")
         )
-    for what, why in (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m), *_of_options(m)):
+    found = (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m, bodies), *_of_options(m))
+    unknown = ((what, "mbvi does not know it") for what in unknown_parts(text))
+    for what, why in (*found, *unknown):
         omitted.append(Omission(what, why))
         ignored.append(what)
     return omitted, ignored
@@ -72,6 +87,7 @@ def _of_joints(m: Any) -> Iterator[tuple[str, str]]:
         ("springs", where(springs), "add their torques by control"),
         ("dry friction", where(rows(m.dof_frictionloss)), "joints have none"),
         ("limits", where((m.jnt_type == _BALL) & (m.jnt_limited != 0)), "ball joints have none"),
+        ("margins of limits", where((m.jnt_margin != 0.0) & (m.jnt_limited != 0)), "limits bear at their values"),
         ("armature", where((m.jnt_type == _FREE) & np.array(rows(m.dof_armature))), "free joints have none"),
     ]
     if hasattr(m, "dof_dampingpoly"):
@@ -87,16 +103,33 @@ def _of_bodies(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
         yield f"gravity compensation of {_listed(lifted)}", "add it by control"
 
 
-def _of_geoms(m: Any) -> Iterator[tuple[str, str]]:
+def _of_geoms(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
+    if disabled(m, "CONTACT", "CONSTRAINT"):
+        return
     touching = (m.geom_contype != 0) | (m.geom_conaffinity != 0)
-    for what, values, why in (
-        ("margin", m.geom_margin, "contacts close at distance 0"),
-        ("torsional and rolling friction", m.geom_condim > 3, "friction is Coulomb's at a point"),
-        ("adhesion", getattr(m, "geom_adhesion", np.zeros(m.ngeom)), "contacts only push"),
+    touching[[*m.pair_geom1.tolist(), *m.pair_geom2.tolist()]] = True
+    geoms = [m.geom(g).name or f"a geom of {bodies[int(m.geom_bodyid[g])]}" for g in range(m.ngeom)]
+    pairs = [f"pair {geoms[int(a)]} | {geoms[int(b)]}" for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
+    along = np.array(m.pair_friction[:, 0] != m.pair_friction[:, 1]) & (m.pair_dim > 1)
+    for what, owners, values, why in (
+        ("margin", geoms, m.geom_margin, "contacts close at distance 0"),
+        ("gap", geoms, getattr(m, "geom_gap", ()), "contacts bear at distance 0"),
+        ("torsional and rolling friction", geoms, m.geom_condim > 3, "friction is Coulomb's at a point"),
+        ("adhesion", geoms, getattr(m, "geom_adhesion", ()), "contacts only push"),
+        ("surface velocity (surfacevel)", geoms, getattr(m, "geom_surfacevel", ()), "surfaces move with their bodies"),
+        ("margin", pairs, m.pair_margin, "contacts close at distance 0"),
+        ("gap", pairs, m.pair_gap, "contacts bear at distance 0"),
+        ("torsional and rolling friction", pairs, m.pair_dim > 3, "friction is Coulomb's at a point"),
+        ("friction of two directions", pairs, along, "it is the same in all directions"),
+        ("adhesion", pairs, getattr(m, "pair_adhesion", ()), "contacts only push"),
     ):
-        count = int(np.count_nonzero(np.asarray(values).reshape(m.ngeom, -1).any(axis=1) & touching))
-        if count:
-            yield f"{what} of {count} geoms", why
+        each = np.asarray(values)
+        if not each.size:
+            continue
+        there = each.reshape(len(owners), -1).any(axis=1) & (touching if owners is geoms else True)
+        named = list(dict.fromkeys(owners[k] for k in np.flatnonzero(there)))
+        if named:
+            yield f"{what} of {_listed(named)}", why
 
 
 def _softened(m: Any) -> str:
@@ -115,10 +148,14 @@ def _softened(m: Any) -> str:
 def _of_options(m: Any) -> Iterator[tuple[str, str]]:
     if m.opt.density or m.opt.viscosity or np.any(m.opt.wind):
         yield "air and water (density, viscosity, wind)", "add their forces by add_force"
-    bits = mujoco_module().mjtDisableBit
-    off = [word.lower() for word in _FLAGS if m.opt.disableflags & int(getattr(bits, f"mjDSBL_{word}", 0))]
-    if off:
-        yield f"flags that disable {', '.join(off)}", "set the scene instead"
+    mujoco = mujoco_module()
+    for bits, prefix, given in (
+        (mujoco.mjtDisableBit, "mjDSBL_", m.opt.disableflags), (mujoco.mjtEnableBit, "mjENBL_", m.opt.enableflags)
+    ):  # fmt: skip
+        for name, bit in bits.__members__.items():
+            flag = name.removeprefix(prefix)
+            if name.startswith(prefix) and given & int(bit) and flag not in _HONOURED + _NO_EFFECT:
+                yield f"flag {flag.lower()}", "set the scene instead"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from ..arguments import (
     not_negative,
     numbers_by_name,
     optional,
+    printable,
     several_names,
     vector,
 )
@@ -55,6 +56,7 @@ class MjcfModels:
         locked: Sequence[str] = (),
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
+        keyframe: str | None = None,
     ) -> str:
         """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, inertias, and what touches what.
 
@@ -71,6 +73,9 @@ class MjcfModels:
             frame of its body.
         base_velocity : array_like, shape (6,)
             As `add_urdf`, of a model that hangs on one free joint.
+        keyframe : str, optional
+            Name of the file's keyframe whose positions and velocities it starts from; `joints`, `velocity` and
+            `base_velocity` go before it.
 
         Returns
         -------
@@ -97,11 +102,12 @@ class MjcfModels:
         still, within = several_names(locked, "locked"), optional(not_negative, tolerance, "tolerance")
         pose = pin.SE3(rotation_matrix(rotation), vector(position, "position"))
         own = self._items.new_name(given, given or made_label(mjcf_name(file)))
-        found = load_mjcf(file, pose, own, self._items.names())
+        found = load_mjcf(file, pose, own, self._items.names(), optional(printable, keyframe, "keyframe"))
         robot, base = found.robot, found.base
         place, turn = found.pose.translation.copy(), found.pose.rotation.copy()
-        q0, v0 = initial_state(robot, base, place, turn, placed, moving)
-        set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
+        q0, v0 = initial_state(robot, base, place, turn, placed, moving, found.velocity)
+        if keyframe is None or base_velocity is not _STILL:
+            set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
         ignored = list(found.ignored)

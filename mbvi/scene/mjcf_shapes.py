@@ -12,7 +12,7 @@ from ..arguments import made_label
 from ..errors import InputError, MjcfError
 from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from .meshes import LARGEST_LENGTH
-from .mjcf_file import mujoco_module, placement
+from .mjcf_file import disabled, placement
 from .reductions import Omission
 from .self_pairs import Overlaps, poses_of
 
@@ -59,7 +59,7 @@ class Geoms:
     ) -> None:
         self._m, self._joint, self._names, self._taken = m, joint, names, taken
         self._name = name
-        self._filters_parents = not m.opt.disableflags & int(mujoco_module().mjtDisableBit.mjDSBL_FILTERPARENT)
+        self._filters_parents = not disabled(m, "FILTERPARENT")
         self._excluded = set(m.exclude_signature.tolist())
         self.shapes: list[PlacedShape] = []
         self.statics: dict[str, PlacedShape] = {}
@@ -70,8 +70,11 @@ class Geoms:
         self._geom: dict[str, int] = {}
         paired = {*m.pair_geom1.tolist(), *m.pair_geom2.tolist()}
         seen = [g for g in range(m.ngeom) if m.geom_contype[g] == m.geom_conaffinity[g] == 0 and g not in paired]
+        why = "contype and conaffinity are 0"
+        if disabled(m, "CONTACT", "CONSTRAINT"):
+            seen, why = list(range(m.ngeom)), "a flag of the file disables contacts"
         if seen:
-            self.omitted.append(Omission(f"{len(seen)} geoms without contact", "contype and conaffinity are 0"))
+            self.omitted.append(Omission(f"{len(seen)} geoms without contact", why))
         carriers = self._carriers()
         for g in range(m.ngeom):
             if g in seen:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from ..constraints import ConstraintFamily
 from ..geometry.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
-from .plane import check_same_plane
+from .actuation import places_of
+from .named_state import named_state
+from .plane import axes_of, check_same_plane
 from .reductions import Omission, savings
 
 if TYPE_CHECKING:
@@ -91,6 +93,12 @@ class SceneModel:
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
         return [self.start.note] if self.start is not None and np.array_equal(self.start.q, problem.q0) else []
+
+    def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
+        """Return q and v of a problem with values given by name, shapes (nq,) and (nv,); see `Problem.state`."""
+        planar = self.items.plane is not None and "plane" in self.reduce
+        axes = axes_of(self.items.plane) if planar and self.items.plane else None
+        return named_state(problem, places_of(self.items, axes, self.system), q, v)
 
     def check_in_plane(self, problem: Problem, q: Array) -> None:
         """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""

@@ -120,8 +120,8 @@ class State:
         `control(t, q, v)` is given: those of `problem.model(name)`, without locked joints. A rigid body's are its
         centre of mass and quaternion (x, y, z, w), shape (7,) [m], and the velocity of the centre of mass in the world
         with the angular velocity in the body's own axes, shape (6,) [m/s, rad/s]; a sphere's are its centre and its
-        velocity, shape (3,). Bodies and spheres of a planar scene have the same shapes. A group of n has one row each,
-        and its members are found by their own names, "boxes[2]".
+        velocity, shape (3,), or those of a rigid body where friction turns it. Bodies and spheres of a planar scene
+        have the same shapes. A group of n has one row each, and its members are found by their own names, "boxes[2]".
     """
 
     t: float

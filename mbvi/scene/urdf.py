@@ -326,10 +326,14 @@ def initial_state(
     rotation: Array,
     joints: Mapping[str, float],
     velocity: Mapping[str, float],
+    rates: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and the values of single joints."""
+    """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and the values of single joints.
+
+    Joints that are not given stand at the robot's reference, and move at `rates`, shape (nv,).
+    """
     model = robot.model
-    q, v = robot.reference.copy(), np.zeros(model.nv)
+    q, v = robot.reference.copy(), np.zeros(model.nv) + rates
     names = list(model.names)
     first = 1
     if base == "free":

@@ -177,7 +177,7 @@ class ArticulatedSystem(System):
     def set_control(self, control: Control | None) -> None:
         """Replace the control."""
         if isinstance(control, LoopControl):
-            control.check(list(zip(list(self.model.nqs)[1:], list(self.model.nvs)[1:], strict=True)), self.name)
+            control = control.fitted(self.model, self.name)
         self.control, self.controlled = control, control is not None
         # a control is called once in each step
         self.velocity_dependent = control is None

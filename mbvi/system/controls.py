@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from ..arguments import array, function, integer, shown
+from ..arguments import array, function, integer, several_names, shown
 from ..compiled import call_address, kernel, plain_array, record
 from ..errors import InputError
 from .given import called
+from .named_joints import expanded, in_order
 from .system import Array
 
 # what a control is
@@ -125,6 +127,11 @@ class LoopControl:
         write_torque(self.table, t, plain_array(q), plain_array(v), torque)
         return torque
 
+    def fitted(self, model: pin.Model, name: str) -> LoopControl:
+        """Return the control as it acts on a robot of that name, or raise `InputError` if it does not fit."""
+        self.check(list(zip(list(model.nqs)[1:], list(model.nvs)[1:], strict=True)), name)
+        return self
+
     def check(self, sizes: list[tuple[int, int]], name: str) -> None:
         """Raise `InputError` if the control does not fit a robot, of whose joints nq and nv are given."""
         n, nv = self.table.torque.shape[1], sum(size for _, size in sizes)
@@ -171,41 +178,52 @@ class PDControl(LoopControl):
 
     Parameters
     ----------
-    q : ndarray, shape (n,) or (k, n)
-        Positions of the robot's last n joints, each with one degree of freedom [rad or m].
-    stiffness, damping : float or ndarray, shape (n,)
-        Gains [N m/rad, N m s/rad].
-    v : ndarray, shape (n,) or (k, n), optional
-        Their velocities; zero by default.
-    torque : ndarray, shape (n,) or (k, n), optional
-        Torques that are added [N m]; zero by default.
+    q : ndarray, shape (n,) or (k, n), or mapping of str to float or ndarray
+        Positions of the robot's last n joints, each with one degree of freedom [rad or m]; or of joints by name, on
+        which alone it acts, {"knee": 0.4}, with k values each along a trajectory.
+    stiffness, damping : float, ndarray, shape (n,), or mapping
+        Gains [N m/rad, N m s/rad]; by name of all joints that q names.
+    v, torque : ndarray, shape (n,) or (k, n), or mapping, optional
+        Velocities, and torques that are added [N m]; by name of some of the joints that q names. Zero by default.
     times : ndarray, shape (k,), optional
         Times of the trajectory, ascending [s].
-    limit : float or ndarray, shape (n,), optional
-        Largest torques [N m]; none by default.
+    limit : float, ndarray, shape (n,), mapping, or "effort", optional
+        Largest torques [N m]; by name of some joints; "effort": those of the robot's file. None by default.
 
     Attributes
     ----------
     q, v, torque : ndarray, shape (k, n)
-        The same, with k = 1 without times; between the steps of a `Simulator` they may be written to.
+        The same, with k = 1 without times; between the steps of a `Simulator` they may be written to, unless joints are
+        named or efforts are taken from the file: then each robot has a copy.
 
     Raises
     ------
     InputError
-        If shapes do not fit, numbers are not finite, times do not ascend, or a gain or limit is negative.
+        If shapes do not fit, numbers are not finite, times do not ascend, a gain or limit is negative, or names differ
+        from those of q. With a robot, if it has no such joint, or its file no effort limit of one that is above 0.
     """
 
     def __init__(
         self,
-        q: Array,
-        stiffness: float | Array,
-        damping: float | Array,
+        q: Array | Mapping[str, Any],
+        stiffness: float | Array | Mapping[str, float],
+        damping: float | Array | Mapping[str, float],
         *,
-        v: Array | None = None,
-        torque: Array | None = None,
+        v: Array | Mapping[str, Any] | None = None,
+        torque: Array | Mapping[str, Any] | None = None,
         times: Array | None = None,
-        limit: float | Array | None = None,
+        limit: float | Array | Mapping[str, float] | Literal["effort"] | None = None,
     ) -> None:
+        self._joints = several_names(list(q), "q") if isinstance(q, Mapping) else None
+        self._of_file = isinstance(limit, str)
+        if self._of_file and limit != "effort":
+            raise InputError(f"limit must be numbers or 'effort', the limits of the robot's file; got {shown(limit)}")
+        joints = self._joints
+        q, stiffness, damping = (
+            in_order(one, name, joints) for one, name in ((q, "q"), (stiffness, "stiffness"), (damping, "damping"))
+        )
+        v, torque = in_order(v, "v", joints, 0.0), in_order(torque, "torque", joints, 0.0)
+        limit = None if self._of_file else in_order(limit, "limit", joints, np.inf)
         k = 1 if times is None else len(array(times, "times", ("k",)))
         place = array(q, "q", ("n",) if times is None else (k, "n")).reshape(k, -1)
         n = place.shape[1]
@@ -214,7 +232,7 @@ class PDControl(LoopControl):
             for each, name in ((torque, "torque"), (v, "v"))
         ]
         gains = [_not_negative(each, name, n) for each, name in ((stiffness, "stiffness"), (damping, "damping"))]
-        most = np.full(n, np.inf) if limit is None else _not_negative(limit, "limit", n)
+        most = np.full(n, np.inf) if limit is None else _not_negative(limit, "limit", n, finite=self._joints is None)
         when = np.zeros(1) if times is None else array(times, "times", ("k",))
         if (np.diff(when) <= 0.0).any():
             raise InputError("times must ascend")
@@ -222,6 +240,22 @@ class PDControl(LoopControl):
         self.table = _tracking(self.torque, when)._replace(
             q=self.q, v=self.v, stiffness=gains[0], damping=gains[1], limit=most
         )
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torque at (t, q, v), shape (nv,) [N, N m]."""
+        if self._joints is not None or self._of_file:
+            raise InputError("a control with names of joints, or efforts of a file, is that of a robot: give it to one")
+        return super().__call__(t, q, v)
+
+    def fitted(self, model: pin.Model, name: str) -> LoopControl:
+        """Return the control as it acts on a robot of that name, or raise `InputError` if it does not fit."""
+        if self._joints is None and not self._of_file:
+            return super().fitted(model, name)
+        new = object.__new__(PDControl)
+        new._joints, new._of_file = None, False
+        new.table = table = expanded(self.table, model, self._joints, self._of_file, name)
+        new.q, new.v, new.torque = table.q, table.v, table.torque
+        return new.fitted(model, name)
 
 
 class HeldTorque(LoopControl):
@@ -357,18 +391,18 @@ def _tracking(torque: Array, times: Array | None = None) -> ControlTable:
     return ControlTable(TRACKING, *numbers, when, torque, still, still, none, none, np.full(n, np.inf), position)
 
 
-def _rows(value: Array, name: str, k: int, n: int) -> Array:
+def _rows(value: Any, name: str, k: int, n: int) -> Array:
     given = array(value, name)
     if given.shape not in ((n,), (k, n)):
         raise InputError(f"{name} has shape {given.shape}; it must have ({n},) or ({k}, {n})")
     return np.broadcast_to(given, (k, n)).copy()
 
 
-def _not_negative(value: float | Array, name: str, n: int) -> Array:
-    given = array(value, name)
+def _not_negative(value: Any, name: str, n: int, finite: bool = True) -> Array:
+    given = array(value, name) if finite else np.asarray(value)
     if given.shape not in ((), (n,)):
         raise InputError(f"{name} has shape {given.shape}; it must be one number or {n} of them")
-    if (given < 0.0).any():
+    if not (given >= 0.0).all():
         raise InputError(f"{name} must be at least 0; got {shown(value)}")
     return np.broadcast_to(given, (n,)).copy()
 
