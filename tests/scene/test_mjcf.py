@@ -318,15 +318,15 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     (warning,) = caught
     report = scene.build().report()
     moving = (
-        "1 tendons", "1 equality constraints", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
-        "limits of k", "gravity compensation of a", "margin of 1 geoms", "torsional and rolling friction of 1 geoms",
-        "density", "disable gravity", "height field", "gravity [0.0, 0.0, -9.81] of the file",
+        "1 tendons (t)", "1 equality constraints", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
+        "limits of k", "gravity compensation of a", "margin of g", "torsional and rolling friction of a geom of b",
+        "density", "height field", "gravity [0.0, 0.0, 0.0] of the file",
     )  # fmt: skip
     for words in moving:
         assert words in str(warning.message), words
         assert words in report, words
     softness = "softness (solref, solimp) of 1 geoms"
-    for words in ("1 sites", "1 cameras", "1 lights", "1 sensors", "1 keyframes", softness):
+    for words in ("1 sites", "1 cameras", "1 lights", "1 sensors", "1 keyframes (home)", softness):
         assert words in report and words not in str(warning.message)
 
 
@@ -362,6 +362,36 @@ def test_urdf_names_the_right_method_and_the_reason_against_sdf(tmp_path):
         file.write_text(text)
         with pytest.raises(mbvi.UrdfError, match=re.escape(said)):
             mbvi.Scene().add_urdf(file)
+
+
+@given(seed=st.integers(0, 2**31))
+@settings(max_examples=10, deadline=None)
+@pytest.mark.parametrize("text", [WALKER, LOOSE], ids=["walker", "loose"])
+def test_a_keyframe_is_mujocos_state(tmp_path_factory, text, seed):
+    rng = np.random.default_rng(seed)
+    plain = mujoco.MjModel.from_xml_string(text)
+    qpos = np.zeros(plain.nq)
+    qpos[:] = plain.qpos0
+    mujoco.mj_integratePos(plain, qpos, 0.2 * rng.normal(size=plain.nv), 1.0)
+    qvel = rng.normal(size=plain.nv)
+    numbers = f'qpos="{" ".join(map(repr, qpos.tolist()))}" qvel="{" ".join(map(repr, qvel.tolist()))}"'
+    keyed = text.replace("</mujoco>", f'<keyframe><key/><key name="home" {numbers}/></keyframe></mujoco>')
+    folder = tmp_path_factory.mktemp("keyframe")
+    scene, name, m = scene_of(keyed, folder, keyframe="home")
+    problem = scene.build((), resolve=True)
+    start = problem.scene.items.robots[0]
+    both = Beside(m, problem.model(name))
+    np.testing.assert_allclose(start.q0, both.q(qpos), atol=1e-12)
+    np.testing.assert_allclose(start.v0, both.turn(qpos) @ qvel, atol=1e-12)
+    still, _, _ = (
+        scene_of(keyed, folder, keyframe="home", base_velocity=np.zeros(6)) if text is WALKER else (scene, 0, 0)
+    )
+    assert text is not WALKER or not still.build((), resolve=True).v0[:6].any()
+
+
+def test_unknown_keyframes_are_refused(tmp_path):
+    with pytest.raises(mbvi.InputError, match="no keyframe 'home'; it has none"):
+        scene_of(WALKER, tmp_path, keyframe="home")
 
 
 def test_without_mujoco_the_error_names_the_extra(tmp_path, monkeypatch):

@@ -27,7 +27,7 @@ def falling(control, robot=HOPPER, **placed):
 def test_names_are_the_arrays_in_the_models_order(order, targets, gains, most):
     """Byte for byte, in any order of the names."""
     names = ("hip", "knee")
-    target, stiffness, damping = dict(zip(names, targets)), dict(zip(names, gains)), dict(zip(names, gains[2:]))
+    target, stiffness, damping = (dict(zip(names, values, strict=True)) for values in (targets, gains[:2], gains[2:]))
     named = mbvi.PDControl(
         {joint: target[joint] for joint in order}, stiffness, damping, limit=dict.fromkeys(names, most)
     )

@@ -272,7 +272,7 @@ def mjcf() -> str:
     path.write_text(
         '<mujoco model="model"><worldbody><body><freejoint/><geom size=".1"/><body pos="0 0 .5"><joint name="hinge"/>'
         '<geom size=".1"/><body pos="0 0 .5"><joint name="slide" type="slide" range="-1 1"/><geom size=".1"/></body>'
-        "</body></body></worldbody></mujoco>"
+        '</body></body></worldbody><keyframe><key name="home"/></keyframe></mujoco>'
     )
     return str(path)
 
@@ -449,7 +449,7 @@ CALLS: dict[str, Call] = {
     "Scene.add_mjcf": _adds(
         "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
         velocity={"hinge": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="model", locked=["slide"],
-        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2),
+        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home",
     ),
     "Scene.add_sphere": _adds(
         "add_sphere", radius=0.1, mass=1.0, **{k: v for k, v in _BODY.items() if k in
@@ -464,6 +464,10 @@ CALLS: dict[str, Call] = {
     "Problem.at": Call(
         lambda **given: scene().build().at(**given),
         lambda: {"q": [5.0, 0.0, 1.0], "v": [0.0, 0.0, 0.0], "t": 0.5, "check": True}, _moves,
+    ),
+    "Problem.state": Call(
+        lambda **given: scene().build().state(**given),
+        lambda: {"q": {"ball": [5.0, 0.0, 1.0]}, "v": {"ball": [0.0, 0.0, 1.0]}},
     ),
     "Problem.model": Call(lambda **given: _controlled().build().model(**given), lambda: {"name": "hopper"}),
     "Scene.add_box": _adds("add_box", size=(0.1, 0.2, 0.3), mass=1.0, **_BODY),
