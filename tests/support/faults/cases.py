@@ -15,9 +15,16 @@ import numpy as np
 
 import mbvi
 from support.faults import damaged_files, mutated_robots, wrong_arguments
+from support.faults.robot_cases import controls, gains, mjcf, names, pairs, rotations
+from support.faults.study_cases import studies, workers
 from support.paths import ROBOTS
 from support.programs import run, started
 from support.random_scenes import SHAPES, add_shape, random_scene
+
+__all__ = [
+    "arguments", "controls", "disks", "files", "gains", "kills", "mjcf", "names", "pairs", "rotations", "scenes",
+    "studies", "units", "urdf", "workers",
+]  # fmt: skip
 
 SCHEMES = (
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.SchatzmanPaoli(),
