@@ -122,6 +122,17 @@ def warn_of_gains(problem: Problem, h: float) -> list[str]:
     return [words]
 
 
+def turned_by_gains(problem: Problem, h: float, t: float, q: Array, v: Array) -> bool:
+    """Return whether a joint turns more than once in a step of h [s], and a control is unstable there."""
+    swift = any(
+        isinstance(part.system, ArticulatedSystem)
+        and part.system.control is not None
+        and h * np.abs(v[part.v : part.v + part.system.nv]).max(initial=0.0) > 2.0 * np.pi
+        for part in located_parts(problem.system)
+    )
+    return swift and unstable_gains(problem, h, [(t, q, v)], functions=True) is not None
+
+
 @contextmanager
 def failures_with_time(problem: Problem, h: float, state: Callable[[], Step]) -> Iterator[None]:
     """Give errors of steps their time, and name the control where its gains are what made the run diverge.
