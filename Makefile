@@ -32,7 +32,7 @@ check: $(VENV)/installed-test
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
 
-# fuzz scenes, URDFs, arguments and files, kill runs and fill disks, for nine minutes
+# fuzz scenes, states, controls, URDFs, arguments, files and studies, kill runs and workers, fill disks, for 13 minutes
 faults: $(VENV)/installed-test
 	$(VENV)/bin/python benchmarks/faults.py
 

@@ -1,4 +1,4 @@
-"""Inject faults: fuzzed scenes, units, URDFs, arguments and files, killed runs and full disks. `make faults`.
+"""Inject faults: fuzzed scenes, states, controls, URDFs, arguments, files, studies, kills, full disks. `make faults`.
 
 Every case is a seed. Cases run in worker processes, so that a crash or a hang is counted instead of ending the program.
 A case is "held" if it gave the right answer, "refused" if mbvi raised one of its own errors, and a fault otherwise:
@@ -24,9 +24,13 @@ HERE = Path(__file__).resolve()
 sys.path.insert(0, str(HERE.parent.parent / "tests"))
 
 # kinds of faults and their shares of the time
-SHARES = {"scenes": 3.0, "units": 2.0, "urdf": 2.0, "arguments": 1.5, "files": 2.0, "kills": 1.0, "disks": 1.0}
-# a case without output for this time hangs [s]
-PATIENCE = 60.0
+SHARES = {
+    "scenes": 3.0, "units": 2.0, "urdf": 2.0, "arguments": 1.5, "files": 2.0, "kills": 1.0, "disks": 1.0,
+    "rotations": 0.5, "names": 0.5, "controls": 1.0, "gains": 1.0, "pairs": 1.0, "mjcf": 0.5, "studies": 1.0,
+    "workers": 2.0,
+}  # fmt: skip
+# a case without output for this time hangs [s]; in those of "workers" processes start many times
+PATIENCE, PATIENCE_WITH_WORKERS = 60.0, 300.0
 
 
 def work(kind: str, first: int, stride: int) -> None:
@@ -104,10 +108,11 @@ class Worker:
 
     def hung(self) -> list[dict[str, object]]:
         """Return the verdict "hang" and go on with the next case if the process has printed nothing for long."""
-        if time.monotonic() - self.since < PATIENCE:
+        patience = PATIENCE_WITH_WORKERS if self.kind == "workers" else PATIENCE
+        if time.monotonic() - self.since < patience:
             return []
         self.stop()
-        hang = {"seed": self.seed, "verdict": "hang", "detail": f"nothing for {PATIENCE:.0f} s"}
+        hang = {"seed": self.seed, "verdict": "hang", "detail": f"nothing for {patience:.0f} s"}
         self.seed += self.stride
         self.start()
         return [hang]
@@ -140,7 +145,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kinds", nargs="*", default=list(SHARES), metavar="KIND", help=", ".join(SHARES))
     parser.add_argument("--seed", type=int, default=0, help="first seed of each kind")
-    parser.add_argument("--minutes", type=float, default=9.0, help="total time [min]")
+    parser.add_argument("--minutes", type=float, default=13.0, help="total time [min]")
     parser.add_argument("--jobs", type=int, default=2, help="worker processes")
     parser.add_argument("--case", type=int, help="run only the case of this seed and one kind, in this process")
     asked = parser.parse_args()

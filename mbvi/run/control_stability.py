@@ -11,7 +11,8 @@ from ..errors import DivergedError, MbviError, ProjectionError
 from ..problem import Problem
 from ..schemes import Step
 from ..system import ArticulatedSystem, located_parts
-from ..system.controls import TRACKING, LoopControl
+from ..system.control_table import TRACKING
+from ..system.controls import LoopControl
 from ..system.system import Array
 
 # h d + (h w)^2 / 2 below which explicit steps are stable, and its value at the gains and steps that are suggested: in
@@ -117,6 +118,17 @@ def gain_notes(problem: Problem, h: float) -> list[str]:
     # no warning: a robot that stands may bear such gains
     words = unstable_gains(problem, h, [(problem.t0, problem.q0, problem.v0)], functions=False)
     return [] if words is None else [words]
+
+
+def turned_by_gains(problem: Problem, h: float, t: float, q: Array, v: Array) -> bool:
+    """Return whether a joint turns more than once in a step of h [s], and a control is unstable there."""
+    swift = any(
+        isinstance(part.system, ArticulatedSystem)
+        and part.system.control is not None
+        and h * np.abs(v[part.v : part.v + part.system.nv]).max(initial=0.0) > 2.0 * np.pi
+        for part in located_parts(problem.system)
+    )
+    return swift and unstable_gains(problem, h, [(t, q, v)], functions=True) is not None
 
 
 @contextmanager

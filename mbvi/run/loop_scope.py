@@ -8,7 +8,8 @@ from ..constraints.mechanism_state import can_be_compiled
 from ..problem import Problem
 from ..schemes import Centered, MoreauJean, Paoli, Scheme, StewartTrinkle
 from ..system.articulated import ArticulatedSystem
-from ..system.controls import TRACKING, ControlTable, LoopControl, no_control, side_by_side
+from ..system.control_table import TRACKING, ControlTable, no_control, side_by_side
+from ..system.controls import LoopControl
 from ..system.joined import can_be_joined
 from ..system.system import Array, Part, System, located_parts, parts_of
 from .step_loop import Loop, run_centered, run_moreau_jean, run_paoli, run_stewart_trinkle

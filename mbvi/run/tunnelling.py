@@ -14,6 +14,7 @@ from ..schemes import Scheme, Step
 from ..schemes.event_driven.root_finding import first_root_by_slope
 from ..schemes.observer import observer
 from ..system.system import Array
+from .control_stability import turned_by_gains
 
 # v . v at and above which a run has diverged
 RUNAWAY = 1e16
@@ -124,9 +125,13 @@ class TunnellingGuard:
         )
 
     def _check(self, state: Step, h: float) -> None:
-        """Raise `DivergedError` if velocities are too large or not finite."""
+        """Raise `DivergedError` if velocities are too large or not finite, or gains let a robot run away.
+
+        Each step of such a robot has more contacts than the one before, and takes longer.
+        """
         # written so that a NaN raises too
-        if not state.v.dot(state.v) < RUNAWAY:
+        runaway = not state.v.dot(state.v) < RUNAWAY
+        if runaway or turned_by_gains(self._problem, h, state.t, state.q, state.v):
             raise DivergedError(
                 f"the velocity runs away at t = {state.t:.6g} s, to {np.abs(state.v).max():.3g}: the forces change too "
                 f"fast for h = {h:g} s; take a smaller step, or give light links damping or more inertia"

@@ -20,7 +20,7 @@ from ..projection.frictional_step import frictional_tree_law
 from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
-from ..system.controls import ControlTable, write_torque
+from ..system.control_table import ControlTable, write_torque
 from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import nonlinear_effects, retract
 from ..system.system import Array

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..arguments import shown
 from ..errors import InputError
+from .control_table import ControlTable
 from .system import Array
-
-if TYPE_CHECKING:
-    from .controls import ControlTable
 
 
 def in_order(given: Any, what: str, joints: Sequence[str] | None, missing: float | None = None) -> Any:

@@ -5,7 +5,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 import zipfile
 from importlib.metadata import version
@@ -19,6 +18,7 @@ from mbvi.cli.scheme_names import SchemeName
 from mbvi.cli.solver_names import SolverName
 from mbvi.studies.shipped import robot_path
 from support.paths import ROBOTS
+from support.programs import run
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
 ARM = ROBOTS / "arm/arm.urdf"
@@ -285,9 +285,7 @@ def test_the_help_of_every_command_has_examples_with_options_that_exist(command,
 def test_commands_are_completed_by_the_shell():
     environment = {**os.environ, "_MBVI_COMPLETE": "complete_bash", "COMP_WORDS": "mbvi s", "COMP_CWORD": "1"}
     program = "from mbvi.cli.main import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, cwd=ROBOTS.parent
-    )
+    done = run([sys.executable, "-c", program], env=environment, cwd=ROBOTS.parent)
     assert sorted(done.stdout.split()) == ["simulate", "stress", "sweep"]
 
 
@@ -306,9 +304,7 @@ def test_a_run_that_fails_has_exit_code_1(command, tmp_path):
 
 
 def test_the_installed_command_runs():
-    done = subprocess.run(
-        [Path(sys.executable).parent / "mbvi", "--version"], capture_output=True, text=True, timeout=60
-    )
+    done = run([Path(sys.executable).parent / "mbvi", "--version"], env=None)
     assert done.returncode == 0 and done.stdout.startswith(f"mbvi {mbvi.__version__}\n")
 
 
@@ -325,7 +321,8 @@ def test_an_unknown_robot_is_refused_with_the_known_ones():
 @pytest.mark.slow
 def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
     wheel = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"]
-    subprocess.run([*wheel, "--wheel-dir", tmp_path, ROBOTS.parent], check=True, timeout=300)
+    built = run([*wheel, "--wheel-dir", tmp_path, ROBOTS.parent], env=None)
+    assert built.returncode == 0, built.stderr
     site, work = tmp_path / "site", tmp_path / "work"
     with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
         archive.extractall(site)
@@ -338,9 +335,7 @@ def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
     program = "import mbvi, mbvi.studies.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
     program += "from mbvi.cli.main import main; main(['demo'])"
     environment = {**os.environ, "PYTHONPATH": str(site)}
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=work, env=environment, capture_output=True, text=True, timeout=300
-    )
+    done = run([sys.executable, "-c", program], cwd=work, env=environment)
     assert done.returncode == 0, done.stderr
     first = f"{site / 'mbvi/__init__.py'} {site / 'mbvi/robots/hopper/hopper.urdf'}"
     assert done.stdout.splitlines()[0] == first

@@ -19,6 +19,7 @@ import pytest
 import mbvi
 from mbvi.compiled import KERNELS, kernel
 from mbvi.compiled.interrupts import interrupts_later
+from support.programs import LIMIT, interruptible, run, started
 
 LANDING = """
 import sys
@@ -57,7 +58,7 @@ def process(code, package=None, **environment):
         code = f"import mbvi\nassert mbvi.__path__ == [{str(package)!r}]\n{code}"
     # without -P the working directory's package would come first
     command = [sys.executable, "-P", "-c", code]
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    done = run(command, env=variables)
     assert done.returncode == 0, done.stderr
     return done.stdout, done.stderr
 
@@ -236,19 +237,15 @@ with one_process(Path(sys.argv[1])), one_process(Path(sys.argv[1])):
 def test_a_process_that_is_killed_keeps_nobody_out(tmp_path):
     command, pipe = [sys.executable, "-c", HOLD, str(tmp_path)], subprocess.PIPE
     with (
-        subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as first,
-        subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as second,
+        started(command, stdin=pipe, stderr=None) as first,
+        started(command, stdin=pipe) as second,
     ):
-        try:
-            held = [child for child in (first, second) if select.select([child.stdout], [], [], 10.0)[0]][:1]
-            assert len(held) == 1
-            other = second if held[0] is first else first
-            assert not select.select([other.stdout], [], [], 0.3)[0]
-            held[0].kill()
-            assert other.stdout.readline() == "held\n"
-        finally:
-            first.kill()
-            second.kill()
+        held = select.select([first.stdout, second.stdout], [], [], LIMIT)[0]
+        assert len(held) == 1
+        holder, other = (first, second) if held[0] is first.stdout else (second, first)
+        assert not select.select([other.stdout], [], [], 0.3)[0]
+        holder.kill()
+        assert other.stdout.readline() == "held\n"
 
 
 KERNEL = """
@@ -367,7 +364,7 @@ def test_ctrl_c_is_held_back_and_never_lost():
     before = signal.getsignal(signal.SIGINT)
     done = 0
     # a kernel that is compiled may compile others
-    with pytest.raises(KeyboardInterrupt), interrupts_later():
+    with pytest.raises(KeyboardInterrupt), interruptible(), interrupts_later():
         with interrupts_later():
             os.kill(os.getpid(), signal.SIGINT)
             done = sum(range(1000))
@@ -399,18 +396,12 @@ sys.stdin.read()
 
 def interrupted(delay, **environment):
     """Send Ctrl-C a time after loading began; return what the process printed to both its ends, and how it ended."""
-    command = [sys.executable, "-c", INTERRUPTED]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(
-        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=os.environ | environment
-    ) as child:  # fmt: skip
-        try:
-            assert child.stdout.readline() == "loading\n"
-            time.sleep(delay)
-            child.send_signal(signal.SIGINT)
-            out, said = child.communicate(timeout=60)
-        finally:
-            child.kill()
+    command, pipe = [sys.executable, "-c", INTERRUPTED], subprocess.PIPE
+    with started(command, stdin=pipe, env=os.environ | environment) as child:
+        assert child.stdout.readline() == "loading\n"
+        time.sleep(delay)
+        child.send_signal(signal.SIGINT)
+        out, said = child.communicate(timeout=LIMIT)
     return out, said, child.returncode
 
 

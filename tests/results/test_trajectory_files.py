@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -20,7 +21,8 @@ from mbvi.results.pages import damaged_pages, find_record
 from support.comparisons import same_states
 from support.faults import damaged_files as faults
 from support.paths import DATA, ROBOTS
-from support.programs import environment
+from support.programs import LIMIT, interruptible, started
+from support.programs import run as run_program
 from support.scenes import hopper_and_brick
 
 OLD = DATA / "old_files"
@@ -91,10 +93,7 @@ print(json.dumps(found))
 def test_a_file_size_limit_at_any_place_is_an_error_and_what_was_written_loads(tmp_path):
     """The limit stands for a full disk: both are errors of the same calls."""
     limits = [1, 1000, *np.geomspace(8e3, 1.2e6, 10).astype(int).tolist()]
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(tmp_path / "run.h5"), json.dumps(limits)],
-        env=environment(), capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    done = run_program([sys.executable, "-c", LIMITED, tmp_path / "run.h5", json.dumps(limits)])
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     for mode in ("save", "paoli", "located"):
@@ -269,7 +268,7 @@ def test_an_interrupt_within_a_write_waits_for_its_end(at, run, tmp_path, monkey
         during.append(number)
 
     observed(monkeypatch, interrupt)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), interruptible():
         run.save(tmp_path / "run.h5")
     assert during[-1] > at or len(during) % 2 == 0
     monkeypatch.undo()
@@ -305,9 +304,8 @@ def test_python_may_end_while_a_thread_writes(tmp_path):
         "go = lambda: mbvi.simulate(p, mbvi.Paoli(), step=1e-3, duration=1e4, every=1000, out=sys.argv[1])\n"
         "threading.Thread(target=go, daemon=True).start()\ntime.sleep(3.0)\n"
     )
-    command = [sys.executable, "-c", program, str(tmp_path / "run.h5")]
-    done = subprocess.run(command, env=environment(), timeout=60, check=False)
-    assert done.returncode == 0
+    done = run_program([sys.executable, "-c", program, tmp_path / "run.h5"])
+    assert done.returncode == 0, done.stderr
     assert not mbvi.load(tmp_path / "run.h5").complete
 
 
@@ -616,10 +614,7 @@ print("done")
 
 
 def test_an_interrupt_carries_the_run_so_far(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "run.h5")],
-        env=environment(), capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = run_program([sys.executable, "-c", INTERRUPTED, tmp_path / "run.h5"])
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
 
@@ -636,19 +631,14 @@ def test_an_error_of_a_step_carries_the_run_so_far():
 def test_the_command_line_says_where_an_interrupted_run_is(out, tmp_path):
     command = [sys.executable, "-c", "import sys; from mbvi.cli.main import main; main(sys.argv[1:])", "simulate"]
     command += [str(ROBOTS / "hopper/hopper.urdf"), "--duration", "1000", "--every", "10", "--step", "1e-3"]
-    child = subprocess.Popen(
-        command + (["--out", out] if out else []),
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(),
-    )  # fmt: skip
-    # the problem is printed before the run starts
-    while child.stdout.readline().strip():
-        pass
-    try:
-        child.wait(3.0)
-    except subprocess.TimeoutExpired:
+    with started(command + (["--out", out] if out else []), cwd=tmp_path) as child:
+        # the problem is printed before the run starts
+        while child.stdout.readline().strip():
+            pass
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(3.0)
         child.send_signal(signal.SIGINT)
-    said, error = child.communicate(timeout=60)
+        said, error = child.communicate(timeout=LIMIT)
     path = tmp_path / (out or "interrupted.h5")
     assert (child.returncode, error) == (130, "mbvi: interrupted\n")
     assert f"{path.name} (interrupted at t = " in said

@@ -90,3 +90,26 @@ def test_gains_of_a_pd_control_are_checked_before_the_first_step():
         pendulum(mbvi.PDControl(np.zeros(2), 3e4, 500.0, limit=1.0)), mbvi.Paoli(), step=STEP, duration=0.01
     )
     assert any("the control of pendulum is unstable at h = 0.001 s: joint" in note for note in run.notes)
+
+
+@pytest.mark.parametrize("step", [1e-2, 1.03e-2, 2e-2])
+def test_a_robot_that_runs_away_ends_before_its_steps_become_endless(step):
+    """Each step has more contacts than the one before; at the end one of them took minutes."""
+    scene = mbvi.Scene(friction=0.7)
+    scene.add_halfspace((0.3, 0, 1), name="slope")
+    hold = lambda t, q, v: np.concatenate([np.zeros(6), 200.0 * (0.5 - q[7:]) - 1.5 * v[6:]])  # noqa: E731
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.5), control=hold, name="quadruped")
+    with pytest.raises(mbvi.DivergedError, match=r"of quadruped is unstable at h = .* it is stable with") as caught:
+        mbvi.simulate(scene.build(), step=step, duration=1.0)
+    run = caught.value.run
+    assert step * np.abs(run.v).max() < 2.0 * np.pi
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
+@pytest.mark.parametrize("value", [0.0, 1.9])
+def test_a_joint_with_stable_gains_may_turn_more_than_once_a_step(hinge, scheme, value):
+    control = None if value == 0.0 else mbvi.PDControl([0.0], 0.0, value * INERTIA / STEP)
+    problem = hinge(control).at([0.0], [1e4])
+    run = mbvi.simulate(problem, scheme, step=STEP, duration=20 * STEP)
+    # h d / I is the share of its velocity that it loses a step
+    np.testing.assert_allclose(run.v[:, 0], 1e4 * (1.0 - value) ** np.arange(21), rtol=1e-9)

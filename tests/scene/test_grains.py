@@ -1,6 +1,5 @@
 """Many bodies under one name, and containers around them."""
 
-import subprocess
 import sys
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 
 import mbvi
 from mbvi import packing
+from support.programs import run
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 TURN = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
@@ -91,9 +91,9 @@ scene.add_spheres(*mbvi.packing.layers((0, 0, 0), (1, 1), 0.01, count=10_000), d
 scene.build()
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True).stdout
+    done = run([sys.executable, "-c", code])
     # [kB]; three numbers for each pair would be 1.2 GB
-    assert int(told) < 300_000
+    assert int(done.stdout) < 300_000, done.stderr
 
 
 def test_a_container_is_a_floor_and_four_walls():

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from mbvi.system.controls import FUNCTION, HeldTorque, PDControl, no_control
+from mbvi.system.control_table import FUNCTION, no_control
+from mbvi.system.controls import HeldTorque, PDControl
 
 
 def ascending(rng, k):

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -29,6 +30,10 @@ def environment() -> dict[str, str]:
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let this process, and those that begin here, end on Ctrl-C, which is ignored in the background of a script."""
+    # elsewhere nobody may set a handler
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield

@@ -13,7 +13,7 @@ import pytest
 
 from mbvi.system import pinocchio_address, pinocchio_check
 from support.paths import ROBOTS
-from support.programs import environment
+from support.programs import run
 
 
 @pytest.fixture
@@ -166,4 +166,5 @@ assert not list(folder.iterdir())
 mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.01, progress=False)
 assert len(list(folder.iterdir())) == 1
 """
-    subprocess.run([sys.executable, "-c", code], env=environment(), check=True)
+    done = run([sys.executable, "-c", code])
+    assert done.returncode == 0, done.stderr

@@ -10,6 +10,7 @@ import pytest
 import mbvi
 from mbvi.results.replay.live import replay
 from mbvi.results.replay.replay import page_of
+from support.programs import LIMIT
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def run():
 
 
 def fetched(address):
-    with urllib.request.urlopen(address, timeout=20) as answer:
+    with urllib.request.urlopen(address, timeout=LIMIT) as answer:
         return answer.read().decode()
 
 
@@ -33,7 +34,7 @@ def test_a_page_is_sent_as_often_as_it_is_opened(run, monkeypatch, capsys):
 
     monkeypatch.setattr(webbrowser, "open", browser)
     server = replay(run, speed=0.5)
-    threads[0].join(timeout=20)
+    threads[0].join(timeout=LIMIT)
     assert server.address in capsys.readouterr().out
     for _ in range(2):
         assert fetched(server.address) == page_of(run, speed=0.5).html()

@@ -1,1 +1,1 @@
-"""Faults by seed, for tests and for `make faults`: wrong arguments, damaged files, mutated robots."""
+"""Faults by seed, for tests and for `make faults`: arguments, files, studies, robots, states, controls, pairs."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -16,8 +15,16 @@ import numpy as np
 
 import mbvi
 from support.faults import damaged_files, mutated_robots, wrong_arguments
+from support.faults.robot_cases import controls, gains, mjcf, names, pairs, rotations
+from support.faults.study_cases import studies, workers
 from support.paths import ROBOTS
+from support.programs import run, started
 from support.random_scenes import SHAPES, add_shape, random_scene
+
+__all__ = [
+    "arguments", "controls", "disks", "files", "gains", "kills", "mjcf", "names", "pairs", "rotations", "scenes",
+    "studies", "units", "urdf", "workers",
+]  # fmt: skip
 
 SCHEMES = (
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.SchatzmanPaoli(),
@@ -177,10 +184,9 @@ def kills(seed: int) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         command = [sys.executable, "-c", _STREAM, str(HOPPER), str(path), "1000"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
+        with started(command, stderr=subprocess.DEVNULL) as child:
             assert child.stdout is not None and child.stdout.readline() == "go\n"
             time.sleep(rng.uniform(0.0, 4.0))
-            child.send_signal(signal.SIGKILL)
         if not path.exists():
             return "killed before the file was there"
         return f"{_is_a_part(path)} states"
@@ -198,7 +204,7 @@ def disks(seed: int) -> str:
         try:
             if mounted:
                 command = [sys.executable, "-c", _STREAM, str(HOPPER), str(path), "60"]
-                child = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+                child = run(command)
             else:
                 child = damaged_files.run_limited(_STREAM, size, str(HOPPER), str(path), "60")
             assert child.returncode == 0 or "TrajectoryFileError" in child.stderr, (

@@ -21,6 +21,7 @@ import mbvi
 from mbvi.results.columns import DENSE, FRICTION, RECORDED, TABLES, Sums, as_kept
 from mbvi.results.metadata import read_metadata
 from mbvi.results.pages import PAGE, find_record, pack, sums_of
+from support.programs import LIMIT
 
 # a change of a file in place: returns what was done
 Mutation = Callable[[h5py.File, np.random.Generator], str]
@@ -152,14 +153,14 @@ def mutate(path: Path, change: Mutation, rng: np.random.Generator, *, sealed: bo
         seal(path)
 
 
-def run_limited(program: str, limit: int, *arguments: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
+def run_limited(program: str, limit: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a Python program that can write files of at most `limit` bytes."""
     return subprocess.run(
         [sys.executable, "-c", program, *arguments],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
         capture_output=True,
         text=True,
-        timeout=seconds,
+        timeout=LIMIT,
         check=False,
     )
 
