@@ -226,6 +226,22 @@ class AdmissibleSet(Rebuilt):
         rows = concatenate(found) if found else self.empty
         return Rows(*rows[:7], self._tangents(t, q, rows)) if self.frictional else rows
 
+    def at_places(self, t: float, q: Array, rows: Rows) -> Rows:
+        """Return rows with the gradients that contacts at the same points and normals have at q.
+
+        Rows of constraints that have no bodies are not changed.
+        """
+        which, parts = np.searchsorted(self._starts, rows.constraint, side="right") - 1, []
+        order = np.argsort(which, kind="stable")
+        for f in np.unique(which).tolist():
+            part = take(rows, which == f)
+            if type(self.families[f]).bodies_of is not ConstraintFamily.bodies_of:
+                bodies = self.families[f].bodies_of(part.constraint - self._starts[f])
+                part = part._replace(jacobian=self.system.separation_rows(q, *bodies, part.point, part.normal))
+            parts.append(part)
+        rows = take(concatenate(parts), np.argsort(order, kind="stable"))
+        return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows
+
     def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, those of each family in turn."""
         numbers = rows.constraint

@@ -142,6 +142,22 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
                     rows.T[2 * a + c, k] = 0.0
 
 
+@kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
+def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
+    """Write the gradients of row a for where the mechanism is placed, if it is a contact of a half-space or of a pair.
+
+    Its point, normal and tangents are as they stand.
+    """
+    for family in (constraints.walls, constraints.pairs):
+        pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
+        if 0 <= pair < len(family.number):
+            first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
+            row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
+            if len(rows.T) > 0 and rows.mu[a] > 0.0:
+                for c in range(2):
+                    row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
+
+
 @kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")
 def active_rows(
     mechanism: Mechanism, constraints: MechanismConstraints, origin: Array, displacement: Array, q: Array,

@@ -188,8 +188,8 @@ def mechanism_step(
     scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
-        mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
-        np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
+        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 
 

@@ -28,8 +28,8 @@ class Centered(Scheme):
     Parameters
     ----------
     project_positions : bool
-        Project closed contacts out of penetration after the step. Then J is taken at the end of the step where no row
-        can bounce, because the velocity is made tangent to the constraints there. Off by default.
+        Project closed contacts out of penetration after the step, and make the velocity tangent to them there. Off by
+        default.
 
     Notes
     -----
@@ -66,24 +66,21 @@ class Centered(Scheme):
             w = motion.free
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
         change = half * ahead.speeds(v)
+        active, linear = _rows_in_the_middle(problem, t, middle, ahead, change), False
         if self.project_positions and not _bounces(problem, ahead, change):
-            active = ahead._replace(gap=ahead.gap - change)
-        else:
-            active = _rows_in_the_middle(problem, t, middle, ahead, change)
+            # gaps that lead to those of the end, which the position projection takes to be linear
+            active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if margin > 0.0 else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
             return advance_gaps(step, half)
-        applied = Applied(t, middle, v, h, motion, opened)
+        applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
         return project_positions(problem, applied, step, projector, nearby)
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
-    """Return whether some row may bounce: its velocity after the law then depends on where its gradient is taken.
-
-    A row that does not bounce gets a velocity tangent to the constraint at the end of the step in any case.
-    """
+    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
     if not ahead.restitution.any():
         return False
     rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
@@ -91,7 +88,9 @@ def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
 
 
 def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:
-    """Return the rows in the middle of a step that correspond to rows active at its end.
+    """Return the rows in the middle of a step that correspond to rows active at its end, in the same order.
+
+    The law acts there: arms and axes of the end would turn its percussions.
 
     Parameters
     ----------
@@ -107,7 +106,10 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     reach = problem.tolerance + 2.0 * float(lengths.max())
     here = problem.constraints.active(t, q, reach)
     owner = match_contacts(ahead, here)
-    matched = take(here, np.unique(owner[owner >= 0]))
-    # a row without a counterpart in the middle keeps the gradient that it has at the end
-    unmatched, ahead = owner < 0, ahead._replace(gap=ahead.gap - change)
-    return concatenate([matched, take(ahead, unmatched)]) if unmatched.any() else matched
+    found = owner >= 0
+    if found.all():
+        return here if np.array_equal(owner, np.arange(len(here.gap))) else take(here, owner)
+    # a contact without a counterpart in the middle is taken at the place where it is at the end
+    rest = problem.constraints.at_places(t, q, take(ahead._replace(gap=ahead.gap - change), ~found))
+    order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
+    return take(concatenate([take(here, owner[found]), rest]), order)

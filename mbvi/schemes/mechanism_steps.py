@@ -21,6 +21,7 @@ from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.control_table import ControlTable, write_torque
+from ..system.free_momentum import FreeBodyTable
 from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import nonlinear_effects, retract
 from ..system.system import Array
@@ -157,16 +158,16 @@ def room(nq: int, nv: int) -> Room:
 
 
 @record(
-    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer, RowBuffer, RowBuffer,"
-    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
+    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
 
     Attributes
     ----------
-    mechanism, constraints, memory, scales, control
-        What steps.
+    mechanism, bodies, constraints, memory, scales, control
+        What steps; `bodies` are those parts of the mechanism that are free bodies.
     acted : ndarray of int, shape (4,)
         Where the coordinates that the control knows begin and end in q, and in v.
     room : Room
@@ -186,6 +187,7 @@ class MechanismStep(NamedTuple):
     """
 
     mechanism: Mechanism
+    bodies: FreeBodyTable
     constraints: MechanismConstraints
     memory: LawMemory
     scales: Scales

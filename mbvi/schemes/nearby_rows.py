@@ -70,6 +70,12 @@ class NearbyRows:
         self._near: Array = np.zeros(0, bool)
         self._answer: Rows | None = None
 
+    @property
+    def place(self) -> Array:
+        """The configuration of the last search, shape (nq,): gradients are those of it."""
+        assert self._q is not None
+        return self._q
+
     def at(self, q: Array, margin: float = 0.0) -> Rows:
         """Return the rows at q with a gap of at most the activation tolerance and a margin [m]."""
         known = self.known_at(q, margin)

@@ -14,6 +14,8 @@ from ..problem import Problem
 from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
 from ..projection.held_rows import FARTHEST, HARDLY
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
+from ..system.free_momentum import FreeBodyTable, keep_momentum
+from ..system.sparse_rows import sparse_parts
 from ..system.system import Array
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
@@ -42,6 +44,8 @@ class Applied(NamedTuple):
         Free motion of v.
     opened : ndarray, shape (k,), or None
         Speeds at which rows of the law that are open may close.
+    ahead : Rows or None
+        What the rows of the law are at the end of the step, in the same order; None where this is not to be used.
     """
 
     t: float
@@ -50,6 +54,7 @@ class Applied(NamedTuple):
     h: float
     motion: FreeMotion | TreeFreeMotion
     opened: Array | None = None
+    ahead: Rows | None = None
 
 
 class _Projected(NamedTuple):
@@ -143,10 +148,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         owner = match_contacts(projected.near, rows)
         if (owner >= 0).all():
             return _with_tangent_velocity(
-                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
+                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector, nearby.place
             )
         joined = take(projected.near, owner < 0)
-        rows = concatenate([rows, joined])
+        there = problem.constraints.at_places(applied.t, applied.q, joined)
+        rows = concatenate([rows, there])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
@@ -172,21 +178,25 @@ def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) ->
 
 def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
     """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
-    known, drift = nearby.known(step.active), step.t - applied.t
+    known, drift = None if applied.ahead is None else nearby.known(applied.ahead), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
     if known.rows.tangents is not None:
         return None
     number, gap, J, e, point, *_ = rows = known.rows
-    lever, opened = np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
+    system, lever, opened = problem.system, np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
     if applied.opened is not None:
         opened[known.near] = applied.opened
-    displacement = problem.system.difference(known.q, step.q)
+    # the rows as they are where the law acts; others keep the gradients of the end
+    here = _in_place_of(rows, known.near, step.active)
+    bodies = problem.free_bodies
+    displacement = system.difference(known.q, step.q)
     squares, tolerance = problem.constraints.cache.squares, problem.tolerance
     gaps = LinearGaps(
         number,
         point,
         J,
+        here.jacobian,
         gap,
         lever,
         e,
@@ -198,28 +208,64 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
         tolerance,
         known.reach,
         known.margin,
+        bodies.owner >= 0,
     )
     found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
     if found is None:
         return None
-    rows, rates = rows._replace(gap=found.gap, restitution=found.e), found.rates
+    rows, rates = (here if found.moved is None else rows)._replace(gap=found.gap, restitution=found.e), found.rates
     if not found.law.all():
         rows, rates = take(rows, found.law), rates.compress(found.law, 1)
     q = step.q
     if not np.array_equal(found.law, known.near):
-        q = problem.system.integrate(applied.q, drift * found.w)
+        q = system.integrate(applied.q, drift * found.w)
     if found.moved is None:
         residual = step.residual if found.residual < 0.0 else found.residual
         return Step(step.t, q, found.w, rows, rates, residual)
-    return Step(step.t, problem.system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
+    new = Step(step.t, system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
+    return _with_momentum(bodies, new, known.q, q, found.w)
 
 
-def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector) -> Step:
-    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps."""
+def _in_place_of(rows: Rows, some: Array, others: Rows) -> Rows:
+    """Return rows with gradients, points and normals of others in the place of some of them, a mask."""
+    jacobian, point, normal = rows.jacobian.copy(), rows.point.copy(), rows.normal.copy()
+    jacobian[some], point[some], normal[some] = others.jacobian, others.point, others.normal
+    return rows._replace(jacobian=jacobian, point=point, normal=normal)
+
+
+def _with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Array, w: Array) -> Step:
+    """Return the step with velocities of free bodies that keep their momentum; see `keep_momentum`.
+
+    Parameters
+    ----------
+    bodies : FreeBodyTable
+        The free bodies.
+    step : Step
+        The step after the position projection.
+    place, before : ndarray, shape (nq,)
+        The configuration of its gradients, and that before the projection.
+    w : ndarray, shape (nv,)
+        The velocity there.
+    """
+    if not len(bodies.q):
+        return step
+    q, v = step.q.copy(), step.v.copy()
+    keep_momentum(bodies, *sparse_parts(step.active.jacobian), before, w, place, q, v)
+    return step._replace(q=q, v=v)
+
+
+def _with_bounds(
+    applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector, start: Array | None = None
+) -> Step:
+    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps.
+
+    `start`, shape (nv,), replaces the free motion.
+    """
     free = applied.motion.free
     if rows.rate is not None:
         lower = lower - rows.rate
-    w, percussion, residual, tangential = project_rows(projector, free, applied.motion.metric, rows, lower)
+    x = free if start is None else start
+    w, percussion, residual, tangential = project_rows(projector, x, applied.motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
     return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
 
@@ -232,10 +278,16 @@ def _with_tangent_velocity(
     owner: Array,
     closed: Array,
     projector: Projector,
+    place: Array,
 ) -> Step:
-    """Return the step at the projected configuration, with a velocity tangent to its closed contacts."""
+    """Return the step at the projected configuration, with a velocity tangent to its closed contacts.
+
+    Free bodies start from their velocity after the law, less the percussions of the law at the rows of the projected
+    configuration: what the new percussions differ by is an impulse there. `place` has the axes of these rows.
+    """
     rows, near, unmatched = step.active, projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
+    rest_of_law = np.flatnonzero(unmatched)
     # the projection changed the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
@@ -252,8 +304,25 @@ def _with_tangent_velocity(
     may_open = closing_speeds(problem, rows, rest)
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
-    step = _with_bounds(applied, step, rows, lower, projector)
-    return step._replace(q=projected.q, residual=max(step.residual, projected.residual))
+    bodies, before = problem.free_bodies, step
+    start = _without_percussions(bodies, applied, step, rows, np.concatenate([owner, rest_of_law]))
+    step = _with_bounds(applied, step, rows, lower, projector, start)
+    step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
+    return _with_momentum(bodies, step, place, before.q, before.v)
+
+
+def _without_percussions(bodies: FreeBodyTable, applied: Applied, step: Step, rows: Rows, owner: Array) -> Array | None:
+    """Return the free motion, of free bodies the velocity after the law less its percussions at the rows given.
+
+    `owner`, shape (k,), are the rows of the law at the same contacts. None if there are no free bodies.
+    """
+    if not len(bodies.q):
+        return None
+    impulse = rows.jacobian.T @ step.percussion[owner]
+    if step.slip is not None and rows.tangents is not None:
+        impulse = impulse + rows.tangents.jacobian.T @ step.slip[0][owner].ravel()
+    start = step.v - applied.motion.metric.solve_rows(impulse[None])[0]
+    return np.where(bodies.owner >= 0, start, applied.motion.free)
 
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:

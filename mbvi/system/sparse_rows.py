@@ -32,6 +32,14 @@ def _blank(shape: tuple[int, int]) -> csr_array:
     return rows
 
 
+def sparse_parts(rows: Array | csr_array) -> tuple[Array, Array, Array]:
+    """Return the entries of rows, their columns, and where each row begins; full rows have all columns."""
+    if not isinstance(rows, np.ndarray):
+        return plain_array(rows.data), rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    m, n = rows.shape
+    return rows.ravel(), np.tile(np.arange(n, dtype=np.int32), m), n * np.arange(m + 1, dtype=np.int32)
+
+
 def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
     """Return rows with entries in the blocks of two bodies, sparse or full.
 
