@@ -234,11 +234,6 @@ class TreeFreeMotion:
         """The velocity after the step under forces alone, shape (nv,)."""
         return advance(*self.kernel_arguments)
 
-    def of(self, v: Array, at: Array) -> TreeFreeMotion:
-        """Return what torques and effects of this motion do to the velocity v, with damping of v itself at order 2."""
-        mass, damping, parent, _, h, torque, effects, _ = self.kernel_arguments
-        return TreeFreeMotion(mass, damping, parent, plain_array(v), h, torque, effects, True)
-
     @property
     def metric(self) -> TreeMetric:
         """M."""

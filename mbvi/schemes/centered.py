@@ -61,7 +61,7 @@ class Centered(Scheme):
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = system.force_velocity(t, middle, v, half)
-        motion = system.free_motion(t, middle, force_velocity, h).of(v, force_velocity)
+        motion = system.centered_motion(t, middle, v, h, force_velocity)
         if not ahead.gap.size:
             w = motion.free
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)

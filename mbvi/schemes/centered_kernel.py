@@ -15,10 +15,10 @@ from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import factor, solve
 from ..system.free_momentum import keep_momentum_of_rows
 from ..system.mechanism import place
-from ..system.pinocchio_address import nonlinear_effects, retract, tangent
+from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
-from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, evaluate_forces, move_freely
+from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, evaluate_effects, evaluate_forces, move_freely
 from .step import joins, margin_of, write_closing_speeds
 
 # what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
@@ -200,14 +200,14 @@ def settle(
 def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
     """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
     late, w = s.scales.late, s.room.force_velocity
-    evaluate_forces(s, t, q, v)
+    evaluate_forces(s, t, q, v, 2.0 * half)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
         for k in range(len(v)):
             if not late[k]:
                 w[k] = v[k]
-        nonlinear_effects(s.mechanism.calls, q, w)
+        evaluate_effects(s, q, v, w, 2.0 * half)
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")

@@ -24,6 +24,7 @@ from ..system.control_table import ControlTable, write_torque
 from ..system.free_momentum import FreeBodyTable
 from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import nonlinear_effects, retract
+from ..system.spinning import spin_effects
 from ..system.system import Array
 
 # what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; a contact bounces, or
@@ -214,17 +215,26 @@ def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
-    evaluate_forces(s, t, q, v)
+    evaluate_forces(s, t, q, v, h)
     if not move_freely(s, v, h, False, w):
         w[0] = np.nan
 
 
-@kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
-def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array) -> None:
-    """Compute all that the free motion takes at (t, q, v)."""
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> None:
+    """Compute all that the free motion takes at (t, q, v), for a time h."""
     act(s, t, q, v)
     place(s.mechanism, q)
-    nonlinear_effects(s.mechanism.calls, q, v)
+    evaluate_effects(s, q, v, v, h)
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1], f8[::1], f8)")
+def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) -> None:
+    """Compute the nonlinear effects at the velocity `at`; of free bodies those of a step from v of a length h."""
+    m = s.mechanism
+    nonlinear_effects(m.calls, q, at)
+    if len(m.free.first):
+        spin_effects(m.free, v, at, h, s.room.torque, m.effects)
 
 
 @kernel("b1(MechanismStep, f8[::1], f8, b1, f8[::1])")
@@ -303,7 +313,7 @@ def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
         s.residual[0] = 0.0
         fly(s, t + h, s.q, v, h, s.v)
         return DONE
-    evaluate_forces(s, t + h, s.q, v)
+    evaluate_forces(s, t + h, s.q, v, h)
     return apply_law(s, v, h, False, drift[:0])
 
 
@@ -323,7 +333,7 @@ def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -
         s.residual[0] = 0.0
         fly(s, t + before, middle, v, h, s.v)
     else:
-        evaluate_forces(s, t + before, middle, v)
+        evaluate_forces(s, t + before, middle, v, h)
         if apply_law(s, v, h, False, drift[:0]) != DONE:
             return UNSOLVED
     for k in range(len(v)):

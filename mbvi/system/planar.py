@@ -80,7 +80,6 @@ class PlanarBodies(FreeBodies):
     ) -> None:
         super().__init__(masses, inertias, gravity, names)
         self.nv = 3 * len(masses)
-        self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
         self._along, self._normals = _columns(axes), normals
         # directions of the velocities, in the order of the world's axes, and the rotation axis

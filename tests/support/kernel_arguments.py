@@ -28,6 +28,7 @@ from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
 from support.robot_arguments import cone, contact_rows, moving_robot, restitution, rotation, unit
 from support.settle_arguments import SETTLE_ARGUMENTS, SETTLE_IF_ACCEPTED
+from support.spin_arguments import SPIN_ARGUMENTS
 
 SEEDS = range(20)
 SHAPES = [
@@ -915,6 +916,7 @@ ARGUMENTS = {
     **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,
     **SETTLE_ARGUMENTS,
+    **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,

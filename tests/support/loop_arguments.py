@@ -15,7 +15,7 @@ import pytest
 import mbvi
 from mbvi.compiled import Kernel
 from mbvi.run import compiled_loop, loop_scope, step_loop
-from support.paths import ROBOTS
+from support.paths import DATA, ROBOTS
 
 STEP, DURATION = 1e-3, 0.2
 PAOLI, MOREAU, CENTERED, DEFAULT, PILES = (
@@ -191,6 +191,14 @@ def one_box(e, mu):
     return scene.build()
 
 
+def one_body(e, mu):
+    """A box as a file has it, which spins."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(DATA / "brick.urdf", position=(0, 0, 0.15), base_velocity=(1, 0, -1, 3, 9, 1))
+    return scene.build()
+
+
 def one_ball(e, mu):
     """It lands, and slips with friction."""
     scene = mbvi.Scene(restitution=e, friction=mu)
@@ -233,6 +241,7 @@ CALLS = {
     "act": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, struck, RIGID, 5), (CENTERED, swaying, RIGID, 5)],
     "fly": [(PAOLI, hopper, BOUNCY, 5), (PILES, swaying, RIGID, 5), (PAOLI, quadruped, RIGID, 5)],
     "evaluate_forces": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
+    "evaluate_effects": [(PAOLI, one_body, BOUNCY, 2), (PILES, one_body, ROUGH, 9), (DEFAULT, quadruped, RIGID, 5)],
     "move_freely": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
     "centered_forces": [(CENTERED, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, on_block, RIGID, 5)],
     "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],
