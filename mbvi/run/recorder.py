@@ -146,19 +146,24 @@ class Recorder:
         Timing of the scheme.
     notes : sequence of str
         Notes that are known before the run.
+    contacts : bool
+        Whether the contacts of all steps are recorded.
 
     Attributes
     ----------
     contacts : ContactLog or None
-        None: this class records no contacts.
+        The contacts of all steps, where they are recorded.
     last : Step or None
         The last step.
     recent : RecentPercussions
         The percussions of the last steps.
     """
 
-    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
-        self.contacts: ContactLog | None = None
+    def __init__(
+        self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
+    ) -> None:
+        far = _SAME_POINT * problem.length
+        self.contacts = ContactLog(far, frictional=problem.constraints.frictional) if contacts else None
         self.problem = problem
         self.timing = timing
         self.t = np.empty(count)
@@ -180,6 +185,13 @@ class Recorder:
         """Record a step: its impacts always, its state if `keep`."""
         t, q, v, active, rates, residual, _ = step
         k, gap = self.count, active.gap
+        if self.contacts is not None:
+            # percussions of the law at the initial state belong to no interval between states
+            if k:
+                self.contacts.add(active.constraint, active.point, active.normal, rates[0], friction_of(step))
+            # before the state, so that an interrupt leaves no state without its contacts
+            if keep:
+                self.contacts.close()
         if not gap.size:
             self.penetration[k] = 0.0
         elif record_depth(
@@ -274,24 +286,3 @@ class Recorder:
             warnings.warn(note, MbviWarning, stacklevel=6)
         if len(self.notes) < _MOST_NOTES:
             self.notes.append(note)
-
-
-class ContactRecorder(Recorder):
-    """A recorder that also records the contacts of all steps; see `ContactLog`."""
-
-    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
-        super().__init__(problem, count, timing, notes)
-        far = _SAME_POINT * problem.length
-        self.contacts: ContactLog = ContactLog(far, frictional=problem.constraints.frictional)
-
-    def step(self, step: Step, keep: bool) -> None:
-        """Record a step and its contacts; see `Recorder`."""
-        # percussions of the law at the initial state belong to no interval between states
-        if self.count:
-            active = step.active
-            friction = friction_of(step)
-            self.contacts.add(active.constraint, active.point, active.normal, step.rates[0], friction)
-        # before the state, so that an interrupt leaves no state without its contacts
-        if keep:
-            self.contacts.close()
-        super().step(step, keep)

@@ -24,7 +24,7 @@ from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .progress import Progress
-from .recorder import ContactRecorder, Recorder
+from .recorder import Recorder
 from .sleeping import Sleepers
 from .start import initial_step
 from .tunnelling import TunnellingGuard
@@ -188,9 +188,8 @@ def simulate(
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
-    kind = Recorder if record is None else ContactRecorder
     try:
-        recorder = kind(problem, 1 + -(-total // every), scheme.timing, notes)
+        recorder = Recorder(problem, 1 + -(-total // every), scheme.timing, notes, record is not None)
     except MemoryError as error:
         raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = TunnellingGuard(problem, scheme, h)
