@@ -49,7 +49,8 @@ def steps(
     problem : Problem
         The problem to run.
     scheme : Scheme, optional
-        By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`.
+        By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`, unless every impact is
+        elastic.
     step : float
         Time step h [s].
     residual : float, optional
@@ -111,7 +112,7 @@ def simulate(
         By default chosen for the problem; the run's first note gives the scheme and the reason.
         `EventDriven(tolerance=1e-6)` for few constraints with continuous gradients. `Centered(project_positions=True)`
         for many constraints, for gradients that jump, under a control or an external force, and wherever a step is
-        given. `StewartTrinkle()` for many free bodies.
+        given. `StewartTrinkle()` for many free bodies, unless every impact is elastic.
     duration : float
         Duration [s]; the last step is shortened so that the run ends there. `SchatzmanPaoli` takes whole steps only:
         the last state is interpolated.

@@ -213,6 +213,11 @@ class SceneItems:
         """Whether a pair has friction."""
         return max(self.friction, *self.pair_friction.values(), 0.0) > 0.0
 
+    @property
+    def elastic(self) -> bool:
+        """Whether every pair has e = 1 and no friction."""
+        return min(self.restitution, *self.pair_restitution.values(), 1.0) == 1.0 and not self.frictional
+
 
 def _setting(pairs: dict[frozenset[str], float], a: str, b: str, common: float) -> float:
     for first in (a, entity(a)):
