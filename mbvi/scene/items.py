@@ -80,7 +80,7 @@ class SurfaceItem:
 
     def placed(self) -> Surface:
         """Return the mesh at its pose."""
-        return Surface(self.surface.vertices @ self.rotation.T + self.position, self.surface.triangles)
+        return self.surface.placed(self.rotation, self.position)
 
 
 @dataclass(frozen=True)

@@ -829,13 +829,57 @@ def first_of_lines(rng):
     return points, line, np.full(7, -1)
 
 
+def mesh(rng):
+    """A mesh of a few triangles, some of which share edges and corners, and points near it; one is a corner of it."""
+    rounded = np.round(rng.uniform(-1, 1, (9, 3)), 1)
+    surface = triangles.Surface(rounded, np.array([rng.permutation(9)[:3] for _ in range(int(rng.integers(1, 20)))]))
+    centres = rng.uniform(-1.5, 1.5, (9, 3))
+    centres[3] = surface.vertices[surface.triangles[0, 0]]
+    return surface, centres
+
+
+def mesh_tree(rng):
+    surface, centres = mesh(rng)
+    return surface, (surface.vertices, surface.triangles, *surface.tree), centres
+
+
+def nearest_on_triangle(rng):
+    surface, centres = mesh(rng)
+    return surface.vertices, surface.triangles, 0, centres, int(rng.integers(9)), np.zeros(3)
+
+
+def mesh_distances(rng):
+    _, tree, centres = mesh_tree(rng)
+    return *tree, centres, np.zeros(len(centres))
+
+
 def near_triangles(rng):
-    corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
-    centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
-    room, tolerance = rng.integers(1, 40), rng.uniform(0.0, 0.2)
-    cells = triangles.sorted_into_cells(corners, radii.max() + tolerance)
-    outs = [np.zeros(room, np.int64) for _ in range(3)]
-    return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
+    surface, tree, centres = mesh_tree(rng)
+    room, reach = int(rng.integers(1, 30)), float(rng.choice([0.3, 1.0, np.inf]))
+    i = int(rng.integers(9))
+    outs = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros(room, int)
+    return *tree, surface.features, centres, i, reach, *outs
+
+
+def sort_by_feature(rng):
+    k = int(rng.integers(0, 60))
+    distance = np.round(rng.uniform(size=k), 1)
+    return rng.permutation(k), rng.integers(0, 6, k), distance, k, np.arange(k)
+
+
+def mesh_contacts(rng):
+    surface, tree, centres = mesh_tree(rng)
+    radii, tolerance = rng.uniform(0.1, 0.4, 9), rng.uniform(0.0, 0.2)
+    scratch = np.zeros(20, int), np.zeros(20, int), np.zeros(20), np.zeros((20, 3)), np.zeros(20, int)
+    found = np.zeros(200, int), np.zeros(200), np.zeros((200, 3)), np.zeros((200, 3))
+    sheet = *tree, surface.features, surface.sharers
+    return *sheet, centres, radii, radii + tolerance + 1e-12, tolerance, *scratch, *found
+
+
+def box_square(rng):
+    surface, centres = mesh(rng)
+    boxes = surface.tree.boxes
+    return boxes, int(rng.integers(1, len(boxes))), centres, int(rng.integers(9))
 
 
 def raise_levels(rng):
@@ -952,6 +996,11 @@ ARGUMENTS = {
     "whiten_bodies": whiten_bodies,
     "row_lengths": row_lengths,
     "near_triangles": near_triangles,
+    "nearest_on_triangle": nearest_on_triangle,
+    "mesh_distances": mesh_distances,
+    "sort_by_feature": sort_by_feature,
+    "mesh_contacts": mesh_contacts,
+    "_box_square": box_square,
     "integrate": moved,
     "chart_rates": chart_rates,
     "accelerations": accelerations,
@@ -1082,6 +1131,9 @@ def specified(name, result, arguments):
     if name in ("pairs_within", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
+    if name == "mesh_contacts":
+        # all that is behind the contacts is scratch
+        return [*result, *(part[: result[0]] for part in arguments[-4:])]
     if name == "gram":
         count = result[0] if isinstance(result, tuple) else result
         return [

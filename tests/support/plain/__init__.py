@@ -25,7 +25,7 @@ from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import _damp_plain, _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
-from support.plain.triangles import near_triangles_plain
+from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangle_plain
 from support.plain.turning import (
     accelerations_plain,
     chart_rates_plain,
@@ -75,7 +75,9 @@ PLAIN = {
     "lowest": lowest_plain,
     "refine_subset": refine_subset_plain,
     "integrate": moved_plain,
-    "near_triangles": near_triangles_plain,
+    "mesh_contacts": mesh_contacts_plain,
+    "mesh_distances": mesh_distances_plain,
+    "nearest_on_triangle": nearest_on_triangle_plain,
     "outermost": outermost_plain,
     "points_below": points_below_plain,
     "placements": placed_plain,
