@@ -24,6 +24,8 @@ _MARGIN = 0.9
 _ROUNDED = 1e-10
 # most rows of an island that the dense solvers solve if it fails
 _MOST_DENSE = 400
+# how often violated rows join the working set until all rows do
+_MOST_ENLARGED = 10
 # room for entries of the Delassus matrix at first, for each row
 _ROOM = 128
 # size of the working set relative to the violated and active rows; a set of at least this share of all rows is enlarged
@@ -56,7 +58,7 @@ class SparsePCG:
         u = np.zeros(m) if start is None else start.u.copy()
         rounding = min(qp.tolerance, _ROUNDED * qp.largest)
         working, solved_densely = _working_set(qp.d, u), set[int]()
-        label = None
+        label, enlarged = None, 0
         while True:
             if label is None:
                 label = _solve_working_set(qp, working, u)
@@ -67,7 +69,9 @@ class SparsePCG:
             residual = np.abs(np.minimum(u, slack))
             violated = ~working & (slack < 0.0)
             if violated.any() and residual[violated].max() > allowed[label >= 0].max(initial=0.0):
-                working, label = working | violated, None
+                # each time the set is solved anew; rows that join one by one would take as many times as there are rows
+                enlarged += 1
+                working, label = working | violated | (enlarged > _MOST_ENLARGED), None
                 continue
             failed = (residual > allowed) & (label >= 0)
             failed_islands = set(label[failed].tolist()) - solved_densely if failed.any() else None
@@ -145,7 +149,7 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
             u[rows] = exact.percussion
             return
     island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
-    found, residual = first_good_enough(island, dense_solvers(), last.start(island, None))
+    found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
     # otherwise the island keeps its percussions, and the residual of the whole problem decides
     if found is not None and residual <= island.tolerance:
         u[rows] = island.result(found, residual).percussion

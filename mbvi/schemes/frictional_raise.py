@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled import kernel
 from ..constraints.mechanism_tables import RowBuffer, copy_row
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
-from ..projection.friction import AIM
+from ..projection.friction import AIM, EXACT
 from ..projection.frictional_step import interleave, wide_speeds
 from ..projection.held_rows import held_tangents, hold_rows, raises_near
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
@@ -228,7 +228,7 @@ def tangent_law(s: MechanismStep, v: Array, rest: float, order: Array, raised: f
         for i in range(n):
             start[i] = 0.0
     found, unique = coulomb_law(J, A, room.tangent, lower, rows.mu[:k], known, AIM, start, s.v, table, case)
-    if not found <= s.scales.residual:
+    if not found <= EXACT * s.scales.residual:
         return False
     memory.size[1], memory.size[2], s.residual[0] = n, 1 if unique else 0, max(found, raised)
     wide_speeds(J, room.free, table[1])

@@ -15,7 +15,7 @@ from ..constraints.mechanism_rows import MechanismConstraints, active_rows
 from ..constraints.mechanism_tables import FOUND, MOST_ROWS, RowBuffer
 from ..projection.coulomb import MOST_CONTACTS
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE
-from ..projection.friction import AIM
+from ..projection.friction import AIM, EXACT
 from ..projection.frictional_step import frictional_tree_law
 from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
@@ -293,7 +293,8 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
         m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, rows.T[: 2 * k], e, opened[:0],
         opened, rows.mu[:k], known, AIM, start, s.v, rates, slip,
     )  # fmt: skip
-    if not 0.0 <= found <= s.scales.residual:
+    # Python checks each row of the others
+    if not 0.0 <= found <= EXACT * s.scales.residual:
         return UNSOLVED
     memory.size[1], memory.size[2], s.residual[0] = 3 * k, 1 if unique else 0, found
     return DONE
