@@ -256,3 +256,13 @@ def located_parts(system: System) -> list[Part]:
 def parts_of(system: System) -> tuple[System, ...]:
     """Return the mechanisms, bodies and spheres that a system consists of, in the order of q and v."""
     return tuple(part.system for part in system.located_parts())
+
+
+def independent_parts(system: System) -> Array:
+    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
+    parts, count = [], 0
+    for one in parts_of(system):
+        bodies = one.independent_bodies
+        parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
+        count += bodies
+    return np.concatenate(parts)
