@@ -138,31 +138,28 @@ def raise_contacts(s: MechanismStep, margin: float, depth: float, sticks: Array,
 
 @kernel("void(MechanismStep, RowBuffer, f8, i8[::1])")
 def take_projected(s: MechanismStep, there: RowBuffer, half: float, order: Array) -> None:
-    """Put the rows of the law in the order of a step with projected positions, with their gaps at its end.
+    """Replace the rows of the law by those `there`, at the end of the step, in the order of projected positions.
 
-    Those that took part in the last projection come first, as they are in `there`, at the end of the step. `order`,
-    shape (k,), receives which row of the law each one was.
+    Those that took part in the last projection come first. `order`, shape (k,), receives which row of the law each was.
     """
     rows, room, k, i = s.rows, s.room, s.rows.size[0], 0
     for a in range(k):
         if room.settled[a]:
-            there.gap[a] = room.gap[room.order[a]]
             order[i] = a
             i += 1
+        if room.order[a] >= 0:
+            there.gap[a] = room.gap[room.order[a]]
         else:
-            change = half * s.rates[2 * k + a]
+            there.gap[a] = rows.gap[a] + half * s.rates[2 * k + a]
             for c in range(len(s.v)):
-                change += rows.J[a, c] * room.moved[c]
-            rows.gap[a] += change
+                there.gap[a] += there.J[a, c] * room.moved[c]
     for a in range(k):
         if not room.settled[a]:
             order[i] = a
             i += 1
-    s.ahead.size[0] = rows.size[0] = 0
+    rows.size[0] = 0
     for i in range(k):
-        copy_row(there if room.settled[order[i]] else rows, order[i], s.ahead)
-    for i in range(k):
-        copy_row(s.ahead, i, rows)
+        copy_row(there, order[i], rows)
     solve_wide(s, rows)
 
 

@@ -39,6 +39,12 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
         some = closed_contacts(s, h, room.closed[:k])
     if some < 0:
         return BOUNCES
+    if some > 0:
+        # the rows of the law as they are at the end
+        s.middle.size[0] = 0
+        for a in range(len(near)):
+            if near[a]:
+                copy_row(s.ahead, a, s.middle)
     if some > 0 and far:
         code = search_at_end(s, v, h)
         if code != DONE:
@@ -55,11 +61,6 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
     if depth < 0.0 or (depth > 0.0 and len(s.rows.T) == 0):
         return BOUNCES
     if depth > 0.0:
-        if not far:
-            s.middle.size[0] = 0
-            for a in range(len(near)):
-                if near[a]:
-                    copy_row(s.ahead, a, s.middle)
         return raise_and_follow(s, v, h, margin, depth, far)
     for a in range(k):
         s.rows.gap[a] += 0.5 * h * s.rates[2 * k + a]

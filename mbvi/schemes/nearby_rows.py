@@ -91,6 +91,12 @@ class NearbyRows:
         self._answer = rows if self._near.all() else take(rows, self._near)
         return self._answer
 
+    def all_at(self, q: Array) -> Rows:
+        """Return all rows of the last search with their gaps at q to first order."""
+        assert self._rows is not None
+        displacement = self._problem.system.difference(self.place, q)
+        return self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement)
+
     def only(self, some: Array) -> Rows:
         """Keep some of the rows of the last answer, a mask of shape (k,), and return them."""
         assert self._answer is not None

@@ -121,6 +121,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     if step.slip is not None and not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
     slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
+    # the rows of the law as they are at the end of the step
+    marks = step.active if applied.ahead is None else applied.ahead
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
         if not closed.any():
@@ -128,7 +130,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         # where the law acts at the end of the step, the active rows there are those of the law
         before = nearby.at(step.q) if drift else rows
         # for each row the row of the law at the same contact, -1 where there is none
-        owner = match_contacts(before, rows)
+        owner = match_contacts(before, marks)
         lengths = problem.constraints.levers(before.constraint) * before.gap
         # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
         sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
@@ -137,22 +139,26 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         depth = -float(lengths[sunk].min(initial=0.0))
         if depth <= problem.tolerance:
             break
+        if applied.ahead is None:
+            marks = advance_gaps(step, drift).active
+        else:
+            there = nearby.all_at(step.q)
+            marks = _renewed(marks, there, match_contacts(there, marks))
         sticking = _sticking(problem, applied, step)
-        start = problem, applied, step, before, floor, depth, projector, nearby
-        projected = _projected(*start, sticking)
+        given = problem, applied, step, marks, before, floor, depth, projector, nearby
+        projected = _projected(*given, sticking)
         if projected is None and sticking is not None:
             # a body that landed tilted cannot turn about contacts that are all held
-            projected = _projected(*start, None)
+            projected = _projected(*given, None)
         if projected is None:
             break
-        owner = match_contacts(projected.near, rows)
+        owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
-            return _with_tangent_velocity(
-                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector, nearby.place
-            )
+            found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
+            return _with_tangent_velocity(*found)
         joined = take(projected.near, owner < 0)
-        there = problem.constraints.at_places(applied.t, applied.q, joined)
-        rows = concatenate([rows, there])
+        marks = concatenate([marks, joined])
+        rows = concatenate([rows, _where_law_acts(problem, applied, joined)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
@@ -254,6 +260,20 @@ def _with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Arra
     return step._replace(q=q, v=v)
 
 
+def _renewed(marks: Rows, rows: Rows, owner: Array) -> Rows:
+    """Return marks with rows in the place of those that they belong to; `owner`, shape (k,), is -1 for none."""
+    index, found = np.arange(len(marks.gap)), np.flatnonzero(owner >= 0)
+    index[owner[found]] = len(index) + found
+    return take(concatenate([marks, rows]), index)
+
+
+def _where_law_acts(problem: Problem, applied: Applied, rows: Rows) -> Rows:
+    """Return rows of the end of a step as they join the law: on free bodies they act where it does."""
+    if not len(problem.free_bodies.q):
+        return rows
+    return problem.constraints.at_places(applied.t, applied.q, rows)
+
+
 def _with_bounds(
     applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector, start: Array | None = None
 ) -> Step:
@@ -274,6 +294,7 @@ def _with_tangent_velocity(
     problem: Problem,
     applied: Applied,
     step: Step,
+    marks: Rows,
     projected: _Projected,
     owner: Array,
     closed: Array,
@@ -283,9 +304,11 @@ def _with_tangent_velocity(
     """Return the step at the projected configuration, with a velocity tangent to its closed contacts.
 
     Free bodies start from their velocity after the law, less the percussions of the law at the rows of the projected
-    configuration: what the new percussions differ by is an impulse there. `place` has the axes of these rows.
+    configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at the end of
+    the step, and `place` has the axes of the rows of the projected configuration.
     """
-    rows, near, unmatched = step.active, projected.near, np.ones(len(closed), bool)
+    rows = marks._replace(restitution=step.active.restitution)
+    near, unmatched = projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
     rest_of_law = np.flatnonzero(unmatched)
     # the projection changed the gradients of closed contacts: that must not make them bounce
@@ -380,6 +403,7 @@ def _projected(
     problem: Problem,
     applied: Applied,
     step: Step,
+    marks: Rows,
     before: Rows,
     floor: Array,
     depth: float,
@@ -393,6 +417,8 @@ def _projected(
     ----------
     step : Step
         The step at whose configuration the projection starts.
+    marks : Rows
+        The rows of the law at the end of the step.
     before : Rows
         The active rows there.
     floor : ndarray, shape (k,)
@@ -414,7 +440,7 @@ def _projected(
     moved = still = np.zeros(system.nv)
     near, bound, metric = before, floor, applied.motion.metric
     for _ in range(MOST_LINEARISATIONS):
-        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, step.active))
+        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, marks))
         lower = near.jacobian @ moved + bound - near.gap
         try:
             moved, percussion, residual = projector.project(still, metric, J, lower)

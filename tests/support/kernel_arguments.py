@@ -21,6 +21,7 @@ from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.held_arguments import HELD_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
+from support.momentum_arguments import MOMENTUM_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
@@ -962,6 +963,7 @@ ARGUMENTS = {
     **SETTLE_ARGUMENTS,
     **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
+    **MOMENTUM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "farthest_moved": farthest_moved,

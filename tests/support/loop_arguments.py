@@ -15,6 +15,7 @@ import pytest
 import mbvi
 from mbvi.compiled import Kernel
 from mbvi.run import compiled_loop, loop_scope, step_loop
+from mbvi.system.mechanism import place
 from support.paths import DATA, ROBOTS
 
 STEP, DURATION = 1e-3, 0.2
@@ -282,7 +283,7 @@ CALLS = {
         name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 12, 132)]
         for name in (
             "find_sunk_contacts", "write_free_motion", "solve_wide", "raise_and_follow", "sticking_contacts",
-            "displace", "raise_contacts", "take_projected", "tangent_law",
+            "displace", "raise_contacts", "take_projected", "start_of_tangent_law", "tangent_law",
         )
     },
 }  # fmt: skip
@@ -299,6 +300,13 @@ def may_pass(rng, seed):
     return constraints, scale * v, scale * w, log, 1e-9
 
 
+def write_gradients(rng, seed):
+    scene, material = (on_block, hopper, quadruped)[seed], (RIGID, ROUGH, ROUGH)[seed]
+    s, middle, _ = _call("rows_in_the_middle", CENTERED, scene, material, 5)
+    place(s.mechanism, middle)
+    return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0]))
+
+
 def clearance_of(rng, seed):
     constraints = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)[0]
     return constraints, int(rng.integers(len(constraints.pairs.clearance)))
@@ -308,6 +316,7 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "write_gradients": write_gradients,
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
     "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),
