@@ -233,8 +233,13 @@ class Recorder:
         if step.at_once is not None and last is not None:
             # an impact goes on in the next step, by then its contact point has moved
             far += reach(self.problem, last.q, self.problem.system.difference(last.q, step.q))
-        before, after = (number, point), (e, last_number, last_point, last_rates, far, self._lever, self._still)
-        count, energy = _choose_rows(*before, rates, *after, candidates)
+
+        def choose(rates: Array) -> tuple[int, float]:
+            return _choose_rows(
+                number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
+            )
+
+        count, energy = choose(rates)
         if not count:
             return step.v
         chosen = self._taking_part(step, candidates)
@@ -243,7 +248,7 @@ class Recorder:
             # rows of sleeping contacts stand behind those of the step
             rates = np.concatenate([own, rates[:, own.shape[1] :]], axis=1)
             step = step._replace(v=velocity, rates=rates)
-            _, energy = _choose_rows(*before, rates, *after, candidates)
+            _, energy = choose(rates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if step.slip is not None:
             energy += 0.5 * float(np.vdot(step.slip[0], step.slip[1] + step.slip[2]))

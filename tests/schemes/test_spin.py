@@ -1,4 +1,4 @@
-"""Free bodies that spin keep the energy of rotation in every scheme, by Python and in the compiled loop, in any company."""
+"""Free bodies that spin keep the energy of rotation: in every scheme, by Python and in the loop, in any company."""
 
 import warnings
 

@@ -53,7 +53,8 @@ def test_it_has_order_two(seed):
     rng, system = body(seed)
     w, inertia, duration = 10.0 * rng.normal(size=3), system.inertias[0], 0.5
     exact = solve_ivp(
-        lambda t, x: np.linalg.solve(inertia, np.cross(inertia @ x, x)), (0, duration), w, "DOP853", rtol=1e-13, atol=1e-13
+        lambda t, x: np.linalg.solve(inertia, np.cross(inertia @ x, x)), (0, duration), w, "DOP853", rtol=1e-13,
+        atol=1e-13,
     ).y[:, -1]  # fmt: skip
     counts, errors = np.array([100, 200, 400]), []
     for count in counts.tolist():
