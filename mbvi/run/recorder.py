@@ -16,6 +16,7 @@ from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
+from ..schemes.stewart_trinkle import reach
 from ..system import independent_parts
 from .impact_rows import RecentPercussions, friction_of_impact, linked
 
@@ -184,7 +185,7 @@ class Recorder:
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
-        t, q, v, active, rates, residual, _ = step
+        t, q, v, active, rates, residual = step[:6]
         k, gap = self.count, active.gap
         if self.contacts is not None:
             # percussions of the law at the initial state belong to no interval between states
@@ -198,7 +199,7 @@ class Recorder:
         elif record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
         ):
-            self.impact(step)
+            v = self.impact(step)
         if keep:
             self.t[k] = t
             self.q[k] = q
@@ -229,8 +230,8 @@ class Recorder:
             ),
         )
 
-    def impact(self, step: Step) -> None:
-        """Record an impact: the rows that closed, and the rows linked to them."""
+    def impact(self, step: Step) -> Array:
+        """Record an impact: the rows that closed, and the rows linked to them; return the velocity after it."""
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
@@ -242,12 +243,25 @@ class Recorder:
             last_number, last_point = last_number[order], last_point[order]
             last_rates = np.ascontiguousarray(last_rates[:, order])
         far = _SAME_POINT * self.problem.length
-        count, energy = _choose_rows(
-            number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
-        )
+        if step.at_once is not None and last is not None:
+            # an impact goes on in the next step, by then its contact point has moved
+            far += reach(self.problem, last.q, self.problem.system.difference(last.q, step.q))
+
+        def choose(rates: Array) -> tuple[int, float]:
+            return _choose_rows(
+                number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
+            )
+
+        count, energy = choose(rates)
         if not count:
-            return
+            return step.v
         chosen = self._taking_part(step, candidates)
+        if step.at_once is not None:
+            velocity, own = step.at_once(chosen)
+            # rows of sleeping contacts stand behind those of the step
+            rates = np.concatenate([own, rates[:, own.shape[1] :]], axis=1)
+            step = step._replace(v=velocity, rates=rates)
+            _, energy = choose(rates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if step.slip is not None:
             energy += 0.5 * float(np.vdot(step.slip[0], step.slip[1] + step.slip[2]))
@@ -266,6 +280,7 @@ class Recorder:
                 *friction_of_impact(step, chosen),
             )
         )  # fmt: skip
+        return step.v
 
     def _taking_part(self, step: Step, candidates: Array) -> Array:
         """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""

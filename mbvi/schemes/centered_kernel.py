@@ -18,7 +18,16 @@ from ..system.mechanism import place
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
-from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, evaluate_effects, evaluate_forces, move_freely
+from .mechanism_steps import (
+    BOUNCES,
+    DONE,
+    UNSOLVED,
+    MechanismStep,
+    apply_law,
+    evaluate_effects,
+    evaluate_forces,
+    move_freely,
+)
 from .step import joins, margin_of, write_closing_speeds
 
 # what `settle` returns beside codes of a step: bodies have moved too far for linear gaps

@@ -110,7 +110,7 @@ class ActuatedSystem(System):
         return out
 
     def _half_change(self, t: float, q: Array, v: Array, h: float) -> Array:
-        """Return half of what the loads add to velocities in a step: it acts before gyroscopic torques do, see `spin`."""
+        """Return half of what loads add to velocities in a step: it acts before gyroscopic torques do, see `spin`."""
         return 0.5 * h * self.added_acceleration(t, q, v)
 
     def force(self, t: float, q: Array, v: Array) -> Array:

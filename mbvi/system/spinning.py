@@ -55,18 +55,16 @@ def mean_spin(factors: Array, h: float, first: float, second: float, third: floa
         w = share * ((C * F - E) * d + (A * E - F) * e + (1.0 - A * C) * f)
         x, y, z = x + u, y + v, z + w
         # the error is at most h times the square of the last correction; written so that a NaN does not converge
-        if h * (u * u + v * v + w * w) <= small:
+        if abs(h) * (u * u + v * v + w * w) <= small:
             return x, y, z, True
     return x, y, z, False
 
 
 @kernel("Tuple((f8, f8, f8))(f8, f8, f8, f8, f8, f8, f8)")
-def rotated_back(
-    h: float, x: float, y: float, z: float, u: float, v: float, w: float
-) -> tuple[float, float, float]:
+def rotated_back(h: float, x: float, y: float, z: float, u: float, v: float, w: float) -> tuple[float, float, float]:
     """Return exp(-h (x, y, z)) (u, v, w)."""
     angle = h * np.sqrt(x * x + y * y + z * z)
-    share = h * np.sin(0.5 * angle) / angle if angle > 0.0 else 0.5 * h
+    share = h * np.sin(0.5 * angle) / angle if angle != 0.0 else 0.5 * h
     x, y, z, s = -share * x, -share * y, -share * z, np.cos(0.5 * angle)
     a, b, c = 2.0 * (y * w - z * v), 2.0 * (z * u - x * w), 2.0 * (x * v - y * u)
     return u + s * a + y * c - z * b, v + s * b + z * a - x * c, w + s * c + x * b - y * a
@@ -99,10 +97,7 @@ def spin(factors: Array, h: float, state: Array) -> None:
     carries = u != 0.0 or v != 0.0 or w != 0.0
     left = h
     for _ in range(_MOST_PARTS):
-        angle = left * np.sqrt(x * x + y * y + z * z)
-        # written so that a NaN stays
-        if not angle > 0.0:
-            break
+        angle = abs(left) * np.sqrt(x * x + y * y + z * z)
         part = left if angle <= _PART else left * _PART / angle
         a, b, c, converged = mean_spin(factors, part, x, y, z)
         if not converged:
@@ -110,9 +105,9 @@ def spin(factors: Array, h: float, state: Array) -> None:
         if carries:
             u, v, w = rotated_back(part, a, b, c, u, v, w)
         x, y, z, left = 2.0 * a - x, 2.0 * b - y, 2.0 * c - z, left - part
-        if left <= 0.0:
+        if left == 0.0:
             break
-    if carries and left > 0.0:
+    if carries and left != 0.0:
         u, v, w = rotated_back(left, x, y, z, u, v, w)
     state[0, 0], state[0, 1], state[0, 2], state[1, 0], state[1, 1], state[1, 2] = x, y, z, u, v, w
 
