@@ -10,6 +10,7 @@ import pytest
 
 import mbvi
 from mbvi.run import compiled_loop
+from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
 from support.paths import EXAMPLES, ROBOTS, real_robot
 
@@ -208,6 +209,13 @@ def test_an_interrupt_leaves_no_state_without_its_contacts(monkeypatch):
     run = error.value.run
     assert len(run.record.contacts.starts) == len(run.t) + 1
     assert any(run.contacts(t) for t in run.t)
+
+
+def test_a_bar_is_shown_before_the_first_step(capsys):
+    """The loop may leave even the first step to Python, and the bar is asked before it is taken."""
+    with Progress(10, True) as bar:
+        assert bar.poll(0) < float("inf")
+    assert "10" in capsys.readouterr().err
 
 
 # problems of the examples
