@@ -1,6 +1,7 @@
 """What is recorded, shown or written changes no byte of a run, and contacts of the loop are those of the steps."""
 
 import importlib.util
+import inspect
 import sys
 from functools import partial
 
@@ -9,6 +10,7 @@ import pytest
 
 import mbvi
 from mbvi.run import compiled_loop
+from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
 from support.paths import EXAMPLES, ROBOTS, real_robot
 
@@ -209,6 +211,13 @@ def test_an_interrupt_leaves_no_state_without_its_contacts(monkeypatch):
     assert any(run.contacts(t) for t in run.t)
 
 
+def test_a_bar_is_shown_before_the_first_step(capsys):
+    """The loop may leave even the first step to Python, and the bar is asked before it is taken."""
+    with Progress(10, True) as bar:
+        assert bar.poll(0) < float("inf")
+    assert "10" in capsys.readouterr().err
+
+
 # problems of the examples
 
 
@@ -223,7 +232,10 @@ def first_run(name, folder):
         raise _Found(problem, scheme, step)
 
     def catch_point(make, points, *, scheme=None, step=None, **_):
-        made = make(*(values[0] for values in points.values()) if isinstance(points, dict) else points[0])
+        chosen = [values[0] for values in points.values()] if isinstance(points, dict) else list(points[0])
+        # of some examples a generator draws the rest
+        drawn = [np.random.default_rng(0)] if "rng" in inspect.signature(make).parameters else []
+        made = make(*chosen, *drawn)
         catch(made.build() if isinstance(made, mbvi.Scene) else made, scheme, step=step)
 
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
@@ -252,7 +264,7 @@ def test_recording_changes_no_byte_of_an_example(name, tmp_path):
 PUBLISHED = {
     "go2": "go2_description/urdf/go2.urdf",
     "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-    "talos_full": "talos_data/robots/talos_full.urdf",
+    "talos_full": "talos_data/robots/talos_full_v2.urdf",
     "solo12": "solo_description/robots/solo12.urdf",
     "anymal": "anymal_b_simple_description/robots/anymal.urdf",
     "hyq": "hyq_description/robots/hyq_no_sensors.urdf",
