@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from ..system.sparse_rows import stack_rows
+from ..system.sparse_rows import stack_rows, take_rows, times
 from . import tangents as tangent_rows
 from .tangents import Tangents
 
@@ -52,7 +52,7 @@ class Rows(NamedTuple):
 
     def speeds(self, v: Array) -> Array:
         """Return the rates of the gaps at a velocity, J v + rate, shape (k,) [m/s, rad/s]."""
-        speeds: Array = self.jacobian @ v
+        speeds = times(self.jacobian, v)
         return speeds if self.rate is None else speeds + self.rate
 
 
@@ -62,7 +62,7 @@ def take(rows: Rows, index: Array) -> Rows:
     return Rows(
         number[index],
         gap[index],
-        jacobian[index],
+        take_rows(jacobian, index),
         e[index],
         point[index],
         normal[index],

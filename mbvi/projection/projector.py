@@ -12,12 +12,13 @@ from ..errors import InfeasibleError, InputError, ProjectionError
 from .acceptance import Acceptance, AcceptedDepth, StatedDepth
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
+from .column_blocks import touched_columns
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
 from .friction import FrictionalProjection, FrictionalStart
 from .frictional_laws import FrictionalLaws, FrictionalRows
-from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
-from .metric import Array, Metric
+from .fused_step import FEW, MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
+from .metric import Array, DiagonalMetric, Metric
 from .proxqp import ProxQP
 from .scaled_qp import Candidate, Projection, ScaledQP, Solver
 from .sparse_pcg import SparsePCG
@@ -42,7 +43,7 @@ class Projector:
 
     Unless a solver is chosen, solvers are tried in order. The first answer whose KKT residual is good enough is taken
     (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `RefinedProxQP`, `DualActiveSet`.
-    Sparse rows are solved by `SparsePCG`.
+    Sparse rows are solved by `SparsePCG`; up to 32 rows of spheres by `FusedStep`, on the spheres that they touch.
 
     Parameters
     ----------
@@ -146,10 +147,16 @@ class Projector:
             Length of the step after which the rates must keep gaps open [s]; the residual then follows from the
             accepted depth.
         """
-        if self._fused is not None and 0 < len(lower) <= MOST_FUSED and isinstance(J, np.ndarray):
-            found = self._fused.project(x, metric, J, lower)
-            if found is not None:
-                return found
+        if self._fused is not None and 0 < len(lower) <= MOST_FUSED:
+            if isinstance(J, np.ndarray):
+                found = self._fused.project(x, metric, J, lower)
+                if found is not None:
+                    return found
+            elif len(lower) <= FEW and type(metric) is DiagonalMetric:
+                part, rows = touched_columns(J)
+                found = self._fused.project(x[part], DiagonalMetric(metric.diagonal[part]), rows, lower)
+                if found is not None:
+                    return found._replace(velocity=_moved(x, part, found.velocity))
         return self._solve(x, metric, J, lower, contacts, h)
 
     def law(
@@ -192,6 +199,12 @@ class Projector:
             found = self._fused.law(v, motion, J, e, opened)
             if found is not None:
                 return found
+        if self._fused is not None and m <= FEW and type(motion.metric) is DiagonalMetric:
+            part, rows = touched_columns(J)
+            few = FreeMotion(motion.free[part], DiagonalMetric(motion.metric.diagonal[part]))
+            found = self._fused.law(v[part], few, rows, e, opened)
+            if found is not None:
+                return _moved(motion.free, part, found[0]), *found[1:]
         x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)
         lower = -e * rates[3]
@@ -296,6 +309,13 @@ class Projector:
             problem,
             float(relative),
         )
+
+
+def _moved(x: Array, part: Array, values: Array) -> Array:
+    """Return x with other values of some entries."""
+    moved = x.copy()
+    moved[part] = values
+    return moved
 
 
 def _problem(qp: ScaledQP) -> dict[str, Array | csr_array | Metric]:

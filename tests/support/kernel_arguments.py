@@ -936,6 +936,13 @@ def write_blocks(rng):
     return first, second, left, right, np.full(6 * m, np.nan), np.full(6 * m, -1), np.full(m + 1, -1)
 
 
+def row_products(rng):
+    m, n = rng.integers(0, 8, 2)
+    starts = np.concatenate([[0], np.cumsum(rng.integers(0, 4, m) * (n > 0))]).astype(np.uint32)
+    columns = rng.integers(0, max(n, 1), starts[-1]).astype(np.uint32)
+    return rng.normal(size=starts[-1]), columns, starts, rng.normal(size=n), np.full(m, np.nan)
+
+
 def sparse_separation_rows(rng):
     m, first, second = bodies_of_rows(rng)
     numbers = np.full(12 * m, 99, np.uint32), np.full(m + 1, 99, np.uint32)
@@ -1064,6 +1071,7 @@ ARGUMENTS = {
     "place_shapes": placing_shapes,
     "near_boxes": near_boxes,
     "carry_axes": carry_axes,
+    "row_products": row_products,
     "write_blocks": write_blocks,
     "sparse_separation_rows": sparse_separation_rows,
     "_write_row": write_row,
