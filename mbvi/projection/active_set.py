@@ -89,7 +89,9 @@ class ActiveSet:
 
 
 def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array, str] | None:
-    """Return the active set, the solution and whether it `stopped` at the bound of its changes, of min u' G u / 2 - d' u, u >= 0, by principal pivoting from a first set.
+    """Return the active set and solution of min u' G u / 2 - d' u, u >= 0, by principal pivoting from a first set.
+
+    The last word says at which bound it stopped; it is empty where no row is wrong.
 
     Parameters
     ----------

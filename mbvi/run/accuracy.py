@@ -26,7 +26,7 @@ def projector_of(
     residual: SupportsFloat | None,
     depth: SupportsFloat | None,
     solver: ChosenSolver | None,
-    h: float | None,
+    h: float | None = None,
 ) -> tuple[Projector, list[str]]:
     """Return the projector of a run with steps of h [s], and a note where its residual follows from a depth.
 
