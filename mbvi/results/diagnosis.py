@@ -105,6 +105,8 @@ class Diagnosis:
         How many impacts of several constraints have friction: outcomes are only sought without it.
     gains : tuple of (float, float)
         Time [s] and energy [J] of each impact with friction that raised the kinetic energy.
+    projection_energy : float
+        Potential energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
     """
 
     instants: tuple[Instant, ...]
@@ -117,6 +119,7 @@ class Diagnosis:
     unseen: bool
     not_followed: int = 0
     gains: tuple[tuple[float, float], ...] = ()
+    projection_energy: float = 0.0
 
     def __str__(self) -> str:
         return self.report()
@@ -147,6 +150,8 @@ class Diagnosis:
                 f"{_count(len(self.gains), 'impact', 'impacts')} with friction raised the kinetic energy, by up to "
                 f"{most:.3g} J at t = {time:.6g} s: Newton's law with e > 0 promises no loss there (Kane's paradox)."
             )
+        if self.projection_energy:
+            lines.append(f"Energy added by position projection: {self.projection_energy:.3g} J.")
         lines.append(
             f"Total variation of the velocity {self.variation:.6g}, largest percussion {self.largest_percussion:.6g}, "
             f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."
