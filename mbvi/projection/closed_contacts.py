@@ -14,9 +14,30 @@ def is_closed(percussion: float, rise: float, tolerance: float) -> bool:
     return abs(rise) <= tolerance or (percussion > 0.0 and rise < 0.0)
 
 
-@kernel("b1(f8[::1], f8[::1], f8[::1], b1[::1], f8[:,::1], f8, f8, f8, b1[::1])")
+@kernel("b1(f8, f8, f8, f8, f8)")
+def stays_sunk(depth: float, rise: float, fall: float, e: float, tolerance: float) -> bool:
+    """Return whether a row in penetration is raised whatever it bears: nothing else would raise it within two steps.
+
+    Without restitution this is every row. With restitution it is a row that hardly moves, unless it has sunk by an
+    impact of this step: it leaves by its rebound.
+
+    Parameters
+    ----------
+    depth, rise : float
+        Penetration at the end of the step, and how far the row moves out in a step at the velocity after the law [m].
+    fall : float
+        How far it moves out in a step at the velocity before the law [m].
+    e, tolerance : float
+        Its restitution, and the activation tolerance [m].
+    """
+    if e >= 1.0 or not depth > tolerance:
+        return False
+    return e == 0.0 or (2.0 * abs(rise) < depth and depth > -fall)
+
+
+@kernel("b1(f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8[:,::1], f8, f8, f8, b1[::1])")
 def find_closed(
-    gap: Array, lever: Array, e: Array, law: Array, rates: Array, h: float, drift: float, tolerance: float,
+    gap: Array, end: Array, lever: Array, e: Array, law: Array, rates: Array, h: float, drift: float, tolerance: float,
     closed: Array,
 ) -> bool:  # fmt: skip
     """Find the closed contacts among the rows of the law; see `project_positions`.
@@ -25,25 +46,28 @@ def find_closed(
     ----------
     gap, lever, e, law, rates, h, drift, tolerance
         As of `settle_positions`.
+    end : ndarray, shape (m,)
+        Gaps at the end of the step.
     closed : ndarray of bool, shape (m,)
         Receives which rows are closed.
 
     Returns
     -------
     bool
-        False where another contact bounces: rates alone do not tell then which rows are closed.
+        Whether a contact may bounce: rates alone do not tell then which rows are closed.
     """
-    restitution = bounces = some = False
+    restitution = bounces = False
     for a in range(len(gap)):
         closed[a] = False
         if law[a]:
-            closed[a] = is_closed(rates[0, a], h * lever[a] * rates[2, a], tolerance)
-            some = some or closed[a]
+            rise, fall = h * lever[a] * rates[2, a], h * lever[a] * rates[3, a]
+            closed[a] = is_closed(rates[0, a], rise, tolerance)
+            closed[a] = closed[a] or stays_sunk(-lever[a] * end[a], rise, fall, e[a], tolerance)
             restitution = restitution or e[a] > 0.0
             # its gap where the law acts
             sunk = lever[a] * (gap[a] - drift * rates[3, a]) < -tolerance
             bounces = bounces or (not closed[a] and (rates[0, a] > 0.0 or sunk))
-    return not (restitution and bounces and some)
+    return restitution and bounces
 
 
 @kernel("i8(i8[::1], f8[:,::1], i8, b1[::1])")
@@ -94,28 +118,28 @@ def follow_contacts(
 
 
 @kernel(
-    "f8(i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8[:,::1], f8, f8, f8, b1[::1], "
-    "f8[::1], f8[::1], b1[::1])"
+    "f8(i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8[:,::1], f8, "
+    "f8, f8, b1[::1], f8[::1], f8[::1], b1[::1])"
 )
 def find_sunk(
-    number: Array, point: Array, J: Array, gap: Array, lever: Array, e: Array, displacement: Array, law: Array,
-    rates: Array, h: float, drift: float, tolerance: float, closed: Array, end: Array, bound: Array, near: Array,
+    number: Array, point: Array, J: Array, gap: Array, lever: Array, e: Array, v: Array, w: Array, displacement: Array,
+    law: Array, rates: Array, h: float, drift: float, tolerance: float, closed: Array, end: Array, bound: Array,
+    near: Array,
 ) -> float:  # fmt: skip
     """Return the largest distance by which a closed contact must rise [m], 0 for none; -1 where a contact bounces.
 
     Parameters
     ----------
-    number, point, J, gap, lever, e, displacement, law, rates, h, drift, tolerance
+    number, point, J, gap, lever, e, v, w, displacement, law, rates, h, drift, tolerance
         As of `settle_positions`.
     closed : ndarray of bool, shape (m,)
-        Receives which rows are closed, and the active ones that take the place of a closed row of their constraint.
+        Receives which rows are closed, and the active ones that take the place of a closed row of their constraint or
+        stay sunk.
     end, bound : ndarray, shape (m,)
         Receive the gaps at the end of the step, and the lower bounds that a position projection must keep.
     near : ndarray of bool, shape (m,)
         Receives which rows are active there.
     """
-    if not find_closed(gap, lever, e, law, rates, h, drift, tolerance, closed):
-        return -1.0
     m, n = J.shape
     depth = 0.0
     for a in range(m):
@@ -123,11 +147,18 @@ def find_sunk(
         for k in range(n):
             end[a] += J[a, k] * displacement[k]
         near[a] = lever[a] * end[a] <= tolerance
+    bounces = find_closed(gap, end, lever, e, law, rates, h, drift, tolerance, closed)
     for a in range(m):
         length = lever[a] * end[a]
         if near[a] and not law[a]:
             b = moved_from(number, point, a, near, law)
-            closed[a] = b >= 0 and closed[b]
+            rise = fall = 0.0
+            for k in range(n):
+                rise += h * lever[a] * J[a, k] * w[k]
+                fall += h * lever[a] * J[a, k] * v[k]
+            closed[a] = (b >= 0 and closed[b]) or stays_sunk(-length, rise, fall, e[a], tolerance)
+        if closed[a] and bounces:
+            return -1.0
         # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
         sunk = near[a] and closed[a] and length < -tolerance
         bound[a] = 0.0 if sunk or not near[a] else min(end[a], 0.0)

@@ -180,7 +180,7 @@ class FusedStep:
         if largest_travel(gaps.squares, displacement) > gaps.reach:
             return None
         depth = find_sunk(
-            gaps.number, gaps.point, J, gap, gaps.lever, e, displacement, law, known, gaps.h, gaps.drift,
+            gaps.number, gaps.point, J, gap, gaps.lever, e, v, w, displacement, law, known, gaps.h, gaps.drift,
             gaps.tolerance, np.empty(m, bool), end, np.empty(m), near,
         )  # fmt: skip
         if depth == 0.0:

@@ -182,8 +182,9 @@ def settle_positions(
     end, total, residual, raised, joins = np.empty(m), np.empty(n), -1.0, 0.0, True
     for _ in range(MOST_LINEARISATIONS):
         depth = find_sunk(
-            number, point, J, gap, lever, e, displacement, law, rates, h, drift, tolerance, closed, end, bound, near
-        )
+            number, point, J, gap, lever, e, v, w, displacement, law, rates, h, drift, tolerance, closed, end, bound,
+            near,
+        )  # fmt: skip
         if depth < 0.0 or largest_travel(squares, displacement) > reach:
             return UNDECIDED, residual
         if depth == 0.0:

@@ -17,6 +17,7 @@ from ..projection import Projector
 from ..schemes.observer import observer
 from ..system.sparse_rows import dense
 from .diagnosis import Array, Diagnosis, Instant
+from .energies import energy_of_projection
 from .jumps import Jumps
 from .run_data import Impact, RunData
 
@@ -69,7 +70,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     problem, system = run.problem, run.problem.system
     struck = np.array([impact.time for impact in run.impacts])
     found, jumps = _Instants(problem, tolerance), Jumps(problem)
-    variation = energy = excess = 0.0
+    variation = energy = excess = raised = 0.0
     vanishing: dict[str, None] = {}
     for state in _states(run):
         t, q, before, v, h, step, again = state
@@ -78,6 +79,8 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
             jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
+            rest = (1.0 - run.record.timing.jump) * h
+            raised += energy_of_projection(problem, t, q, step.q, step.v, rest)
             gained = 0.5 * float(step.percussion @ (step.before + step.after))
             lengths = problem.constraints.levers(step.active.constraint) * step.active.gap
             # rows near enough to close within the step join the law; those that stay open are no contacts
@@ -122,6 +125,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         found.not_followed,
         tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
         tuple(jumps.found),
+        raised,
     )
 
 

@@ -108,6 +108,8 @@ class Diagnosis:
         Time [s] and energy [J] of each impact with friction that raised the kinetic energy.
     jumps : tuple of Jump
         Steps with friction in which velocities jump though no contact approaches. Known where steps can be taken again.
+    projection_energy : float
+        Potential energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
     """
 
     instants: tuple[Instant, ...]
@@ -121,6 +123,7 @@ class Diagnosis:
     not_followed: int = 0
     gains: tuple[tuple[float, float], ...] = ()
     jumps: tuple[Jump, ...] = ()
+    projection_energy: float = 0.0
 
     def __str__(self) -> str:
         return self.report()
@@ -152,6 +155,8 @@ class Diagnosis:
                 f"{most:.3g} J at t = {time:.6g} s: Newton's law with e > 0 promises no loss there (Kane's paradox)."
             )
         lines += self._jumps()
+        if self.projection_energy:
+            lines.append(f"Energy added by position projection: {self.projection_energy:.3g} J.")
         lines.append(
             f"Total variation of the velocity {self.variation:.6g}, largest percussion {self.largest_percussion:.6g}, "
             f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."

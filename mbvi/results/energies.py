@@ -8,6 +8,9 @@ from ..errors import InputError
 from ..problem import Problem
 from .run_data import Array, RunData
 
+# differences of configurations that count as rounding; a longer interval than this many steps holds several of them
+_ROUNDING, _SAME_STEP = 1e-12, 1.5
+
 
 def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: float = 1.0) -> Array:
     """Return kinetic and potential energy of each state, shape (n, 2) [J]; see `Trajectory.energies`.
@@ -45,6 +48,49 @@ def energies_of_run(run: RunData) -> Array:
     if run.problem is None:
         raise InputError("this file holds neither energies nor a problem to compute them from")
     return energies(run.problem, run.t, run.q, run.v, run.step, run.record.timing.jump)
+
+
+def energy_of_projection(problem: Problem, t: float, acted: Array, q: Array, v: Array, rest: float) -> float:
+    """Return the potential energy of a displacement by position projection at the end of a step [J].
+
+    Parameters
+    ----------
+    problem : Problem
+        The system.
+    t, q, v : float and ndarray, shapes (nq,) and (nv,)
+        Time, configuration and velocity after the step.
+    acted : ndarray, shape (nq,)
+        Configuration where the law was applied.
+    rest : float
+        Time from there to the end of the step [s].
+    """
+    reached = problem.system.integrate(acted, rest * v)
+    if np.abs(q - reached).max(initial=0.0) <= _ROUNDING * max(1.0, np.abs(q).max(initial=0.0)):
+        return 0.0
+    return problem.system.potential_energy(t, q) - problem.system.potential_energy(t, reached)
+
+
+def projection_energies(run: RunData) -> Array:
+    """Return the energy that position projection added in the step to each state; see `Trajectory.projection_energy`.
+
+    Raises
+    ------
+    InputError
+        If states between the recorded ones are missing, or the run came from a file without its problem.
+    """
+    added, scheme = np.zeros(len(run.t)), run.record.scheme
+    if scheme is None or not getattr(scheme, "project_positions", False):
+        return added
+    if run.problem is None:
+        raise InputError("this file holds no problem, which the energy of position projections needs")
+    if (np.diff(run.t) > _SAME_STEP * run.step).any():
+        raise InputError("the energy of position projections needs every step: simulate without every=")
+    system, jump = run.problem.system, run.record.timing.jump
+    for i in range(1, len(run.t)):
+        h = float(run.t[i] - run.t[i - 1])
+        acted = system.integrate(run.q[i - 1], jump * h * run.v[i - 1])
+        added[i] = energy_of_projection(run.problem, float(run.t[i]), acted, run.q[i], run.v[i], (1.0 - jump) * h)
+    return added
 
 
 def end_energies(run: RunData) -> tuple[float, float] | None:

@@ -12,7 +12,7 @@ from ..arguments import between, choice, file_path, number, positive
 from ..errors import InputError
 from .contact_forces import ContactNames, durations, force_on, forces_between, recorded_contacts
 from .diagnose import diagnose, given_or_computed
-from .energies import energies_of_run
+from .energies import energies_of_run, projection_energies
 from .export import export
 from .hdf5 import save
 from .run_data import Array, RunData
@@ -85,6 +85,21 @@ class Trajectory(RunData):
         """Return the total energy, shape (n + 1,) [J], at the consistent times of `energies`."""
         kinetic, potential = self.energies()
         return kinetic + potential
+
+    def projection_energy(self) -> Array:
+        """Return the potential energy that position projection added in the step to each state, shape (n + 1,) [J].
+
+        It is that of the displacement which moves bodies out of each other at the end of the step: the penetration that
+        an impact has left, against gravity. No step of `Centered(project_positions=True)` with e = 0 or one e for all
+        contacts, and without controls or moving walls, raises the energy by more than this and the error of the
+        integrator. The number means nothing in steps that were shortened, which `notes` counts.
+
+        Raises
+        ------
+        InputError
+            If the run was thinned by `every`, or came from a file without its problem.
+        """
+        return projection_energies(self)
 
     def penetration(self) -> Array:
         """Return the deepest penetration at each time, shape (n + 1,), >= 0 [m or rad]."""

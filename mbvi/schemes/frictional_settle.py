@@ -10,7 +10,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_tables import copy_row
 from ..system.system import Array
 from .frictional_raise import raise_and_follow
-from .frictional_sunk import closed_contacts, find_sunk_contacts, known_gaps, search_at_end, some_below
+from .frictional_sunk import bears_or_sinks, closed_contacts, find_sunk_contacts, known_gaps, search_at_end, some_below
 from .mechanism_steps import BOUNCES, DONE, MechanismStep
 
 
@@ -32,30 +32,30 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
     margin : float
         How far beyond the tolerance the rows are known [m].
     """
-    room, k, reach, depth, some, i = s.room, s.rows.size[0], s.scales.reach, 0.0, 0, 0
+    room, k, reach, depth, some, i = s.room, s.rows.size[0], s.scales.reach, 0.0, False, 0
     travel = known_gaps(s, s.q)
     far = not travel < reach or travel > margin
     if far or some_below(s):
-        some = closed_contacts(s, h, room.closed[:k])
-    if some < 0:
-        return BOUNCES
-    if some > 0:
+        if not closed_contacts(s, h, room.closed[:k]):
+            return BOUNCES
+        some = not far or bears_or_sinks(s, h)
+    if some:
         # the rows of the law as they are at the end
         s.middle.size[0] = 0
         for a in range(len(near)):
             if near[a]:
                 copy_row(s.ahead, a, s.middle)
-    if some > 0 and far:
+    if some and far:
         code = search_at_end(s, v, h)
         if code != DONE:
             return code
         known_gaps(s, s.q)
         margin = 2.0 * reach
-    elif some > 0:
+    elif some:
         for a in range(len(near)):
             room.owner[a] = i if near[a] else -1
             i += near[a]
-    if some > 0:
+    if some:
         depth = find_sunk_contacts(s)
     # without friction `settle` raises contacts, where bodies have not moved far
     if depth < 0.0 or (depth > 0.0 and len(s.rows.T) == 0):

@@ -6,7 +6,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows
 from ..constraints.mechanism_tables import FOUND, copy_row
 from ..constraints.rows import mutual_nearest
-from ..projection.closed_contacts import is_closed
+from ..projection.closed_contacts import is_closed, stays_sunk
 from ..projection.raise_gaps import largest_travel
 from ..projection.tree import factor, is_damped
 from ..system.pinocchio_address import tangent
@@ -14,9 +14,9 @@ from ..system.system import Array
 from .mechanism_steps import DONE, UNSOLVED, MechanismStep, move_freely
 
 
-@kernel("i8(MechanismStep, f8, b1[::1])")
-def closed_contacts(s: MechanismStep, h: float, closed: Array) -> int:
-    """Find which rows of the law are closed; return how many, -1 where the rates do not tell; see `project_positions`.
+@kernel("b1(MechanismStep, f8, b1[::1])")
+def closed_contacts(s: MechanismStep, h: float, closed: Array) -> bool:
+    """Find which rows of the law are closed; return whether the rates tell; see `project_positions`.
 
     Parameters
     ----------
@@ -27,18 +27,31 @@ def closed_contacts(s: MechanismStep, h: float, closed: Array) -> int:
     closed : ndarray of bool, shape (k,)
         Receives which are closed.
     """
-    rows, k, tolerance, some = s.rows, s.rows.size[0], s.scales.tolerance, 0
-    restitution = rises = bounces = False
+    rows, k, tolerance = s.rows, s.rows.size[0], s.scales.tolerance
+    some = restitution = rises = bounces = False
     for a in range(k):
         rise, percussion = h * rows.lever[a] * s.rates[2 * k + a], s.rates[a]
-        closed[a] = is_closed(percussion, rise, tolerance)
-        some += closed[a]
+        depth = -rows.lever[a] * (rows.gap[a] + 0.5 * h * s.rates[2 * k + a])
+        fall = h * rows.lever[a] * s.rates[3 * k + a]
+        closed[a] = is_closed(percussion, rise, tolerance) or stays_sunk(depth, rise, fall, rows.e[a], tolerance)
+        some = some or closed[a]
         restitution = restitution or rows.e[a] != 0.0
         if not closed[a]:
             # it may be closed for all that if its gap is no larger after a whole step
             rises = rises or (rise > tolerance and rows.e[a] < 1.0 and percussion > 0.0)
             bounces = bounces or percussion > 0.0 or rows.lever[a] * rows.gap[a] < -tolerance
-    return -1 if restitution and (rises or (bounces and some > 0)) else some
+    return not (restitution and (rises or (bounces and some)))
+
+
+@kernel("b1(MechanismStep, f8)")
+def bears_or_sinks(s: MechanismStep, h: float) -> bool:
+    """Return whether a row of the law bears load, or is below zero by more than the tolerance at the end."""
+    rows, k = s.rows, s.rows.size[0]
+    for a in range(k):
+        depth = -rows.lever[a] * (rows.gap[a] + 0.5 * h * s.rates[2 * k + a])
+        if s.rates[a] > 0.0 or depth > s.scales.tolerance:
+            return True
+    return False
 
 
 @kernel("f8(MechanismStep, f8[::1])")

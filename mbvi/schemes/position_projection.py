@@ -83,8 +83,10 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
 
     A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
     step, or if it bears load and lands within the step. A contact with e < 1 whose gap starts to rise is closed too if
-    the gap is no larger after a whole step, as in sliding along a concave wall. A contact that is coupled to a bouncing
-    one does not count as closed.
+    the gap is no larger after a whole step, as in sliding along a concave wall. So is a contact that would stay in
+    penetration: without restitution each one that is there, with restitution one that hardly moves, unless an impact of
+    this step has brought it there. A contact that is coupled to a bouncing one does not
+    count as closed, unless it would stay in penetration.
 
     The projection raises the gaps of closed contacts to zero. Any other gap that is negative gets no smaller, and one
     that is positive gets no smaller than zero. Rows that are active only after the projection join the law, and the law
@@ -111,8 +113,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
 
     Notes
     -----
-    Positions are not projected in a step where 20 linearisations do not suffice, as between polyhedra whose nearest
-    features change, or where contacts contradict each other. The run records that penetration.
+    Linearisations alternate where the nearest features of polyhedra change. The last 10 of 20 therefore add to each
+    other, and may leave contacts open that were raised before. Positions are not projected in a step where these do
+    not suffice either, or where contacts contradict each other. The run records that penetration.
     """
     settled = _settled(problem, applied, step, projector, nearby)
     if settled is not None:
@@ -125,7 +128,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     marks = step.active if applied.ahead is None else applied.ahead
     for _ in range(MOST_LINEARISATIONS):
         rows, closed = step.active, _closed(problem, applied, step)
-        if not closed.any():
+        if not _bears_or_sinks(problem, step, drift):
             break
         # where the law acts at the end of the step, the active rows there are those of the law
         before = nearby.at(step.q) if drift else rows
@@ -134,6 +137,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         lengths = problem.constraints.levers(before.constraint) * before.gap
         # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
         sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
+        sunk |= _stays_sunk(problem, applied, before, before.speeds(step.v), before.speeds(applied.v))
         floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
         # the largest distance by which a closed contact must move out
         depth = -float(lengths[sunk].min(initial=0.0))
@@ -355,6 +359,8 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
     rise = h * lever * step.after
     # one that bears load and closes lands within the step
     closed = (np.abs(rise) <= problem.tolerance) | ((rise < 0.0) & (step.percussion > 0.0))
+    sunk = _stays_sunk(problem, applied, advance_gaps(step, step.t - applied.t).active, step.after, step.before)
+    closed |= sunk
     if not rows.restitution.any():
         # without restitution a contact bears load and does not rise, or it leaves
         return np.asarray(closed)
@@ -375,9 +381,29 @@ def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
         # to project a contact of a body that bounces at another contact would make the body rock
         metric, J = applied.motion.metric, rows.jacobian
         bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
-        if bounces.any():
-            closed[closed] = ~_coupled(metric, J, closed, bounces)
+        # but one that stays sunk would do so as long as the body bounces
+        landed = closed & ~sunk
+        if bounces.any() and landed.any():
+            closed[landed] = ~_coupled(metric, J, landed, bounces)
     return closed
+
+
+def _stays_sunk(problem: Problem, applied: Applied, rows: Rows, after: Array, before: Array) -> Array:
+    """Return which rows at the end of a step stay in penetration, shape (k,); see the kernel `stays_sunk`.
+
+    `after` and `before`, shape (k,), are the rates of their gaps after and before the law.
+    """
+    lever, e, tolerance = problem.constraints.levers(rows.constraint), rows.restitution, problem.tolerance
+    depth, rise, fall = -lever * rows.gap, applied.h * lever * after, applied.h * lever * before
+    still = (2.0 * np.abs(rise) < depth) & (depth > -fall)
+    return np.asarray((depth > tolerance) & (e < 1.0) & ((e == 0.0) | still))
+
+
+def _bears_or_sinks(problem: Problem, step: Step, drift: float) -> bool:
+    """Return whether a row of the law bears load, or is below zero by more than the tolerance after a drift [s]."""
+    rows = step.active
+    lengths = problem.constraints.levers(rows.constraint) * (rows.gap + drift * step.after)
+    return bool((step.percussion > 0.0).any() or lengths.min(initial=0.0) < -problem.tolerance)
 
 
 def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
@@ -439,11 +465,13 @@ def _projected(
     system, tolerance = problem.system, problem.tolerance
     moved = still = np.zeros(system.nv)
     near, bound, metric = before, floor, applied.motion.metric
-    for _ in range(MOST_LINEARISATIONS):
+    for i in range(MOST_LINEARISATIONS):
         J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, marks))
         lower = near.jacobian @ moved + bound - near.gap
+        # where linearisations alternate, each of the others adds to the displacement before
+        origin = still if 2 * i < MOST_LINEARISATIONS else moved
         try:
-            moved, percussion, residual = projector.project(still, metric, J, lower)
+            moved, percussion, residual = projector.project(origin, metric, J, lower)
         except ProjectionError:
             return None
         if sticking is not None and not _raises(metric, near.jacobian, moved, lower, tolerance):

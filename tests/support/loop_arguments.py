@@ -262,6 +262,8 @@ CALLS = {
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
+    "some_stay_sunk": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 3), (DEFAULT, quadruped, BOUNCY, 3)],
+    "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
     "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
     "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (0, 100, 147)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
@@ -318,6 +320,7 @@ LOOP_ARGUMENTS = {
     "clearance_of": clearance_of,
     "write_gradients": write_gradients,
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
+    "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),
     "joins": lambda rng, seed: (rng.normal(scale=1e-6), rng.normal(scale=2e-6), 1.0, 1e-9),
 }

@@ -85,7 +85,8 @@ def largest_bend(rng):
 
 def find_closed(rng):
     of = Landing(rng)
-    return of.gap, of.lever, of.e, of.law, of.rates, STEP, 0.5 * STEP, TOLERANCE, np.zeros(len(of.gap), bool)
+    end = of.gap + of.J @ of.displacement
+    return of.gap, end, of.lever, of.e, of.law, of.rates, STEP, 0.5 * STEP, TOLERANCE, np.zeros(len(of.gap), bool)
 
 
 def nearest_row(rng):
@@ -108,7 +109,7 @@ def find_sunk(rng):
     m = len(of.gap)
     rows = of.number, of.point, of.J, of.gap, of.lever, of.e
     masks = np.zeros(m, bool), empty(m), empty(m), np.zeros(m, bool)
-    return *rows, of.displacement, of.law, of.rates, STEP, 0.5 * STEP, TOLERANCE, *masks
+    return *rows, of.v, of.w, of.displacement, of.law, of.rates, STEP, 0.5 * STEP, TOLERANCE, *masks
 
 
 def join_rows(rng):
