@@ -17,7 +17,7 @@ from .constraints import AdmissibleSet, Constraint, ConstraintFamily
 from .constraints.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import System, checked_system, parts_of
-from .system.free_momentum import FreeBodyTable, free_body_table
+from .system.free_body_table import FreeBodyTable, free_body_table
 
 if TYPE_CHECKING:
     from .geometry.shapes import HalfSpace, PlacedShape

@@ -237,8 +237,9 @@ class AdmissibleSet(Rebuilt):
         for f in np.unique(which).tolist():
             part = take(rows, which == f)
             if type(self.families[f]).bodies_of is not ConstraintFamily.bodies_of:
-                bodies = self.families[f].bodies_of(part.constraint - self._starts[f])
-                part = part._replace(jacobian=self.system.separation_rows(q, *bodies, part.point, part.normal))
+                first, second = self.families[f].bodies_of(part.constraint - self._starts[f])
+                there = self.system.separation_rows(q, first, second, part.point, part.normal)
+                part = part._replace(jacobian=there)
             parts.append(part)
         rows = take(concatenate(parts), np.argsort(order, kind="stable"))
         return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows

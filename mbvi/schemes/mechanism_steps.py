@@ -21,7 +21,7 @@ from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.control_table import ControlTable, write_torque
-from ..system.free_momentum import FreeBodyTable
+from ..system.free_body_table import FreeBodyTable
 from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import nonlinear_effects, retract
 from ..system.spinning import spin_effects

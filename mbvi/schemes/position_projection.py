@@ -8,15 +8,14 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ..constraints import Rows
-from ..constraints.rows import concatenate, match_contacts, take
+from ..constraints.rows import concatenate, in_place_of, match_contacts, renewed, take
 from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
 from ..projection.held_rows import FARTHEST, HARDLY
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
-from ..system.free_momentum import FreeBodyTable, keep_momentum
-from ..system.sparse_rows import sparse_parts
 from ..system.system import Array
+from .free_impulses import where_law_acts, with_momentum, without_percussions
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
@@ -147,7 +146,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             marks = advance_gaps(step, drift).active
         else:
             there = nearby.all_at(step.q)
-            marks = _renewed(marks, there, match_contacts(there, marks))
+            marks = renewed(marks, there, match_contacts(there, marks))
         sticking = _sticking(problem, applied, step)
         given = problem, applied, step, marks, before, floor, depth, projector, nearby
         projected = _projected(*given, sticking)
@@ -162,7 +161,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             return _with_tangent_velocity(*found)
         joined = take(projected.near, owner < 0)
         marks = concatenate([marks, joined])
-        rows = concatenate([rows, _where_law_acts(problem, applied, joined)])
+        rows = concatenate([rows, where_law_acts(problem, applied.t, applied.q, joined)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
@@ -198,7 +197,7 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
     if applied.opened is not None:
         opened[known.near] = applied.opened
     # the rows as they are where the law acts; others keep the gradients of the end
-    here = _in_place_of(rows, known.near, step.active)
+    here = in_place_of(rows, known.near, step.active)
     bodies = problem.free_bodies
     displacement = system.difference(known.q, step.q)
     squares, tolerance = problem.constraints.cache.squares, problem.tolerance
@@ -233,49 +232,7 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
         residual = step.residual if found.residual < 0.0 else found.residual
         return Step(step.t, q, found.w, rows, rates, residual)
     new = Step(step.t, system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
-    return _with_momentum(bodies, new, known.q, q, found.w)
-
-
-def _in_place_of(rows: Rows, some: Array, others: Rows) -> Rows:
-    """Return rows with gradients, points and normals of others in the place of some of them, a mask."""
-    jacobian, point, normal = rows.jacobian.copy(), rows.point.copy(), rows.normal.copy()
-    jacobian[some], point[some], normal[some] = others.jacobian, others.point, others.normal
-    return rows._replace(jacobian=jacobian, point=point, normal=normal)
-
-
-def _with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Array, w: Array) -> Step:
-    """Return the step with velocities of free bodies that keep their momentum; see `keep_momentum`.
-
-    Parameters
-    ----------
-    bodies : FreeBodyTable
-        The free bodies.
-    step : Step
-        The step after the position projection.
-    place, before : ndarray, shape (nq,)
-        The configuration of its gradients, and that before the projection.
-    w : ndarray, shape (nv,)
-        The velocity there.
-    """
-    if not len(bodies.q):
-        return step
-    q, v = step.q.copy(), step.v.copy()
-    keep_momentum(bodies, *sparse_parts(step.active.jacobian), before, w, place, q, v)
-    return step._replace(q=q, v=v)
-
-
-def _renewed(marks: Rows, rows: Rows, owner: Array) -> Rows:
-    """Return marks with rows in the place of those that they belong to; `owner`, shape (k,), is -1 for none."""
-    index, found = np.arange(len(marks.gap)), np.flatnonzero(owner >= 0)
-    index[owner[found]] = len(index) + found
-    return take(concatenate([marks, rows]), index)
-
-
-def _where_law_acts(problem: Problem, applied: Applied, rows: Rows) -> Rows:
-    """Return rows of the end of a step as they join the law: on free bodies they act where it does."""
-    if not len(problem.free_bodies.q):
-        return rows
-    return problem.constraints.at_places(applied.t, applied.q, rows)
+    return with_momentum(bodies, new, known.q, q, found.w)
 
 
 def _with_bounds(
@@ -332,24 +289,10 @@ def _with_tangent_velocity(
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
     bodies, before = problem.free_bodies, step
-    start = _without_percussions(bodies, applied, step, rows, np.concatenate([owner, rest_of_law]))
+    start = without_percussions(bodies, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
     step = _with_bounds(applied, step, rows, lower, projector, start)
     step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
-    return _with_momentum(bodies, step, place, before.q, before.v)
-
-
-def _without_percussions(bodies: FreeBodyTable, applied: Applied, step: Step, rows: Rows, owner: Array) -> Array | None:
-    """Return the free motion, of free bodies the velocity after the law less its percussions at the rows given.
-
-    `owner`, shape (k,), are the rows of the law at the same contacts. None if there are no free bodies.
-    """
-    if not len(bodies.q):
-        return None
-    impulse = rows.jacobian.T @ step.percussion[owner]
-    if step.slip is not None and rows.tangents is not None:
-        impulse = impulse + rows.tangents.jacobian.T @ step.slip[0][owner].ravel()
-    start = step.v - applied.motion.metric.solve_rows(impulse[None])[0]
-    return np.where(bodies.owner >= 0, start, applied.motion.free)
+    return with_momentum(bodies, step, place, before.q, before.v)
 
 
 def _closed(problem: Problem, applied: Applied, step: Step) -> Array:

@@ -6,69 +6,16 @@ momenta. `keep_momentum` undoes both.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ..compiled import kernel, record
-from .bodies import FreeBodies, Spheres
-from .system import Array, System
+from ..compiled import kernel
+from .free_body_table import FreeBodyTable
+from .system import Array
 
 # pivots below this part of the largest moment of inertia are rounding, as of two balls about the line of their centres
 _SINGULAR = 1e-12
 # a row is between two bodies if its forces cancel to this part
 _CANCELS = 1e-9
-
-
-@record("i8[::1], i8[::1], f8[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], i8[::1]")
-class FreeBodyTable(NamedTuple):
-    """The free bodies of a system.
-
-    Attributes
-    ----------
-    q, v : ndarray of int, shape (n,)
-        Where the coordinates of each begin in q, and in v.
-    mass : ndarray, shape (n,)
-        Masses [kg].
-    inertia, inverse : ndarray, shape (n, 3, 3)
-        Inertias about the centre in the body's axes, and their inverses; zero of bodies that do not turn.
-    turns : ndarray of bool, shape (n,)
-        Which have rotations.
-    owner : ndarray of int, shape (nv,)
-        The body that each velocity is of, -1 of others.
-    """
-
-    q: Array
-    v: Array
-    mass: Array
-    inertia: Array
-    inverse: Array
-    turns: Array
-    owner: Array
-
-
-def free_body_table(system: System) -> FreeBodyTable:
-    """Return the table of a system; bodies that move in a plane are not in it."""
-    q: list[int] = []
-    v: list[int] = []
-    masses, inertias, turns, owner = [np.zeros(0)], [np.zeros((0, 3, 3))], [], np.full(system.nv, -1)
-    for part in system.located_parts():
-        kind = type(part.system)
-        if kind not in (FreeBodies, Spheres):
-            continue
-        n, wide = part.system.independent_bodies, (7, 6) if kind is FreeBodies else (3, 3)
-        owner[part.v : part.v + wide[1] * n] = len(q) + np.repeat(np.arange(n), wide[1])
-        q += (part.q + wide[0] * np.arange(n)).tolist()
-        v += (part.v + wide[1] * np.arange(n)).tolist()
-        masses.append(part.system.masses)
-        inertias.append(part.system.inertias if isinstance(part.system, FreeBodies) else np.zeros((n, 3, 3)))
-        turns += [kind is FreeBodies] * n
-    inertia, turning = np.concatenate(inertias), np.array(turns, bool)
-    inverse = np.zeros(inertia.shape)
-    inverse[turning] = np.linalg.inv(inertia[turning])
-    return FreeBodyTable(
-        np.array(q, np.int64), np.array(v, np.int64), np.concatenate(masses), inertia, inverse, turning, owner
-    )
 
 
 @kernel("void(f8[::1], i8, f8[:,::1])")
@@ -103,7 +50,9 @@ def set_spin(bodies: FreeBodyTable, b: int, q: Array, spin: Array, v: Array) -> 
         for d in range(3):
             own[c] += R[d, c] * spin[d]
     for c in range(3):
-        v[j + c] = bodies.inverse[b, c, 0] * own[0] + bodies.inverse[b, c, 1] * own[1] + bodies.inverse[b, c, 2] * own[2]
+        v[j + c] = (
+            bodies.inverse[b, c, 0] * own[0] + bodies.inverse[b, c, 1] * own[1] + bodies.inverse[b, c, 2] * own[2]
+        )
 
 
 @kernel("void(f8[:,::1], f8[::1])")
@@ -150,9 +99,7 @@ def root_of(group: Array, b: int) -> int:
 
 
 @kernel("void(FreeBodyTable, f8[::1], i4[::1], i4[::1], i8[::1], b1[::1])")
-def write_groups(
-    bodies: FreeBodyTable, data: Array, columns: Array, starts: Array, group: Array, loose: Array
-) -> None:
+def write_groups(bodies: FreeBodyTable, data: Array, columns: Array, starts: Array, group: Array, loose: Array) -> None:
     """Find which bodies rows join, and which of these groups touch nothing else.
 
     Parameters

@@ -176,7 +176,7 @@ def test_a_step_that_bounces_or_sticks_is_that_of_the_scheme(scene, mu, scheme):
 
 @pytest.mark.parametrize(
     ("e", "disturbance", "least", "fewest"),
-    [(0.0, 0.0, 100, 2), (0.0, 1e-6, 100, 0), (0.002, 1e-6, 20, 0)],
+    [(0.0, 0.0, 100, 1), (0.0, 1e-6, 100, 0), (0.002, 1e-6, 20, 0)],
     ids=["rests", "sinks", "with restitution"],
 )
 def test_a_step_that_raises_sticking_contacts_is_that_of_the_scheme(e, disturbance, least, fewest, monkeypatch):

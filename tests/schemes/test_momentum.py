@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.run import compiled_loop
 from support.momentum import momentum
 
 PROJECTING = [scheme(project_positions=True) for scheme in (mbvi.Centered, mbvi.Paoli, mbvi.MoreauJean)]

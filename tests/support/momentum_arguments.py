@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.system.free_momentum import FreeBodyTable
+from mbvi.system.free_body_table import FreeBodyTable
 
 LEGS = 3
 
@@ -62,7 +62,7 @@ def groups(rng, n):
 
 
 def write_rotation(rng):
-    table, q, _ = bodies_at(rng)
+    _, q, _ = bodies_at(rng)
     return np.concatenate([q, [0.0, 0.6, 0.0, 0.8]]), len(q), np.full((3, 3), np.nan)
 
 
@@ -123,8 +123,7 @@ def turn_groups(rng):
 def displaced(rng):
     """A table with rows, a configuration and velocity before a displacement, another one, and both after it."""
     table, q, v = bodies_at(rng)
-    others = (configuration(rng, table, q) for _ in range(2))
-    place, after = others
+    place, after = (configuration(rng, table, q) for _ in range(2))
     return table, rows_of(rng, table), q, v, place, after, v + 0.1 * rng.normal(size=len(v))
 
 
