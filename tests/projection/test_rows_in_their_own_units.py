@@ -34,6 +34,13 @@ def rows_of(normals, tangents, mu, sparse=False):
     return Rows(np.arange(count), kind(normals), np.zeros(count), Tangents(mu, kind(tangents.reshape(2 * count, -1))))
 
 
+def some_of(rows, count):
+    tangents = rows.tangents._replace(
+        friction=rows.tangents.friction[:count], jacobian=rows.tangents.jacobian[: 2 * count]
+    )
+    return Rows(rows.constraint[:count], rows.jacobian[:count], rows.restitution[:count], tangents)
+
+
 def projector(jointed, tolerance=TOLERANCE):
     stated = StatedDepth(DEPTH, tolerance, H, lambda numbers: 1.0, jointed)
     return Projector(friction_residual=1e-3, stated=stated)
@@ -60,7 +67,10 @@ def trunk_and_fingers(rng, contacts=40, fingers=10):
 def test_a_light_finger_keeps_its_limit_beside_many_contacts(seed):
     x, metric, rows = trunk_and_fingers(np.random.default_rng(seed))
     lower = np.zeros(len(rows.constraint))
-    found = projector(np.ones(len(x), bool)).frictional(x, metric, rows, lower)
+    solver = projector(np.ones(len(x), bool))
+    # contacts that are partly new, as of bodies that tumble: Newton's method was not tried on these
+    solver.frictional(0.9 * x, metric, some_of(rows, 45), lower[:45])
+    found = solver.frictional(x, metric, rows, lower)
     closing = lower - rows.jacobian @ found.velocity
     assert (rows.jacobian @ x)[40:].min() < -1.0
     assert H * closing.max() <= DEPTH
