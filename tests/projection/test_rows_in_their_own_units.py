@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from mbvi.errors import ProjectionError
-from mbvi.projection import Acceptance, DenseMetric, DiagonalMetric, Projector, StatedDepth
+from mbvi.projection import Acceptance, AcceptedDepth, DenseMetric, DiagonalMetric, Projector, StatedDepth
 from mbvi.projection.coulomb_contact import coulomb_defect
 
 H, TOLERANCE, DEPTH = 1e-3, 1e-8, 1e-6
@@ -127,6 +127,25 @@ def test_a_robot_among_grains_has_its_own_residual(seed):
     speed = np.maximum(np.abs(J @ x), np.abs(T @ x).max(axis=1)) * scale
     assert off[own].max() <= 1e-6 * speed[own].max()
     assert off.max() <= 1e-3 * speed.max()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_robot_among_grains_has_its_own_residual_without_friction(seed):
+    x, mass, rows, jointed = robot_among_grains(np.random.default_rng(seed))
+    J, count = rows.jacobian, len(rows.constraint)
+    dense = J.toarray()
+    own = dense[:, jointed].any(axis=1)
+    solver = projector(jointed)
+    solver.acceptance.stated = solver.acceptance.stated._replace(depth=1.0)
+    solver.accepted = AcceptedDepth(1e-2, 1.0, lambda numbers: 1.0)
+    w, p, residual = solver.project(x, DiagonalMetric(mass), J, np.zeros(count), rows.constraint, H)
+    lengths = np.sqrt((dense * dense / mass).sum(axis=1))
+    off, speed = np.abs(np.minimum(p * lengths, dense @ w / lengths)), np.abs(dense @ x) / lengths
+    assert off[own].max() <= 1e-6 * speed[own].max()
+    assert residual <= 1e-2 and off.max() <= 1e-2 * speed.max()
+    # the others keep their looser residual
+    assert off[~own].max() > 1e-6 * speed.max()
+    assert np.allclose(mass * (w - x), dense.T @ p, atol=1e-9 * np.abs(mass * x).max())
 
 
 def test_an_answer_that_sinks_deeper_than_stated_is_refused():
