@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
-from .acceptance import Acceptance, AcceptedDepth, StatedDepth
+from .acceptance import OF_MECHANISMS, Acceptance, AcceptedDepth, StatedDepth
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
 from .column_blocks import touched_columns
@@ -21,7 +21,7 @@ from .fused_step import FEW, MOST_FUSED, FusedStep, LinearGaps, Settled, contrad
 from .metric import Array, DiagonalMetric, Metric
 from .proxqp import ProxQP
 from .scaled_qp import Candidate, Projection, ScaledQP, Solver
-from .sparse_pcg import SparsePCG
+from .sparse_pcg import SparsePCG, refine
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 
@@ -262,7 +262,12 @@ class Projector:
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         found, residual = first_good_enough(qp, self._solvers(qp), start)
-        asked = qp.relative_tolerance
+        asked, stated = qp.relative_tolerance, self.acceptance.stated
+        if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS:
+            own = np.flatnonzero(stated.of_mechanisms(J))
+            if own.size:
+                found = refine(qp, found, own)
+                residual = qp.residual(found)
         qp.relative_tolerance = self.acceptance.bound(asked)
         # written so that a NaN is refused too
         if found is None or not residual <= qp.tolerance:
