@@ -11,7 +11,7 @@ from support.robot_problems import OWN, path_of
 
 SCHEME = mbvi.Centered(project_positions=True)
 MORE = {"alex": "alex_description/urdf/alex_sake_hands.urdf", "go2": "go2_description/urdf/go2.urdf"}
-# lengths of the scene: what a search of one face's many points leaves out is below it
+# lengths of the scene: what a search leaves out of the many points of one face is below it
 DEPTH = 1e-4
 # steps after which a row must be raised
 STEPS = 2

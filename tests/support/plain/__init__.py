@@ -24,7 +24,15 @@ from support.plain.sparse_islands import solve_islands_plain
 from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
-from support.plain.tree import _damp_plain, _unwhiten_plain, _whiten_plain, advance_plain, factor_plain, solve_plain
+from support.plain.tree import (
+    _damp_plain,
+    _unwhiten_plain,
+    _whiten_plain,
+    advance_plain,
+    factor_plain,
+    solve_plain,
+    tree_energies_plain,
+)
 from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangle_plain
 from support.plain.turning import (
     accelerations_plain,
@@ -38,6 +46,7 @@ from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 
 PLAIN = {
     "pack_contacts": pack_contacts_plain,
+    "tree_energies": tree_energies_plain,
     "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,
     "separated": _clear_plain,
