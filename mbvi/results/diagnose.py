@@ -33,8 +33,6 @@ _MOST_IMPACTS = 2_000
 _DEPENDENT = 1e-6
 # differences of times, in steps, and of velocities, relative to the speed, that count as zero
 _INSTANT, _ROUNDING = 1e-6, 1e-10
-# difference of configurations that counts as zero [lengths of the scene]
-_SAME = 1e-9
 # energies relative to the sum of percussions times speeds that count as zero
 _ENERGY_ROUNDING = 1e-9
 # most numbers of all gradients and angles at one instant
@@ -169,6 +167,10 @@ def _stepping_scheme(run: RunData) -> Scheme | None:
     return cast("Scheme", run.record.scheme)
 
 
+def _given(step: Step) -> Step:
+    return step
+
+
 def _states(run: RunData) -> Iterator[_State]:
     """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
@@ -187,26 +189,20 @@ def _states(run: RunData) -> Iterator[_State]:
     )
     problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
-    last = None
     for i in range(1, len(run.t)):
-        t, q, before, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
-        v = before
-        if last is not None and last.at_once is not None and np.allclose(last.q, q, 0.0, _SAME * problem.length):
-            # the step went on from another velocity than what was recorded
-            v = last.v
+        t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
-            yield _State(step.t, acted, before, step.v, run.step, step if again else None, lambda step=step: step)
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_given, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
-            before = v
         h = end - t
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
         take = None if scheme is None else partial(scheme.step, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
-        yield _State(end, acted, before, run.v[i], h, last, take if last is None else lambda last=last: last)
+        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_given, last))
         if observe is not None and last is not None:
             observe(last, h)
 

@@ -199,7 +199,7 @@ class Recorder:
         elif record_depth(
             k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
         ):
-            v = self.impact(step)
+            self.impact(step)
         if keep:
             self.t[k] = t
             self.q[k] = q
@@ -230,8 +230,8 @@ class Recorder:
             ),
         )
 
-    def impact(self, step: Step) -> Array:
-        """Record an impact: the rows that closed, and the rows linked to them; return the velocity after it."""
+    def impact(self, step: Step) -> None:
+        """Record an impact: the rows that closed, and the rows linked to them."""
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
@@ -244,8 +244,9 @@ class Recorder:
             last_rates = np.ascontiguousarray(last_rates[:, order])
         far = _SAME_POINT * self.problem.length
         if step.at_once is not None and last is not None:
-            # an impact goes on in the next step, by then its contact point has moved
-            far += reach(self.problem, last.q, self.problem.system.difference(last.q, step.q))
+            # an impact goes on in the next step, and its contact point moves with the body
+            h = step.t - last.t
+            far += reach(self.problem, last.q, h * last.v) + h * float(np.abs(last.before).max(initial=0.0))
 
         def choose(rates: Array) -> tuple[int, float]:
             return _choose_rows(
@@ -254,13 +255,15 @@ class Recorder:
 
         count, energy = choose(rates)
         if not count:
-            return step.v
+            return
         chosen = self._taking_part(step, candidates)
         if step.at_once is not None:
-            velocity, own = step.at_once(chosen)
+            own = step.at_once(chosen)
             # rows of sleeping contacts stand behind those of the step
             rates = np.concatenate([own, rates[:, own.shape[1] :]], axis=1)
-            step = step._replace(v=velocity, rates=rates)
+            # percussions of impacts that began in the step before were counted there
+            rates[0, ~chosen] = 0.0
+            step = step._replace(rates=rates)
             _, energy = choose(rates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if step.slip is not None:
@@ -280,7 +283,6 @@ class Recorder:
                 *friction_of_impact(step, chosen),
             )
         )  # fmt: skip
-        return step.v
 
     def _taking_part(self, step: Step, candidates: Array) -> Array:
         """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""

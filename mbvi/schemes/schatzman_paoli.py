@@ -30,11 +30,10 @@ class SchatzmanPaoli(Scheme):
     Notes
     -----
     Order 1. Position level: p(w) is in K, so that resting contacts do not drift and penetration does not add up. An
-    impact takes two steps, between which q may be up to h |v-| inside, and the mean velocity of the first step lies
-    between those before and after. Runs record for this state the velocity, and for the impact the percussion, that the
-    law (8) leads to there at once; the configurations are those of the recursion. Any e in [0, 1], one per constraint,
-    across those two steps. At e = 1 an impact changes the energy by up to h |g| |v|, up or down. Several constraints at
-    once by the projection onto K.
+    impact takes two steps, between which q may be up to h |v-| inside, and v, the mean velocity of the step before,
+    lies between those before and after. The record of an impact holds what the law (8) leads to at once, and the energy
+    of that state is the one after it. Any e in [0, 1], one per constraint, across those two steps. At e = 1 an impact
+    changes the energy by up to h |g| |v|, up or down. Several constraints at once by the projection onto K.
 
     A step evaluates M and g once. It evaluates the gaps twice in free flight, and about six times together with the
     gradients where a constraint is active.
@@ -135,7 +134,7 @@ class SchatzmanPaoli(Scheme):
         return Step(t + h, system.integrate(q, h * displacing), w, rows, rates, max(residual, error))
 
 
-def _law_at_once(metric: Metric, free: Array, rows: Rows, rates: Array, impacting: Array) -> tuple[Array, Array]:
+def _law_at_once(metric: Metric, free: Array, rows: Rows, rates: Array, impacting: Array) -> Array:
     """Return what `Step.at_once` does, for a step with these rows and rates.
 
     Rows whose impact began in the step before reach -e times the speed before it in this one, and keep that.
@@ -146,7 +145,7 @@ def _law_at_once(metric: Metric, free: Array, rows: Rows, rates: Array, impactin
     # a projector of its own, so that what is recorded changes nothing
     lower = lower if rows.rate is None else lower - rows.rate
     w, percussion, _ = Projector().project(free, metric, rows.jacobian, lower)
-    return w, np.array([percussion, rows.speeds(free), rows.speeds(w), before])
+    return np.array([percussion, rows.speeds(free), rows.speeds(w), before])
 
 
 def _rows_at_p(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:

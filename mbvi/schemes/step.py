@@ -42,8 +42,7 @@ class Step(NamedTuple):
         without friction.
     at_once : callable or None
         Of a scheme whose impacts last two steps: at_once(impacting) takes the rows whose impact begins in this step,
-        shape (k,) of bool, and returns the velocity and the rates, as those above, that the law (8) would lead to at
-        once. Runs record these; the next step begins with the ones above.
+        shape (k,) of bool, and returns the rates that the law (8) would lead to at once, which records of impacts have.
     """
 
     t: float
@@ -53,7 +52,7 @@ class Step(NamedTuple):
     rates: Array
     residual: float
     slip: Array | None = None
-    at_once: Callable[[Array], tuple[Array, Array]] | None = None
+    at_once: Callable[[Array], Array] | None = None
 
     @property
     def percussion(self) -> Array:
