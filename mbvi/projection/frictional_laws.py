@@ -160,7 +160,18 @@ class FrictionalLaws:
     def _project(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
     ) -> FrictionalProjection | Projection:
-        """Return what `project` returns, with the bounds as they are."""
+        """Return what `project` returns, with the bounds as they are; errors name the contact that closes fastest."""
+        try:
+            return self._solved(x, metric, rows, lower, residual, rate)
+        except ProjectionError as error:
+            if error.constraint is None:
+                error.constraint = int(rows.constraint[(lower - rows.jacobian @ x).argmax()])
+            raise
+
+    def _solved(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return what `_project` does."""
         tangents, m, bound = rows.tangents, len(lower), self._acceptance.bound
         assert tangents is not None
         bounds = _bounds(rows, lower)

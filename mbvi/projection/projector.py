@@ -271,7 +271,7 @@ class Projector:
         qp.relative_tolerance = self.acceptance.bound(asked)
         # written so that a NaN is refused too
         if found is None or not residual <= qp.tolerance:
-            raise self._failure(qp, found, residual)
+            raise self._failure(qp, found, residual, contacts)
         result = qp.result(found, residual)
         self.acceptance.check(result.residual, asked, contacts, lower - J @ result.velocity, lambda: _problem(qp))
         self._last.keep(result.percussion, keys)
@@ -302,8 +302,13 @@ class Projector:
         percussion[kept] = part.percussion
         return Projection(part.velocity, percussion, part.residual)
 
-    def _failure(self, qp: ScaledQP, found: Candidate | None, residual: float) -> ProjectionError:
+    def _failure(
+        self, qp: ScaledQP, found: Candidate | None, residual: float, contacts: Array | None
+    ) -> ProjectionError:
         problem = _problem(qp)
+        worst = (
+            None if contacts is None else int(contacts[qp.d.argmax() if found is None else qp.slack(found.z).argmin()])
+        )
         if _contradictory(qp, found):
             return contradiction(problem)
         solver = "" if self.solver is None else f" by {self.solver!r}"
@@ -313,6 +318,7 @@ class Projector:
             f"{relative:.1e}, above {qp.relative_tolerance:.1e}{stopped}; the problem is in `.problem`",
             problem,
             float(relative),
+            worst,
         )
 
 

@@ -96,3 +96,6 @@ def test_a_law_that_no_solver_solves_does_not_end_a_run():
     # at t = 0.271 s four feet of two points each stick while their neighbours are about to close
     _, run = fall("solo12", 1.0, 0)
     assert run.residual.max() <= 1e-6
+    for note in run.notes:
+        if "retaken" in note:
+            assert "solo12/" in note and "| floor)" in note
