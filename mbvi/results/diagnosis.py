@@ -109,7 +109,7 @@ class Diagnosis:
     jumps : tuple of Jump
         Steps with friction in which velocities jump though no contact approaches. Known where steps can be taken again.
     projection_energy : float
-        Potential energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
+        Energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
     """
 
     instants: tuple[Instant, ...]

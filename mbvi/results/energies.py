@@ -74,7 +74,9 @@ def _after_impacts(run: RunData, values: Array) -> Array:
 
 
 def energy_of_projection(problem: Problem, t: float, acted: Array, q: Array, v: Array, rest: float) -> float:
-    """Return the potential energy of a displacement by position projection at the end of a step [J].
+    """Return the energy that a displacement by position projection adds at the end of a step [J].
+
+    Its potential energy, and the change of the kinetic energy at the same velocity: M changes along it.
 
     Parameters
     ----------
@@ -90,7 +92,9 @@ def energy_of_projection(problem: Problem, t: float, acted: Array, q: Array, v: 
     reached = problem.system.integrate(acted, rest * v)
     if np.abs(q - reached).max(initial=0.0) <= _ROUNDING * max(1.0, np.abs(q).max(initial=0.0)):
         return 0.0
-    return problem.system.potential_energy(t, q) - problem.system.potential_energy(t, reached)
+    system = problem.system
+    kinetic = system.kinetic_energy(q, v) - system.kinetic_energy(reached, v)
+    return kinetic + system.potential_energy(t, q) - system.potential_energy(t, reached)
 
 
 def projection_energies(run: RunData) -> Array:

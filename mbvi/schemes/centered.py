@@ -10,7 +10,6 @@ from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .kept_energy import without_added_energy
 from .nearby_rows import NearbyRows
 from .position_projection import Applied, project_positions
 from .scheme import Scheme, Timing
@@ -78,7 +77,7 @@ class Centered(Scheme):
         if not self.project_positions:
             return advance_gaps(step, half)
         applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
-        return without_added_energy(problem, applied, project_positions(problem, applied, step, projector, nearby))
+        return project_positions(problem, applied, step, projector, nearby)
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:

@@ -18,7 +18,6 @@ from ..system.mechanism import place
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
-from .kept_energy import lose_added_energy
 from .mechanism_steps import (
     BOUNCES,
     DONE,
@@ -281,15 +280,10 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         if not move_freely(s, v, h, True, room.free):
             return UNSOLVED
         code = settle(s, end, middle, v, h, near, room.free, margin)
-        if code == DONE:
-            lose_added_energy(s, q, v, half)
         if code != FAR:
             return code
     if projects and not bounces:
-        code = settle_with_friction(s, v, h, near, margin)
-        if code == DONE:
-            lose_added_energy(s, q, v, half)
-        return code
+        return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]
     return DONE

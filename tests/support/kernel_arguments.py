@@ -89,11 +89,6 @@ def factor(rng):
     return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
 
 
-def tree_energies(rng):
-    system, _, v = moving_robot(rng)
-    return np.array(system._memory.mass), system._parent, v, np.full(system.nv, np.nan)
-
-
 def back(rng):
     system, L = factor_of(rng)
     # a gradient is zero for most joints
@@ -1024,7 +1019,6 @@ ARGUMENTS = {
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
-    "tree_energies": tree_energies,
     "_whiten": back,
     "_unwhiten": back,
     "_unwhiten_four": unwhiten_four,

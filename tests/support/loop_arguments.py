@@ -262,7 +262,6 @@ CALLS = {
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
-    "lose_added_energy": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, swaying, ROUGH, 12)],
     "some_stay_sunk": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 3), (DEFAULT, quadruped, BOUNCY, 3)],
     "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
     "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],

@@ -31,7 +31,6 @@ from support.plain.tree import (
     advance_plain,
     factor_plain,
     solve_plain,
-    tree_energies_plain,
 )
 from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangle_plain
 from support.plain.turning import (
@@ -46,7 +45,6 @@ from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 
 PLAIN = {
     "pack_contacts": pack_contacts_plain,
-    "tree_energies": tree_energies_plain,
     "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,
     "separated": _clear_plain,
