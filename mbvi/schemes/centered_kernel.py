@@ -201,7 +201,9 @@ def settle(
             s.v[j] = room.tangent[j]
         before = s.q.copy()
         retract(mech.calls, before, room.moved, s.q)
-        keep_momentum_of_rows(s.bodies, s.rows.J[:k], before, w, place_ahead, s.q, s.v)
+        if len(s.bodies.mass) > 0:
+            keep_momentum_of_rows(s.bodies, s.rows.J[:k], before, w, place_ahead, s.q, s.v)
+            row_speeds(s.rows.J, s.v, 1.0, s.rates[2 * k : 3 * k])
     return DONE
 
 

@@ -55,4 +55,9 @@ def with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Array
         return step
     q, v = step.q.copy(), step.v.copy()
     keep_momentum(bodies, *sparse_parts(step.active.jacobian), before, w, place, q, v)
-    return step._replace(q=q, v=v)
+    rates, slip = step.rates.copy(), step.slip
+    rates[2] = step.active.speeds(v)
+    if slip is not None and step.active.tangents is not None:
+        slip = slip.copy()
+        slip[2] = step.active.tangents.slip(v)
+    return step._replace(q=q, v=v, rates=rates, slip=slip)

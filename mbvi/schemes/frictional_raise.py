@@ -267,7 +267,13 @@ def raise_and_follow(s: MechanismStep, v: Array, h: float, margin: float, depth:
         room.drift[j] = s.v[j]
     if not tangent_law(s, v, half, order, raised):
         return UNSOLVED
-    keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.drift, room.end, room.middle, s.v)
+    if len(s.bodies.mass) > 0:
+        keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.drift, room.end, room.middle, s.v)
+        after = room.table[: 3 * k]
+        wide_speeds(room.wide[0, : 3 * k], s.v, after)
+        for a in range(k):
+            s.rates[2 * k + a] = after[3 * a]
+            s.slip[2 * (2 * k + a)], s.slip[2 * (2 * k + a) + 1] = after[3 * a + 1], after[3 * a + 2]
     for j in range(len(s.q)):
         s.q[j] = room.middle[j]
     return DONE

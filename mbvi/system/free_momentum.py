@@ -304,9 +304,7 @@ def keep_momentum(
 def keep_momentum_of_rows(
     bodies: FreeBodyTable, J: Array, before: Array, w: Array, place: Array, q: Array, v: Array
 ) -> None:
-    """Do what `keep_momentum` does, for gradients as full rows, shape (m, nv); nothing where there are no bodies."""
-    if len(bodies.mass) == 0:
-        return
+    """Do what `keep_momentum` does, for gradients as full rows, shape (m, nv)."""
     m, n = J.shape
     columns, starts = np.empty(m * n, np.int32), np.empty(m + 1, np.int32)
     for i in range(m * n):

@@ -35,6 +35,6 @@ def _bodies(system, q, v):
         if type(system) is Spheres:
             yield mass * v[3 * k : 3 * k + 3], q[3 * k : 3 * k + 3], np.zeros(3)
         else:
-            R = Rotation.from_quat(q[7 * k + 3 : 7 * k + 7]).as_matrix()
+            R = Rotation.from_quat(q[7 * k + 3 : 7 * k + 7].copy()).as_matrix()
             spin = R @ system.inertias[k] @ v[6 * k + 3 : 6 * k + 6]
             yield mass * v[6 * k : 6 * k + 3], q[7 * k : 7 * k + 3], spin
