@@ -122,7 +122,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     system, drift = problem.system, step.t - applied.t
     if step.slip is not None and not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
-    slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
+    count = len(step.active.gap)
+    slack = np.zeros(count) if applied.opened is None else applied.opened
     # the rows of the law as they are at the end of the step
     marks = step.active if applied.ahead is None else applied.ahead
     for _ in range(MOST_LINEARISATIONS):
@@ -168,8 +169,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             moved = drift * step.v + projected.displacement
             opened = np.maximum(joined.gap - joined.jacobian @ moved, 0.0) / drift
             rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
-        slack = np.concatenate([slack, opened])
-        lower = np.minimum(-rows.restitution * rows.speeds(applied.v), -slack)
+        slack, joins = np.concatenate([slack, opened]), np.arange(len(rows.gap)) >= count
+        before_law = rows.speeds(applied.v)
+        lower = -rows.restitution * before_law
+        # rows of the law keep their bounds; those that join it do not bounce
+        lower = np.where(joins | ((slack > 0.0) & (before_law > -slack)), np.minimum(lower, -slack), lower)
         step = _with_bounds(applied, step, rows, lower, projector)
         if drift:
             step = step._replace(q=system.integrate(applied.q, drift * step.v))
