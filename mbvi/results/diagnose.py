@@ -167,10 +167,6 @@ def _stepping_scheme(run: RunData) -> Scheme | None:
     return cast("Scheme", run.record.scheme)
 
 
-def _given(step: Step) -> Step:
-    return step
-
-
 def _states(run: RunData) -> Iterator[_State]:
     """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
@@ -194,7 +190,7 @@ def _states(run: RunData) -> Iterator[_State]:
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
-            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_given, step))
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
@@ -202,9 +198,13 @@ def _states(run: RunData) -> Iterator[_State]:
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
         take = None if scheme is None else partial(scheme.step, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
-        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_given, last))
+        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
             observe(last, h)
+
+
+def _as_it_is(step: Step) -> Step:
+    return step
 
 
 class _Instants:

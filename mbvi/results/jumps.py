@@ -68,7 +68,7 @@ class _Contacts(NamedTuple):
     """Contacts of bodies that touch each other; velocities have a normal and two tangents, shape (k, 3).
 
     `wide` holds their whitened rows, shape (3 k, nv), and `free`, `before`, `after` the velocities that forces alone
-    lead to, before and after the step; `least` the normal speeds that restitution demands, `closed` which have no gap.
+    lead to, before and after the step; `least` the normal speeds that the law demands, `closed` which have no gap.
     """
 
     wide: Array
@@ -163,7 +163,7 @@ def _contacts(problem: Problem, step: Step, v: Array, away: float, wide: Array, 
     assert active.tangents is not None and step.slip is not None
     speeds = np.concatenate([step.rates[1:, :, None], step.slip[1:]], axis=2)
     after = np.column_stack([active.speeds(v), active.tangents.slip(v)])
-    least = np.maximum(-active.restitution * step.before, 0.0)
+    least = -active.restitution * step.before
     # the law acted before the step was over
     gap = active.gap - away * step.after
     closed = problem.constraints.levers(active.constraint) * gap <= problem.tolerance
@@ -190,7 +190,7 @@ def _goes_on(contacts: _Contacts) -> bool:
     mu, free, before, after = contacts.mu, contacts.free, contacts.before, contacts.after
     unit = np.abs(free - before).max()
     held = contacts.closed & (before[:, 0] <= _APPROACH * unit)
-    if (before[:, 0] < -_APPROACH * unit).any() or not held.any() or contacts.least.any():
+    if (before[:, 0] < -_APPROACH * unit).any() or not held.any():
         return False
     slips = held & (mu > 0.0) & (np.linalg.norm(before[:, 1:], axis=1) > _STILL * unit)
     slip = before[:, 1:]
@@ -201,7 +201,7 @@ def _goes_on(contacts: _Contacts) -> bool:
             return False
         slip = other[:, 1:]
         if (across[slips] <= _TURNED * along[slips]).all():
-            parts = held | (other[:, 0] >= np.minimum(after[:, 0], 0.0) - _ERROR * unit)
+            parts = held | (other[:, 0] >= np.minimum(after[:, 0], contacts.least) - _ERROR * unit)
             return bool(parts.all() and np.abs(other - after).max() > _STILL * unit)
     return False
 
@@ -217,7 +217,9 @@ def _with_cases(contacts: _Contacts, held: Array, slips: Array, slip: Array) -> 
         columns.append(np.hstack([np.ones((len(directions), 1)), -mu[a] * directions]) @ wide[3 * a : 3 * a + 3])
         equations += [3 * a] if slips[a] or mu[a] == 0.0 else [3 * a, 3 * a + 1, 3 * a + 2]
     pushes = np.concatenate(columns).T
-    weights, left = nnls(wide[equations] @ pushes, -contacts.free.ravel()[equations])
+    wanted = np.zeros_like(contacts.free)
+    wanted[:, 0] = contacts.least
+    weights, left = nnls(wide[equations] @ pushes, (wanted - contacts.free).ravel()[equations])
     return contacts.free + (wide @ (pushes @ weights)).reshape(-1, 3), left
 
 
