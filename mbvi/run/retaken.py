@@ -46,12 +46,15 @@ class SolvedSteps:
         self._loose: list[str] = []
 
     def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
-        """Return the steps from a state at t to t + h; more than one where a step was shortened or retaken."""
+        """Yield the steps from a state at t to t + h; more than one where a step was shortened or retaken."""
+        last = state
         try:
             new = self._scheme.step(self._problem, t, state.q, state.v, h, projector)
-            return iter(list(self._guard.followed(t, state, new, h, projector)))
+            for last in self._guard.followed(t, state, new, h, projector):
+                yield last
         except ProjectionError as error:
-            return iter(self.retake(t, state, h, projector, error))
+            begin = t if last is state else last.t
+            yield from self.retake(begin, last, t + h - begin, projector, error)
 
     def retake(self, t: float, state: Step, h: float, projector: Projector, error: ProjectionError) -> list[Step]:
         """Return the steps that replace one from a state at t to t + h, which ended with an error."""

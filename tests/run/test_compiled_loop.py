@@ -512,7 +512,6 @@ REFUSED = {
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
     "a control in Python": (controlled, mbvi.Paoli(), {}),
-    "recorded contacts": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"record": "contacts"}),
     "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.ActiveSet()}),
     "a short run of two mechanisms": (lambda: two_hoppers(0.5, 0.0), mbvi.Paoli(), {}),
 }
