@@ -73,7 +73,7 @@ def test_the_second_solution_of_dragged_cubes_is_named_by_all_schemes(ratio, sch
 
 @pytest.mark.slow(seconds=30)
 @each_scheme
-@pytest.mark.parametrize("ratio", [30.0, 1000.0, 1e6])
+@pytest.mark.parametrize("ratio", [20.0, 30.0])
 def test_no_spike_of_dragged_cubes_comes_without_a_name(ratio, scheme):
     run = run_of(dragged_cubes(1.0, ratio), scheme, 0.5)
     force = 1e-3 * pull(1.0, 1.0 + ratio)
