@@ -7,8 +7,9 @@ from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
+from .closed_contacts import Applied
 from .nearby_rows import NearbyRows
-from .position_projection import Applied, project_positions
+from .position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
 
