@@ -159,14 +159,19 @@ def test_the_momentum_of_every_body_is_what_gravity_and_contacts_gave_it(scheme,
         dt_gravity[1] -= 0.5 * h
     else:
         dt_gravity = dt
-    touched = 0
+    touched = total = largest = 0
     for name, mass in masses.items():
         force = run.contact_forces(name)[:, :3]
         touched += bool(force.any())
         v = velocities(run, name)
         given = np.cumsum(dt[:, None] * force + mass * dt_gravity[:, None] * gravity, axis=0)
         scale = mass * np.abs(v).max() + np.abs(dt[:, None] * force).sum()
-        np.testing.assert_allclose(given, mass * (v - v[0]), rtol=0, atol=1e-9 * scale)
+        # bodies in the air that are moved out of each other keep their angular momentum: by impulses of the order of the
+        # depth, which are no contact forces and cancel within a group
+        close = 2e-4 if getattr(scheme, "project_positions", False) else 1e-9
+        np.testing.assert_allclose(given, mass * (v - v[0]), rtol=0, atol=close * scale)
+        total, largest = total + given - mass * (v - v[0]), largest + scale
+    np.testing.assert_allclose(total, 0.0, atol=1e-9 * largest)
     assert touched > len(masses) // 2
     # every force has its counterpart
     things = {"floor", "ramp", "step", *masses}
