@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
+from scipy.sparse.csgraph import connected_components
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
@@ -109,8 +110,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     Notes
     -----
     Linearisations alternate where the nearest features of polyhedra change. The last 10 of 20 therefore add to each
-    other, and may leave contacts open that were raised before. Positions are not projected in a step where these do
-    not suffice either, or where contacts contradict each other. The run records that penetration.
+    other, and may leave contacts open that were raised before. Where these do not suffice either, or where contacts
+    contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
+    that follows is not solved. The run records the penetration that stays.
     """
     settled = _settled(problem, applied, step, projector, nearby)
     if settled is not None:
@@ -143,12 +145,17 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             # a body that landed tilted cannot turn about contacts that are all held
             projected = _projected(*start, None)
         if projected is None:
+            projected = _projected_apart(*start)
+        if projected is None:
             break
         owner = match_contacts(projected.near, rows)
         if (owner >= 0).all():
-            return _with_tangent_velocity(
-                problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
-            )
+            try:
+                return _with_tangent_velocity(
+                    problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
+                )
+            except ProjectionError:
+                break
         joined = take(projected.near, owner < 0)
         rows = concatenate([rows, joined])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
@@ -159,7 +166,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
         slack = np.concatenate([slack, opened])
         lower = np.minimum(-rows.restitution * rows.speeds(applied.v), -slack)
-        step = _with_bounds(applied, step, rows, lower, projector)
+        try:
+            step = _with_bounds(applied, step, rows, lower, projector)
+        except ProjectionError:
+            # the law is solved for the rows before
+            break
         if drift:
             step = step._replace(q=system.integrate(applied.q, drift * step.v))
     return advance_gaps(step, drift)
@@ -390,6 +401,53 @@ def _projected(
         if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
             return _Projected(place, moved, near, residual)
     return None
+
+
+def _projected_apart(
+    problem: Problem,
+    applied: Applied,
+    step: Step,
+    before: Rows,
+    floor: Array,
+    depth: float,
+    projector: Projector,
+    nearby: NearbyRows,
+) -> _Projected | None:
+    """Project those independent groups of rows that can be projected, and of others the joint limits.
+
+    The arguments are those of `_projected`, which has failed for all rows together. None if nothing can be projected.
+    """
+    kept, limits = np.minimum(before.gap, 0.0), np.isnan(before.point).any(axis=1)
+    moved, residual, raised, some = np.zeros(problem.system.nv), 0.0, floor > kept, False
+    for group in _independent_groups(problem, before):
+        # all raised rows together have failed
+        together = not raised[~group].any()
+        for rows in (group & limits,) if together else (group, group & limits):
+            if not raised[rows].any() or (together and not raised[group & ~limits].any()):
+                continue
+            part = np.where(rows, floor, kept)
+            found = _projected(problem, applied, step, before, part, depth, projector, nearby, None)
+            if found is not None:
+                moved, residual, some = moved + found.displacement, max(residual, found.residual), True
+                break
+    if not some:
+        return None
+    place = problem.system.integrate(step.q, moved)
+    return _Projected(place, moved, nearby.at(place, NEARBY * depth), residual)
+
+
+def _independent_groups(problem: Problem, rows: Rows) -> list[Array]:
+    """Return masks of rows, shape (k,), that act on mechanisms and free bodies on which no other rows act."""
+    parts, count = [], 0
+    for part, *_ in problem.system.located_parts():
+        bodies = part.independent_bodies
+        parts.append(count + np.repeat(np.arange(bodies), part.nv // bodies))
+        count += bodies
+    acts = csr_array(rows.jacobian)
+    which = np.repeat(np.arange(acts.shape[0]), np.diff(acts.indptr)), np.concatenate(parts)[acts.indices]
+    graph = csr_array((np.ones(len(acts.indices)), which), shape=(acts.shape[0], count))
+    number, label = connected_components(graph @ graph.T, directed=False)
+    return [label == k for k in range(number)]
 
 
 def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:
