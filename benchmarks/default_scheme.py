@@ -1,13 +1,18 @@
 """The default scheme: its choice, cost and error, and the measurements behind the rule.
 
-Prints three Markdown tables. Balls falling into a funnel: CPU time per simulated second of EventDriven and of steps of
-1e-3 s. Problems with exact solutions: the default scheme, its CPU time per simulated second and its largest error of q,
-and the same for fixed steps from the problem's time scales. Typical scenes: the choice, its reason, CPU time per
-simulated second, and the deepest penetration.
+Prints four Markdown tables; with --piles only the last.
+
+1. Balls falling into a funnel: CPU time per simulated second of EventDriven and of steps of 1e-3 s.
+2. Problems with exact solutions: the default scheme, its CPU time per simulated second and its largest error of q, and
+   the same for fixed steps from the problem's time scales.
+3. Typical scenes: the choice, its reason, CPU time per simulated second, and the deepest penetration.
+4. Cubes of balls that fall on a floor, at several e, by the schemes that the rule chooses from: CPU time per simulated
+   second, deepest penetration, that at the end, and at e = 1 the change of the energy.
 """
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +29,8 @@ ROBOTS = Path(__file__).parents[1] / "robots"
 COUNTS = (1, 2, 5, 10, 12, 15)
 TIMES = 301
 REPEATS = 3
+# piles: numbers of balls, restitutions, time step and simulated time [s]
+NUMBERS, RESTITUTIONS, PILE_STEP, PILE_TIME = (8, 64, 216, 1000), (0.0, 0.2, 0.5, 0.8, 1.0), 2e-3, 1.5
 RADIUS = 0.1
 
 
@@ -95,6 +102,38 @@ def seconds(problem: mbvi.Problem, duration: float, scheme: object, **more: floa
     return float(np.median(times)), run
 
 
+def pile(count: int, e: float) -> mbvi.Problem:
+    """Return a cube of balls that is disturbed by a hundredth of a radius, 1 m over a floor."""
+    side = round(count ** (1 / 3))
+    grid = np.indices((side, side, side)).reshape(3, -1).T
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    centres = 0.21 * grid + 1e-3 * np.random.default_rng(42).random(grid.shape)
+    scene.add_spheres(centres + np.array([0.0, 0.0, 1.0 + RADIUS]), radius=RADIUS, mass=10.0)
+    return scene.build()
+
+
+def print_piles() -> None:
+    """Print the table of piles."""
+    print("\n| e | balls | scheme | [ms/s] | deepest [radii] | at the end [radii] | change of energy |")
+    print("|---|---|---|---|---|---|---|")
+    schemes = {"Centered": mbvi.Centered(), "Centered, projected": mbvi.Centered(project_positions=True)}
+    for e in RESTITUTIONS:
+        for count in NUMBERS:
+            problem, own = pile(count, e), schemes | {"StewartTrinkle": mbvi.StewartTrinkle()}
+            for name, scheme in own.items():
+                mbvi.simulate(problem, scheme, duration=2 * PILE_STEP, step=PILE_STEP, progress=False)
+                begin = process_time()
+                run = mbvi.simulate(problem, scheme, duration=PILE_TIME, step=PILE_STEP, progress=False)
+                time, depth = 1e3 * (process_time() - begin) / PILE_TIME, run.penetration() / RADIUS
+                energy = run.energy()
+                change = f"{np.abs(energy / energy[0] - 1.0).max():.0e}" if e == 1.0 else "-"
+                print(
+                    f"| {e:g} | {count} | {name} | {time:.0f} | {depth.max():.0e} | {depth[-1]:.0e} | {change} |",
+                    flush=True,
+                )
+
+
 def error(case: reference.Reference, run: mbvi.Trajectory) -> float:
     """Return the largest error of q at some instants."""
     difference, instants = case.problem.system.difference, np.linspace(0, case.duration, TIMES)
@@ -107,9 +146,12 @@ def chosen(run: mbvi.Trajectory) -> str:
 
 
 def main() -> None:
-    """Print both tables."""
-    compile_all()
+    """Print the tables."""
     warnings.simplefilter("ignore", mbvi.MbviWarning)
+    if "--piles" in sys.argv:
+        print_piles()
+        return
+    compile_all()
     print("| balls | constraints | EventDriven(1e-6) [ms/s] | impacts | Centered, h = 1e-3 s [ms/s] |")
     print("|---|---|---|---|---|")
     for count in COUNTS:
@@ -132,6 +174,7 @@ def main() -> None:
     for name, problem, duration in scenes():
         time, run = seconds(problem, duration, None)
         print(f"| {name} | {chosen(run)} | {time:.0f} | {run.penetration().max():.1e} |", flush=True)
+    print_piles()
 
 
 if __name__ == "__main__":

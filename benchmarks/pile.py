@@ -1,7 +1,7 @@
 """Spheres and boxes poured into a box, beside MuJoCo: time, residual and penetration by number; an elastic gas.
 
 python benchmarks/pile.py [--spheres 216 1000] [--boxes 200] [--depths 1e-2 1e-3] [--residuals 1e-5] [--step 2e-3]
-    [--duration 1.5] [--no-gas] [--no-peer]
+    [--duration 1.5] [--meshes 20000 1000000] [--no-gas] [--no-peer]
 
 The piles are those of `mbvi chart piles` (mbvi/studies/chart/piles.py); e = 0, no friction. Times are CPU times of the
 process: whole steps of `mbvi.simulate` with all it records, and the steps of MuJoCo alone. Depths are relative to the
@@ -47,6 +47,23 @@ def gas(duration: float = 10.0) -> tuple[float, float, int]:
     return float(np.abs(energy / energy[0] - 1.0).max()), 1e6 * spent / (len(run.t) - 1), len(run.impacts)
 
 
+def on_mesh(triangles: int, duration: float = 0.6) -> tuple[int, float, float]:
+    """Drop a sphere on a terrain; return its triangles, seconds to prepare the mesh, and microseconds per step."""
+    x = np.linspace(-5.0, 5.0, round((triangles / 2) ** 0.5) + 1)
+    mesh = mbvi.surfaces.terrain(x, x, 0.1 * np.sin(2.0 * x)[:, None] * np.cos(3.0 * x))
+    scene = mbvi.Scene(restitution=0.5)
+    start = time.thread_time()
+    scene.add_surface(*mesh)
+    prepared = time.thread_time() - start
+    scene.add_sphere(0.05, position=(0.3, 0.2, 0.6))
+    problem, step = scene.build(), 1e-3
+    for length in (0.4, duration):
+        # the first run loads the kernels
+        start = time.thread_time()
+        mbvi.simulate(problem, step=step, duration=length, progress=False)
+    return len(mesh[1]), prepared, 1e6 * (time.thread_time() - start) / (duration / step)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser()
@@ -56,6 +73,7 @@ def main() -> None:
     parser.add_argument("--residuals", type=float, nargs="*", default=[])
     parser.add_argument("--step", type=float, default=2e-3)
     parser.add_argument("--duration", type=float, help="by default 1 s for spheres, 0.6 s for boxes")
+    parser.add_argument("--meshes", type=int, nargs="*", default=[], help="a sphere on a mesh of so many triangles")
     parser.add_argument("--no-gas", action="store_true")
     parser.add_argument("--no-peer", action="store_true")
     asked = parser.parse_args()
@@ -75,6 +93,9 @@ def main() -> None:
                 flush=True,
             )
     print(f"\nlargest memory of the process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+    for number in asked.meshes:
+        count, prepared, each = on_mesh(number)
+        print(f"a sphere on {count} triangles: mesh prepared in {prepared:.2f} s, {each:.0f} us per step", flush=True)
     if not asked.no_gas:
         drift, spent, impacts = gas()
         print(f"elastic gas of 216: energy drift {drift:.1e}, {spent:.0f} us per step, {impacts} impacts")

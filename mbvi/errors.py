@@ -80,12 +80,17 @@ class ProjectionError(MbviError):
         The projection: `x` shape (nv,), `M` shape (nv, nv) or a metric, `J` shape (m, nv), `lower` shape (m,).
     residual : float
         The relative KKT residual that was reached.
+    constraint : int or None
+        The number of the constraint whose row is farthest from a solution, where that is known.
     """
 
-    def __init__(self, message: str, problem: dict[str, Any], residual: float = float("nan")) -> None:
+    def __init__(
+        self, message: str, problem: dict[str, Any], residual: float = float("nan"), constraint: int | None = None
+    ) -> None:
         super().__init__(message)
         self.problem = problem
         self.residual = residual
+        self.constraint = constraint
 
 
 class InfeasibleError(ProjectionError):

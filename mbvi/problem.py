@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,6 +17,7 @@ from .constraints import AdmissibleSet, Constraint, ConstraintFamily
 from .constraints.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import System, checked_system, parts_of
+from .system.free_body_table import FreeBodyTable, free_body_table
 
 if TYPE_CHECKING:
     from .geometry.shapes import HalfSpace, PlacedShape
@@ -300,6 +302,11 @@ class Problem:
         if not isinstance(name, str) or name not in robots:
             raise InputError(f"this problem has no robot {shown(name)}; known are {known}")
         return robots[name].copy()
+
+    @cached_property
+    def free_bodies(self) -> FreeBodyTable:
+        """The free bodies of the system."""
+        return free_body_table(self.system)
 
     def _check_system(self) -> None:
         self.system.check(self.t0, self.q0, self.v0)

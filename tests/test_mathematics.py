@@ -33,7 +33,9 @@ def walk(case, h=3e-3):
         if step.t > case.duration:
             return
         M = problem.system.metric(step.q).dense()
-        yield step, v, M, h * problem.system.force(step.t, step.q, v)
+        # gyroscopic torques of a free body are those of the mean velocity without contacts
+        mean = 0.5 * (v + problem.system.free_velocity(step.t, step.q, v, h))
+        yield step, v, M, h * problem.system.force(step.t, step.q, mean if problem.system.free_bodies else v)
         v = step.v
 
 

@@ -87,6 +87,8 @@ class Kernel:
     def stamp(self) -> bytes:
         """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
         digest = sha256(f"{self.signature} {self._allocates()} {self.nogil} {self.apart}".encode())
+        if self.__name__ != self.loops.__code__.co_name:
+            digest.update(self.__name__.encode())
         for name, each in sorted(self._records().items()):
             digest.update(repr((name, each._fields, each.kernel_types)).encode())
         _add_code(digest, self.loops.__code__)
@@ -140,6 +142,8 @@ class Kernel:
         others = self._callees()
         loops = FunctionType(self.loops.__code__, namespace, self.__name__)
         loops.__module__, loops.__doc__ = self.__module__, self.__doc__
+        # numba names machine code by it: kernels of one source must not share a name
+        loops.__qualname__ = self.__name__
 
         calls = {name: namespace[name] for name in _names(loops.__code__) if _is_address_call(namespace.get(name))}
 

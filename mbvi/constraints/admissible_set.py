@@ -126,6 +126,7 @@ class AdmissibleSet(Rebuilt):
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
+        self._no_tangents = none_of(0, system.nv, False), none_of(0, system.nv, True)
         # the last rows that were all of one family
         self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
         self.cache = ClearanceCache(system, self.numbered())
@@ -226,6 +227,23 @@ class AdmissibleSet(Rebuilt):
         rows = concatenate(found) if found else self.empty
         return Rows(*rows[:7], self._tangents(t, q, rows)) if self.frictional else rows
 
+    def at_places(self, t: float, q: Array, rows: Rows) -> Rows:
+        """Return rows with the gradients that contacts at the same points and normals have at q.
+
+        Rows of constraints that have no bodies are not changed.
+        """
+        which, parts = np.searchsorted(self._starts, rows.constraint, side="right") - 1, []
+        order = np.argsort(which, kind="stable")
+        for f in np.unique(which).tolist():
+            part = take(rows, which == f)
+            if type(self.families[f]).bodies_of is not ConstraintFamily.bodies_of:
+                first, second = self.families[f].bodies_of(part.constraint - self._starts[f])
+                there = self.system.separation_rows(q, first, second, part.point, part.normal)
+                part = part._replace(jacobian=there)
+            parts.append(part)
+        rows = take(concatenate(parts), np.argsort(order, kind="stable"))
+        return rows._replace(tangents=self._tangents(t, q, rows)) if self.frictional else rows
+
     def _tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, those of each family in turn."""
         numbers = rows.constraint
@@ -236,7 +254,7 @@ class AdmissibleSet(Rebuilt):
                 return tangents_of_mechanism(self.system.kinematics(q), bodies, rows.point, rows.normal, mu)
             return family.tangents(t, q, Rows(own, *rows[1:]), mu)
         if not numbers.size:
-            return none_of(0, self.system.nv, not isinstance(rows.jacobian, np.ndarray))
+            return self._no_tangents[not isinstance(rows.jacobian, np.ndarray)]
         f = bisect_right(self._starts, numbers.item(0)) - 1
         # most often all rows are of one family
         if numbers.min() >= self._starts[f] and numbers.max() < self._starts[f + 1]:
@@ -245,7 +263,10 @@ class AdmissibleSet(Rebuilt):
         order, parts = np.argsort(which, kind="stable"), []
         for f in np.unique(which).tolist():
             parts.append(self._tangents_of(f, t, q, take(rows, which == f)))
-        return concatenate_tangents(parts).take(np.argsort(order, kind="stable"))
+        together = concatenate_tangents(parts)
+        # most often rows come family by family
+        sorted_already = (which[:-1] <= which[1:]).all()
+        return together if sorted_already else together.take(np.argsort(order, kind="stable"))
 
     def _tangents_of(self, f: int, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows that are all of family number f."""

@@ -264,6 +264,9 @@ class ClearanceCache:
         self._last = q if not q.flags.writeable else q.copy()
         if last is None:
             return (1 << len(self._clearance)) - 1
-        if moved is None or (origin is not last and (origin is None or origin.tobytes() != last.tobytes())):
+        if moved is None and (q is last or q.tobytes() == last.tobytes()):
+            # the start of a step is the end of the last one
+            moved = np.zeros(self._system.nv)
+        elif moved is None or (origin is not last and (origin is None or origin.tobytes() != last.tobytes())):
             moved = self._system.difference(last, q)
         return consume_clearance(moved, self._envelope, self._travel, self._clearance, tolerance)

@@ -106,7 +106,7 @@ def half_space_contacts(
         pair = family.candidates[i]
         count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
         any_empty = any_empty or count == 0
-        count = spread_below(poses, points, pair, 0, count)
+        count = spread_below(poses, points, pair, tolerance, 0, count)
         if rows.size[0] + count > MOST_ROWS:
             return TOO_MANY, True
         for j in range(count):
@@ -140,6 +140,22 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
                     rows.axes[a, c, k] = 1.0 if k == c else 0.0
                 for k in range(nv):
                     rows.T[2 * a + c, k] = 0.0
+
+
+@kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
+def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
+    """Write the gradients of row a for where the mechanism is placed, if it is a contact of a half-space or of a pair.
+
+    Its point, normal and tangents are as they stand.
+    """
+    for family in (constraints.walls, constraints.pairs):
+        pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
+        if 0 <= pair < len(family.number):
+            first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
+            row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
+            if len(rows.T) > 0 and rows.mu[a] > 0.0:
+                for c in range(2):
+                    row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
 
 
 @kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from ..system.sparse_rows import stack_rows
+from ..system.sparse_rows import stack_rows, take_rows, times
 from . import tangents as tangent_rows
 from .tangents import Tangents
 
@@ -52,7 +52,7 @@ class Rows(NamedTuple):
 
     def speeds(self, v: Array) -> Array:
         """Return the rates of the gaps at a velocity, J v + rate, shape (k,) [m/s, rad/s]."""
-        speeds: Array = self.jacobian @ v
+        speeds = times(self.jacobian, v)
         return speeds if self.rate is None else speeds + self.rate
 
 
@@ -62,7 +62,7 @@ def take(rows: Rows, index: Array) -> Rows:
     return Rows(
         number[index],
         gap[index],
-        jacobian[index],
+        take_rows(jacobian, index),
         e[index],
         point[index],
         normal[index],
@@ -145,6 +145,20 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
     order = others.constraint.argsort(kind="stable")
     mutual_nearest(rows.constraint, rows.point, others.constraint, others.point, order, owner)
     return owner
+
+
+def in_place_of(rows: Rows, some: Array, others: Rows) -> Rows:
+    """Return rows with gradients, points and normals of others in the place of some of them, a mask."""
+    jacobian, point, normal = rows.jacobian.copy(), rows.point.copy(), rows.normal.copy()
+    jacobian[some], point[some], normal[some] = others.jacobian, others.point, others.normal
+    return rows._replace(jacobian=jacobian, point=point, normal=normal)
+
+
+def renewed(marks: Rows, rows: Rows, owner: Array) -> Rows:
+    """Return marks with rows in the place of those that they belong to; `owner`, shape (k,), is -1 for none."""
+    index, found = np.arange(len(marks.gap)), np.flatnonzero(owner >= 0)
+    index[owner[found]] = len(index) + found
+    return take(concatenate([marks, rows]), index)
 
 
 class Constraint(Protocol):

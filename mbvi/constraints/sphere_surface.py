@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..compiled import plain_array
+from ..geometry.mesh_contacts import mesh_contacts, mesh_distances
 from ..geometry.shapes import PlacedShape
-from ..geometry.triangles import Cells, Surface, near_triangles, nearest_on_triangles, sorted_into_cells
+from ..geometry.triangles import Surface
 from ..system import System
 from .family import ConstraintFamily
 from .pairs import Contacts
 from .rows import Array, Rows
 
-# cells hold triangles within a reach: at least this part of the largest radius, and this many times the tolerance
-_MARGIN, _ROOM = 0.1, 1.5
 # rounding of distances, relative to the size of mesh and spheres
 _ROUNDING = 1e-12
 
@@ -67,10 +66,10 @@ class SphereSurface(ConstraintFamily):
         self._bodies = np.array([s.body for s in spheres], dtype=np.int64)
         self._local = np.array([s.position for s in spheres])
         self._radii = np.array([s.shape.bound for s in spheres])
-        self._corners = surface.vertices[surface.triangles]
-        self._largest = float(self._radii.max())
-        self._reach, self._room = -np.inf, 4 * len(spheres)
-        self._cells: Cells | None = None
+        self._rounding = _ROUNDING * (float(self._radii.max()) + surface.bound)
+        self._tree = (surface.vertices, surface.triangles, *surface.tree)
+        self._features = surface.features, surface.sharers
+        self._make_room(4 * len(spheres))
         self.size = len(self._radii)
 
     def describe(self) -> str:
@@ -83,13 +82,11 @@ class SphereSurface(ConstraintFamily):
 
     def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
         """Return the rows within the tolerance, or None."""
-        found = self._measure(q, tolerance)
-        near = np.flatnonzero(found.gap <= tolerance)
-        if not near.size:
+        found = self._measure(self._centres(q), self._radii + tolerance, tolerance)
+        if not len(found.pair):
             return None
-        sphere, gap, point, normal = (part[near] for part in found)
-        rows = self._gradients(q, sphere, point, normal)
-        return Rows(sphere, gap, rows, self.restitution[sphere], point, normal)
+        rows = self._gradients(q, found.pair, found.point, found.normal)
+        return Rows(found.pair, found.gap, rows, self.restitution[found.pair], found.point, found.normal)
 
     def bodies_of(self, numbers: Array) -> tuple[Array, Array]:
         """Return the mesh's body, which is the world, and the bodies of some spheres, shapes (k,)."""
@@ -97,7 +94,10 @@ class SphereSurface(ConstraintFamily):
 
     def nearest(self, q: Array, spheres: Array) -> Contacts:
         """Return the nearest contact of each of some spheres in ascending order."""
-        found = self._measure(q, np.inf)
+        centres = self._centres(q)
+        distance = np.zeros(self.size)
+        mesh_distances(*self._tree, centres, distance)
+        found = self._measure(centres, distance, np.inf)
         order = np.lexsort((found.gap, found.pair))
         first = order[np.searchsorted(found.pair[order], spheres)]
         return Contacts(*(part[first] for part in found))
@@ -124,58 +124,25 @@ class SphereSurface(ConstraintFamily):
         bodies = self._bodies[sphere]
         return self.system.separation_rows(q, np.zeros_like(bodies), bodies, point, normal)
 
-    def _measure(self, q: Array, tolerance: float) -> Contacts:
-        """Return the points of locally least distance, at least all those within the tolerance."""
+    def _centres(self, q: Array) -> Array:
         places = self.system.placements(q, self._bodies)
-        centres = np.vecmat(self._local, places[:, :3]) + places[:, 3]
-        sphere, triangle, feature, foot = self._near(centres, tolerance)
-        away = centres[sphere] - foot
-        distance = np.sqrt(np.vecdot(away, away))
-        number = self._surface.features[triangle, feature]
-        # one row for each feature; the nearest point of a sphere is kept even if rounding hides one that shares it
-        order = np.lexsort((distance, number, sphere))
-        key = sphere[order] * len(self._surface.sharers) + number[order]
-        _, first, count = np.unique(key, return_index=True, return_counts=True)
-        kept = order[first]
-        closest = np.full(self.size, np.inf)
-        np.minimum.at(closest, sphere, distance)
-        kept = kept[(count >= self._surface.sharers[number[kept]]) | (distance[kept] == closest[sphere[kept]])]
-        sphere, away, distance, triangle = sphere[kept], away[kept], distance[kept], triangle[kept]
-        a, b, c = self._corners[triangle].transpose(1, 0, 2)
-        face = np.cross(b - a, c - a)
-        face /= np.linalg.norm(face, axis=1)[:, None]
-        apart = distance > 0.0
-        normal = np.where(apart[:, None], away / np.where(apart, distance, 1.0)[:, None], face)
-        gap = distance - self._radii[sphere]
-        point = centres[sphere] - (self._radii[sphere] + 0.5 * gap)[:, None] * normal
-        return Contacts(sphere, gap, point, normal)
+        return plain_array(np.vecmat(self._local, places[:, :3]) + places[:, 3])
 
-    def _near(self, centres: Array, tolerance: float) -> tuple[Array, Array, Array, Array]:
-        """Return pairs of a sphere and a triangle within the tolerance, as arrays.
+    def _make_room(self, triangles: int) -> None:
+        """Make arrays for triangles about a sphere, and for contacts."""
+        k = self._room = triangles
+        whole, real = np.empty((4, k), np.int64), np.empty((2, k))
+        self._scratch = whole[0], whole[1], real[0], np.empty((k, 3)), whole[2]
+        self._found = whole[3], real[1], np.empty((k, 3)), np.empty((k, 3))
 
-        The arrays hold the spheres, the triangles, the features that the nearest points lie on, and these points.
-        All triangles that share such a feature are included.
-        """
-        count = len(self._corners)
-        if not np.isfinite(tolerance):
-            sphere, triangle = np.repeat(np.arange(self.size), count), np.tile(np.arange(count), self.size)
-            a, b, c = self._corners[triangle].transpose(1, 0, 2)
-            foot, feature = nearest_on_triangles(a, b, c, centres[sphere])
-            return sphere, triangle, feature, foot
+    def _measure(self, centres: Array, reach: Array, tolerance: float) -> Contacts:
+        """Return the contacts within a tolerance whose distance from each centre is at most its reach."""
         # triangles that share a feature have its nearest point at the same distance, up to rounding
-        tolerance += _ROUNDING * (self._largest + self._surface.bound)
-        if self._cells is None or tolerance > self._reach:
-            # a larger reach than needed now, because later tolerances may be larger
-            self._reach = max(_ROOM * tolerance, _MARGIN * self._largest)
-            self._cells = sorted_into_cells(self._corners, self._largest + self._reach)
-        centres = plain_array(centres)
+        reach = reach + self._rounding
         while True:
-            k = self._room
-            sphere, triangle, feature = np.empty(k, np.int64), np.empty(k, np.int64), np.empty(k, np.int64)
-            foot = np.empty((k, 3))
-            found = near_triangles(
-                centres, self._radii, self._corners, *self._cells, tolerance, sphere, triangle, feature, foot
+            count, most = mesh_contacts(
+                *self._tree, *self._features, centres, self._radii, reach, tolerance, *self._scratch, *self._found
             )
-            if found <= k:
-                return sphere[:found], triangle[:found], feature[:found], foot[:found]
-            self._room = 2 * found
+            if max(count, most) <= self._room:
+                return Contacts(*(part[:count].copy() for part in self._found))
+            self._make_room(2 * max(count, most))

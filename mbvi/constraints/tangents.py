@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
 from ..system.articulated import row
-from ..system.sparse_rows import stack_rows
+from ..system.sparse_rows import stack_rows, take_rows, times
 from ..system.system import Kinematics
 
 Array = np.ndarray
@@ -39,7 +39,7 @@ class Tangents(NamedTuple):
 
     def slip(self, v: Array) -> Array:
         """Return the tangential velocities, shape (k, 2) [m/s]."""
-        speeds: Array = self.jacobian @ v
+        speeds = times(self.jacobian, v)
         return (speeds if self.rate is None else speeds + self.rate).reshape(-1, 2)
 
     def take(self, index: Array) -> Tangents:
@@ -48,7 +48,7 @@ class Tangents(NamedTuple):
             index = np.flatnonzero(index)
         wide = (2 * index[:, None] + np.arange(2)).ravel()
         rate = None if self.rate is None else self.rate[wide]
-        return Tangents(self.friction[index], self.axes[index], self.jacobian[wide], rate)
+        return Tangents(self.friction[index], self.axes[index], take_rows(self.jacobian, wide), rate)
 
 
 def concatenate(parts: Sequence[Tangents]) -> Tangents:

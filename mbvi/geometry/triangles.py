@@ -1,21 +1,40 @@
-"""Triangle meshes: faces, edges and vertices, nearest points of triangles, and cells of triangles."""
+"""Triangle meshes: faces, edges and vertices, and a tree of boxes about the triangles."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from tqdm import tqdm
 
 from ..arguments import Array
-from ..compiled import kernel
 from ..errors import InputError
 
 # vertices nearer than this part of the mesh's extent are merged; triangles of less than its square have no area
 _SAME_VERTEX = 1e-9
-# about the most cells of a grid, by its volume
-_MOST_CELLS = 200_000
-# cells are enlarged while there are more than this many times that number
-_TOO_MANY = 8
+# triangles in a box of the tree that is not divided further
+FEW = 4
+# bits of each coordinate along the curve on which triangles are sorted: three times 21 fit into an integer
+_BITS = 21
+# seconds after which a mesh that is being prepared shows a bar
+_PATIENCE = 1.0
+
+
+class Tree(NamedTuple):
+    """A binary tree of boxes about triangles.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (t,)
+        The triangles, sorted such that neighbours are near each other.
+    boxes : ndarray, shape (2 n, 6)
+        Least and largest x, y, z of each box [m]. Box 1 holds all triangles; the halves of box k are 2 k and 2 k + 1;
+        box n + j, with n a power of two, holds the triangles j `FEW` up to (j + 1) `FEW` of `order`.
+    """
+
+    order: Array
+    boxes: Array
 
 
 class Surface:
@@ -52,182 +71,100 @@ class Surface:
         if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
             raise InputError(f"triangles name vertices that are not there: there are {len(points)}")
         extent = float(np.ptp(points, axis=0).max())
-        # an STL file repeats a vertex for each of its triangles
-        grid = np.round((points - points.min(axis=0)) / max(_SAME_VERTEX * extent, 1e-300))
-        _, first, welded = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-        points, corners = points[first], welded.reshape(-1)[corners]
-        a, b, c = (points[corners[:, k]] for k in range(3))
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        kept = area > (_SAME_VERTEX * extent) ** 2
-        if not kept.any():
-            raise InputError("the mesh has no triangle with an area")
-        self.vertices, self.triangles = points, corners[kept].astype(np.int64)
-        self.features, self.sharers = _features(self.triangles, len(points))
+        # nothing is shown where no terminal is, nor for a mesh that takes less than `_PATIENCE`
+        with tqdm(total=5, desc="mesh", unit="part", delay=_PATIENCE, disable=None, leave=False) as bar:
+            # an STL file repeats a vertex for each of its triangles
+            grid = np.round((points - points.min(axis=0)) / max(_SAME_VERTEX * extent, 1e-300)).astype(np.int64)
+            first, welded = _first_of_each(grid)
+            bar.update()
+            points, corners = points[first], welded[corners]
+            a, b, c = (points[corners[:, k]] for k in range(3))
+            area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+            kept = area > (_SAME_VERTEX * extent) ** 2
+            if not kept.any():
+                raise InputError("the mesh has no triangle with an area")
+            self.vertices, self.triangles = points, corners[kept].astype(np.int64)
+            bar.update()
+            self.features, self.sharers = _features(self.triangles, len(points))
+            bar.update(2)
+            # made here so that the bar shows its time too
+            self.tree  # noqa: B018
+            bar.update()
 
-    @property
+    def placed(self, rotation: Array, position: Array) -> Surface:
+        """Return the mesh turned, then moved [m]."""
+        new = object.__new__(Surface)
+        new.vertices, new.triangles = self.vertices @ rotation.T + position, self.triangles
+        new.features, new.sharers = self.features, self.sharers
+        if np.array_equal(new.vertices, self.vertices):
+            new.tree = self.tree
+        return new
+
+    @cached_property
     def bound(self) -> float:
         """Radius of a ball about the frame's origin that holds the mesh [m]."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
 
+    @cached_property
+    def tree(self) -> Tree:
+        """The tree of the triangles."""
+        return _tree_of(self.vertices, self.triangles)
+
+
+def _first_of_each(grid: Array) -> tuple[Array, Array]:
+    """Return the first of each set of equal rows, in lexicographic order, and for each row the number of its set."""
+    # two of three numbers, each below 2^31, in one: sorting by two keys takes less time than by three
+    keys = grid[:, 0] << 31 | grid[:, 1]
+    order = np.lexsort((grid[:, 2], keys))
+    keys, last = keys[order], grid[order, 2]
+    new = np.concatenate([[True], (keys[1:] != keys[:-1]) | (last[1:] != last[:-1])])
+    number = np.empty(len(grid), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return order[new], number
+
 
 def _features(triangles: Array, vertices: int) -> tuple[Array, Array]:
     """Return `Surface.features` and `Surface.sharers` of triangles over a number of vertices."""
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-    edges, which = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+    ends = triangles[:, [0, 1, 2]], triangles[:, [1, 2, 0]]
+    edges, which = np.unique(np.minimum(*ends) * vertices + np.maximum(*ends), return_inverse=True)
     faces = vertices + len(edges) + np.arange(len(triangles))
     features = np.column_stack([triangles, vertices + which.reshape(-1, 3), faces])
     return features, np.bincount(features.ravel(), minlength=faces[-1] + 1)
 
 
-def nearest_on_triangles(a: Array, b: Array, c: Array, x: Array) -> tuple[Array, Array]:
-    """Return the point of each triangle abc nearest to x, shapes (k, 3), and on which of its features it lies.
-
-    Features are numbered as the columns of `Surface.features`.
-
-    Notes
-    -----
-    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5.
-    """
-    ab, ac = b - a, c - a
-    (d1, d2), (d3, d4), (d5, d6) = ((np.vecdot(ab, x - p), np.vecdot(ac, x - p)) for p in (a, b, c))
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    cases = [
-        (d1 <= 0.0) & (d2 <= 0.0),
-        (d3 >= 0.0) & (d4 <= d3),
-        (vc <= 0.0) & (d1 >= 0.0) & (d3 <= 0.0),
-        (d6 >= 0.0) & (d5 <= d6),
-        (vb <= 0.0) & (d2 >= 0.0) & (d6 <= 0.0),
-        (va <= 0.0) & (d4 >= d3) & (d5 >= d6),
-    ]
-    feature = np.select(cases, [0, 1, 3, 2, 5, 4], 6)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along_ab, along_ac, along_bc = d1 / (d1 - d3), d2 / (d2 - d6), (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        inside = 1.0 / (va + vb + vc)
-        zero = np.zeros(len(x))
-        v = np.select(cases, [zero, zero + 1.0, along_ab, zero, zero, 1.0 - along_bc], vb * inside)
-        w = np.select(cases, [zero, zero, zero, zero + 1.0, along_ac, along_bc], vc * inside)
-    return a + v[:, None] * ab + w[:, None] * ac, feature
-
-
-class Cells(NamedTuple):
-    """For each cell of a grid, the triangles that may be within a reach of its points.
-
-    Attributes
-    ----------
-    low : ndarray, shape (3,)
-        Corner of the grid [m].
-    edge : float
-        Edge of a cell [m].
-    shape : ndarray of int, shape (3,)
-        Numbers of cells along x, y and z; cell (x, y, z) has the number (x shape[1] + y) shape[2] + z.
-    start : ndarray of int, shape (c + 1,)
-        The triangles of cell k are triangle[start[k]:start[k + 1]].
-    triangle : ndarray of int, shape (n,)
-        Triangles, cell after cell.
-    """
-
-    low: Array
-    edge: float
-    shape: Array
-    start: Array
-    triangle: Array
-
-
-def sorted_into_cells(corners: Array, reach: float) -> Cells:
-    """Sort triangles, shape (t, 3, 3), into cells; a triangle is in every cell within `reach` of its bounding box."""
-    lower, upper = corners.min(axis=1) - reach, corners.max(axis=1) + reach
-    low, size = lower.min(axis=0), upper.max(axis=0) - lower.min(axis=0)
-    edge = max(reach, float(np.cbrt(size.prod() / _MOST_CELLS)))
-    # a wide, flat mesh has little volume but one layer of many cells
-    while (np.floor(size / edge) + 1.0).prod() > _TOO_MANY * _MOST_CELLS:
-        edge *= 1.5
-    shape = np.floor(size / edge).astype(np.int64) + 1
-    first, last = np.floor((lower - low) / edge).astype(np.int64), np.floor((upper - low) / edge).astype(np.int64)
-    cell = []
-    for begin, end in zip(first, last, strict=True):
-        x, y, z = (np.arange(b, e + 1) for b, e in zip(begin, end, strict=True))
-        cell.append(((x[:, None, None] * shape[1] + y[:, None]) * shape[2] + z).ravel())
-    triangle, cells = np.repeat(np.arange(len(corners)), [len(part) for part in cell]), np.concatenate(cell)
-    order = np.argsort(cells, kind="stable")
-    start = np.searchsorted(cells[order], np.arange(int(shape.prod()) + 1))
-    return Cells(low, edge, shape, start, triangle[order])
-
-
-@kernel(
-    "i8(f8[:,::1], f8[::1], f8[:,:,::1], f8[::1], f8, i8[::1], i8[::1], i8[::1], f8, i8[::1], i8[::1], i8[::1],"
-    " f8[:,::1])"
-)
-def near_triangles(
-    centres: Array, radii: Array, corners: Array, low: Array, edge: float, shape: Array, start: Array, listed: Array,
-    tolerance: float, sphere: Array, triangle: Array, feature: Array, foot: Array,
-) -> int:  # fmt: skip
-    """Write the pairs of a sphere and a triangle within a tolerance; return how many there are.
-
-    If they are more than the arrays have room for, only the first are written.
-
-    Parameters
-    ----------
-    centres, radii : ndarray, shapes (n, 3) and (n,)
-        The spheres [m].
-    corners : ndarray, shape (t, 3, 3)
-        The triangles [m].
-    low, edge, shape, start, listed
-        The fields of `Cells`, in this order.
-    tolerance : float
-        Largest gap [m].
-    sphere, triangle, feature, foot : ndarray, shapes (k,), (k,), (k,), (k, 3)
-        Receive the sphere, the triangle, the column of `Surface.features` on which the triangle's nearest point lies,
-        and that point; in the order of spheres.
-    """
-    count = 0
-    ab, ac, rest = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(len(radii)):
-        x = np.int64(np.floor((centres[i, 0] - low[0]) / edge))
-        y = np.int64(np.floor((centres[i, 1] - low[1]) / edge))
-        z = np.int64(np.floor((centres[i, 2] - low[2]) / edge))
-        if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
-            continue
-        cell = (x * shape[1] + y) * shape[2] + z
-        far = radii[i] + tolerance
-        for k in range(start[cell], start[cell + 1]):
-            t, apart = listed[k], False
-            d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-            for c in range(3):
-                A, B, C, X = corners[t, 0, c], corners[t, 1, c], corners[t, 2, c], centres[i, c]
-                apart = apart or X < min(A, B, C) - far or X > max(A, B, C) + far
-                ab[c], ac[c] = B - A, C - A
-                d1 += ab[c] * (X - A)
-                d2 += ac[c] * (X - A)
-                d3 += ab[c] * (X - B)
-                d4 += ac[c] * (X - B)
-                d5 += ab[c] * (X - C)
-                d6 += ac[c] * (X - C)
-            if apart:
-                continue
-            va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-            if d1 <= 0.0 and d2 <= 0.0:
-                what, v, w = 0, 0.0, 0.0
-            elif d3 >= 0.0 and d4 <= d3:
-                what, v, w = 1, 1.0, 0.0
-            elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-                what, v, w = 3, d1 / (d1 - d3), 0.0
-            elif d6 >= 0.0 and d5 <= d6:
-                what, v, w = 2, 0.0, 1.0
-            elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-                what, v, w = 5, 0.0, d2 / (d2 - d6)
-            elif va <= 0.0 and d4 >= d3 and d5 >= d6:
-                w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-                what, v = 4, 1.0 - w
-            else:
-                inside = 1.0 / (va + vb + vc)
-                what, v, w = 6, vb * inside, vc * inside
-            square = 0.0
-            for c in range(3):
-                rest[c] = corners[t, 0, c] + v * ab[c] + w * ac[c]
-                square += (centres[i, c] - rest[c]) ** 2
-            if np.sqrt(square) - radii[i] <= tolerance:
-                if count < len(sphere):
-                    sphere[count], triangle[count], feature[count] = i, t, what
-                    foot[count, 0], foot[count, 1], foot[count, 2] = rest[0], rest[1], rest[2]
-                count += 1
-    return count
+def _tree_of(vertices: Array, triangles: Array) -> Tree:
+    """Return the tree of triangles, halved along a Morton curve through the middles of their boxes."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    middle = 0.5 * lower + 0.5 * upper
+    low, high = middle.min(axis=0), middle.max(axis=0)
+    # a mesh without extent along an axis has zeros there
+    cells = ((middle - low) * ((2**_BITS - 1) / np.maximum(high - low, 1e-300))).astype(np.int64)
+    curve = np.zeros(len(triangles), np.int64)
+    for axis in range(3):
+        x = cells[:, axis]
+        # two zeros behind each bit
+        for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F),
+                            (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249)):  # fmt: skip
+            x = (x | x << shift) & mask
+        curve |= x << axis
+    order = np.argsort(curve, kind="stable")
+    leaves = 1
+    while leaves * FEW < len(order):
+        leaves *= 2
+    boxes = np.empty((2 * leaves, 6))
+    for side, corner, extreme, empty in (
+        (slice(3), lower, np.minimum, np.inf),
+        (slice(3, 6), upper, np.maximum, -np.inf),
+    ):
+        # an empty box holds no point
+        part = np.full((leaves * FEW, 3), empty)
+        part[: len(order)] = corner[order]
+        while len(part) > leaves:
+            part = extreme(part[::2], part[1::2])
+        while len(part) > 1:
+            boxes[len(part) : 2 * len(part), side] = part
+            part = extreme(part[::2], part[1::2])
+        boxes[1, side] = part
+    boxes[0] = boxes[1]
+    return Tree(order, boxes)

@@ -1,5 +1,6 @@
 """Projections in the kinetic metric: solvers, metrics and the check of the residual."""
 
+from .acceptance import Acceptance, AcceptedDepth, StatedDepth
 from .active_set import ActiveSet
 from .dual_active_set import DualActiveSet
 from .free_motion import FreeMotion
@@ -7,13 +8,14 @@ from .friction_sparse import project_frictional_sparse
 from .fused_step import LinearGaps
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
-from .projector import AcceptedDepth, ChosenSolver, Projector, checked_solver
+from .projector import ChosenSolver, Projector, checked_solver
 from .proxqp import ProxQP
 from .scaled_qp import Projection
 from .sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion, TreeMetric
 
 __all__ = [
+    "Acceptance",
     "AcceptedDepth",
     "ActiveSet",
     "BlockMetric",
@@ -29,6 +31,7 @@ __all__ = [
     "Projector",
     "ProxQP",
     "SparsePCG",
+    "StatedDepth",
     "TreeFreeMotion",
     "TreeMetric",
     "as_metric",

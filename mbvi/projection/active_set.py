@@ -16,6 +16,8 @@ from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
 _SIGN_TOLERANCE = 1e-12
 # added to the diagonal of a singular G, and the most proximal steps, which remove its effect
 _SHIFT, _PROXIMAL_STEPS = 1e-8, 6
+# changes of the set at most: for each row and beyond, and fewer where each costs more multiplications; and at least
+_CHANGES, _WORK, _FEWEST_CHANGES = (20, 100), 5e9, 20
 # exchanges of all wrong rows at once that may fail to lower their number
 _PATIENCE = 10
 
@@ -75,19 +77,21 @@ class ActiveSet:
         if guessed is not None:
             return guessed
         shifted = qp.G + _SHIFT * np.eye(len(qp.d))
-        active, u = qp.d > 0.0, np.zeros(len(qp.d))
+        active, u, stopped = qp.d > 0.0, np.zeros(len(qp.d)), ""
         for _ in range(_PROXIMAL_STEPS):
             found = _pivoted(shifted, qp.d + _SHIFT * u, active)
             if found is None:
                 return None
-            before, (active, u) = u, found
-            if np.abs(u - before).max() <= ROUNDING * (1.0 + u.max()):
+            before, (active, u, stopped) = u, found
+            if stopped or np.abs(u - before).max() <= ROUNDING * (1.0 + u.max()):
                 break
-        return Candidate(qp.combine(u), u, stationary=True)
+        return Candidate(qp.combine(u), u, True, stopped)
 
 
-def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:
+def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array, str] | None:
     """Return the active set and solution of min u' G u / 2 - d' u, u >= 0, by principal pivoting from a first set.
+
+    The last word says at which bound it stopped; it is empty where no row is wrong.
 
     Parameters
     ----------
@@ -98,8 +102,9 @@ def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:
     active : ndarray of bool, shape (m,)
         The first set.
     """
-    fewest, patience = len(d) + 1, _PATIENCE
-    for _ in range(20 * len(d) + 100):
+    fewest, patience, u = len(d) + 1, _PATIENCE, np.zeros(len(d))
+    most = min(_CHANGES[0] * len(d) + _CHANGES[1], max(int(_WORK / len(d) ** 3), _FEWEST_CHANGES))
+    for _ in range(most):
         u, index = np.zeros(len(d)), np.flatnonzero(active)
         if index.size:
             _, u[index], info = lapack.dposv(G[np.ix_(index, index)], d[index])
@@ -109,7 +114,7 @@ def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:
         wrong = np.where(active, u < -rounding, G @ u - d < -rounding)
         count = int(np.count_nonzero(wrong))
         if not count:
-            return active, np.maximum(u, 0.0)
+            return active, np.maximum(u, 0.0), ""
         if count < fewest:
             fewest, patience = count, _PATIENCE
         elif patience:
@@ -117,4 +122,4 @@ def _pivoted(G: Array, d: Array, active: Array) -> tuple[Array, Array] | None:
         else:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         active = active ^ wrong
-    return None
+    return active, np.maximum(u, 0.0), f"after {most} changes of the active set"

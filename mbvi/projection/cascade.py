@@ -12,11 +12,15 @@ from .fused_step import FEW
 from .proxqp import RefinedProxQP
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, Solver, WarmStart
 
+# rows up to which the solvers are tried that form G = A' A: their work grows with the cube of the rows
+MOST_CUBIC = 500
 
-def dense_solvers() -> Iterable[Solver]:
+
+def dense_solvers(rows: int) -> Iterable[Solver]:
     """Return the solvers for dense rows that the fused step left, the cheapest first and the most robust last."""
-    yield GuessedSet()
-    yield RefinedProxQP()
+    if rows <= MOST_CUBIC:
+        yield GuessedSet()
+        yield RefinedProxQP()
     yield DualActiveSet()
 
 

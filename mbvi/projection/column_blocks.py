@@ -19,6 +19,14 @@ def cut(rows: csr_array, columns: slice) -> csr_array:
     return csr_array((rows.data[here], own, starts), shape=(rows.shape[0], columns.stop - columns.start))
 
 
+def touched_columns(rows: csr_array) -> tuple[Array, Array]:
+    """Return the columns in which sparse rows have entries, ascending, and the rows there as a full array."""
+    part = np.unique(rows.indices)
+    full = np.zeros((rows.shape[0], len(part)))
+    full[np.arange(len(full)).repeat(rows.indptr[1:] - rows.indptr[:-1]), part.searchsorted(rows.indices)] = rows.data
+    return part, full
+
+
 def compose(
     parts: Sequence[tuple[Array, int, Array | csr_array]], shape: tuple[int, int]
 ) -> tuple[Array, Array, Array]:

@@ -13,13 +13,16 @@ from .sparse_islands import sort_by_island
 
 # sweeps at most, first without and then with percussions held back
 _SWEEPS, _PROXIMAL_SWEEPS = 500, 10_000
-# most contacts that Newton's method solves where sweeps do not
-_MOST_DENSE = 200
+# multiplications of sweeps that hold percussions back, about two seconds, and how many sweeps there are at least
+_WORK, _FEWEST_SWEEPS = 2e9, 200
+# most contacts that Newton's method solves where sweeps do not: the cube of their number is 5e6, and it takes up to a
+# thousand steps
+_MOST_DENSE = 80
 # Newton's method is tried on contacts that are new, and on those whose last percussions fit up to this residual, as at
 # rest: the contacts of bodies that tumble are hard, and the accuracy of sweeps will do for them
 _AT_REST = 3e-3
-# the residual of exact solutions, relative to the largest velocity
-_EXACT = 1e-10
+# the residual of exact solutions, relative to the largest velocity; and below that of which sweeps take longer
+_EXACT, _FINE = 1e-10, 1e-5
 
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[:,::1])")
@@ -50,9 +53,9 @@ def solve_contacts(
 ) -> float:  # fmt: skip
     """Bring `coulomb_defect` down to the target; return what was reached.
 
-    Where all contacts are known or none is, and they are not too many, Newton's method is tried first: contacts that
-    stay the same have the sets of the last step, unlike those of bodies that tumble. Sweeps follow, and for few
-    contacts the proximal form of Newton's method.
+    Newton's method is tried first on contacts that are not too many, where the target is fine, or where all contacts
+    are known or none is: contacts that stay the same have the sets of the last step, unlike those of bodies that
+    tumble. Sweeps follow, and for few contacts the proximal form of Newton's method.
 
     Parameters
     ----------
@@ -64,8 +67,9 @@ def solve_contacts(
     n, largest = len(b), 0.0
     for i in range(n):
         largest = max(largest, abs(b[i]))
-    attempted = len(mu) <= MOST_NEWTON and (known == 0 or known == len(mu)) and _EXACT * largest <= target
-    if attempted and known > 0:
+    fine = target <= _FINE * largest
+    attempted = len(mu) <= MOST_NEWTON and (fine or known == 0 or known == len(mu)) and _EXACT * largest <= target
+    if attempted and known > 0 and not fine:
         attempted = contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n)) <= _AT_REST * largest
     if attempted:
         G = np.empty((n, n))
@@ -74,7 +78,9 @@ def solve_contacts(
             return contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n))
     residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
     if residual > target:
-        residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, _PROXIMAL_SWEEPS, z, p)
+        # each entry of a row is multiplied twice in a sweep
+        most = min(max(int(_WORK / (2.0 * max(len(blocks), 1))), _FEWEST_SWEEPS), _PROXIMAL_SWEEPS)
+        residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, most, z, p)
     if residual > target and len(mu) <= _MOST_DENSE:
         G = np.empty((n, n))
         delassus_of(blocks, columns, starts, z, G)
@@ -84,10 +90,10 @@ def solve_contacts(
     return residual
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], b1[::1], i8[::1], i8, f8, f8[::1])")
+@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], b1[::1], i8[::1], i8, f8[::1], f8[::1])")
 def solve_contact_islands(
     blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, known: Array,
-    label: Array, count: int, target: float, p: Array,
+    label: Array, count: int, targets: Array, p: Array,
 ) -> None:  # fmt: skip
     """Solve the contacts of each island by `solve_contacts`.
 
@@ -103,8 +109,8 @@ def solve_contact_islands(
         The island of each contact; -1 of one that moves no body, and gets no percussion.
     count : int
         How many islands there are.
-    target : float
-        The residual that is small enough.
+    targets : ndarray, shape (m,)
+        The residual that is small enough at each contact; an island takes the least of its contacts.
     p : ndarray, shape (3 m,)
         Percussions to start from, which are written over.
     """
@@ -112,9 +118,9 @@ def solve_contact_islands(
     first, order, place_in_island = np.empty(count + 1, np.int64), np.empty(m, np.int64), np.empty(m, np.uint32)
     sort_by_island(label, first, order, place_in_island)
     if count == 1 and first[1] == m:
-        many = 0
+        many, target = 0, np.inf
         for a in range(m):
-            many += known[a]
+            many, target = many + known[a], min(target, targets[a])
         solve_contacts(blocks, columns, starts, local, b, mu, many, target, np.empty(n), p)
         return
     own_blocks, own_columns = np.empty(3 * entries_in_all), np.empty(entries_in_all, np.uint32)
@@ -125,10 +131,10 @@ def solve_contact_islands(
             p[3 * a] = p[3 * a + 1] = p[3 * a + 2] = 0.0
     for island in range(count):
         begin, size, width, entries, many = first[island], first[island + 1] - first[island], 0, 0, 0
-        own_starts[0] = 0
+        own_starts[0], target = 0, np.inf
         for i in range(size):
             a = order[begin + i]
-            many += known[a]
+            many, target = many + known[a], min(target, targets[a])
             for k in range(starts[a], starts[a + 1]):
                 if place[columns[k]] < 0:
                     place[columns[k]] = width

@@ -13,7 +13,9 @@ from .metric import Array
 
 # what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
 NOTHING, UNIQUE, COMPLIANT = 0, 1, 2
-_RESUMED_STEPS, _MOST_SWEEPS = 6, 20_000
+_RESUMED_STEPS = 6
+# most sweeps over more contacts, and their multiplications, about two seconds
+_MOST_SWEEPS, _WORK = 20_000, 2e9
 
 
 @kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
@@ -129,7 +131,7 @@ def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: 
         if m > MOST_NEWTON or not quick_coulomb(G, b, mu, limit, p) <= limit:
             order = np.empty(m, np.int64)
             closing_order(b, order)
-            sweep_contacts(G, b, mu, order, _MOST_SWEEPS, limit, p)
+            sweep_contacts(G, b, mu, order, min(_MOST_SWEEPS, int(_WORK / G.size)), limit, p)
         return False
     weak, independent = couples_weakly(G, mu), independent_rows(G, mu)
     unique = independent and weak

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..compiled import plain_array
-from .goldfarb_idnani import goldfarb_idnani
+from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani
 from .metric import Array
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
+
+# most rows that each exchange looks at, at first, and how often violated rows join them
+_WORKING, _MOST_ENLARGED = 400, 40
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,27 @@ def dual_active_set(A: Array, d: Array) -> Candidate | None:
     Candidate or None
         None if the constraints contradict each other.
     """
+    m = A.shape[1]
+    if m <= _WORKING:
+        return _solved(A, d)
+    # each exchange looks at all rows: of many, those that the answer does not violate are left out
+    rows, enlarged = np.sort(np.argsort(-d)[:_WORKING]), 0
+    while (found := _solved(A[:, rows], d[rows])) is not None:
+        slack = A.T @ found.z - d
+        slack[rows] = 0.0
+        violated = np.flatnonzero(slack < -ROUNDING - LAST_DIGITS * np.linalg.norm(found.z))
+        if not violated.size or enlarged == _MOST_ENLARGED:
+            u = np.zeros(m)
+            u[rows] = found.u
+            stopped = f"after {enlarged} enlargements of the working set" if violated.size else ""
+            return Candidate(found.z, u, stopped=stopped)
+        joining = violated[np.argsort(slack[violated])[: _WORKING // 2]]
+        rows, enlarged = np.sort(np.concatenate([rows, joining])), enlarged + 1
+    return None
+
+
+def _solved(A: Array, d: Array) -> Candidate | None:
+    """Return what `dual_active_set` does, looking at all rows in each exchange."""
     nv, m = A.shape
     most = min(nv, m) + 1
     S, u, z, slack = np.empty(most, np.int64), np.empty(most), np.empty(nv), np.empty(m)

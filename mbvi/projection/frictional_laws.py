@@ -10,11 +10,12 @@ from scipy.sparse.csgraph import connected_components
 
 from ..compiled import plain_array
 from ..errors import ProjectionError
+from .acceptance import OF_MECHANISMS, Acceptance
 from .coulomb import MOST_CONTACTS
 from .energy_cap import capped_restitution
 from .free_motion import FreeMotion
-from .friction import NO_START, FrictionalProjection, FrictionalStart, law_of_contacts, project_frictional
-from .friction_sparse import project_frictional_sparse
+from .friction import EXACT, NO_START, FrictionalProjection, FrictionalStart, law_of_contacts, project_frictional
+from .friction_sparse import FineRows, project_frictional_sparse
 from .metric import Array, Metric
 from .scaled_qp import Projection
 from .tree import TreeFreeMotion
@@ -72,9 +73,11 @@ class FrictionalLaws:
     Parameters
     ----------
     residual : float
-        The relative residual above which few contacts raise.
+        The relative residual of few contacts, and of all contacts of mechanisms.
     energy_cap : bool
         Whether `capped_restitution` limits e.
+    acceptance : Acceptance
+        Which answers are accepted.
 
     Attributes
     ----------
@@ -84,11 +87,15 @@ class FrictionalLaws:
         In how many laws there were such contacts.
     """
 
-    def __init__(self, residual: float, energy_cap: bool) -> None:
-        self._residual, self._energy_cap = residual, energy_cap
+    def __init__(self, residual: float, energy_cap: bool, acceptance: Acceptance) -> None:
+        self._residual, self._energy_cap, self._acceptance = residual, energy_cap, acceptance
         self._last, self.start = LastPercussions(), NO_START
         self.yielding: Array | None = None
         self.jams = 0
+
+    def forget(self) -> None:
+        """Forget the last percussions: the next laws start from none."""
+        self._last, self.start = LastPercussions(), NO_START
 
     def project(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
@@ -110,7 +117,7 @@ class FrictionalLaws:
         lower : ndarray, shape (k,)
             Least normal rates.
         residual, rate : float
-            The relative residual above which more contacts raise, and the error of velocities that they may have.
+            The relative residual of more contacts of free bodies, and the error of velocities that they may have.
 
         Raises
         ------
@@ -136,14 +143,16 @@ class FrictionalLaws:
         J = _contact_rows(rows)
         W = abs(metric.whiten_rows(J))
         count, label = connected_components(W @ W.T, directed=False)
-        bounds, mu = _bounds(rows, lower), rows.tangents.friction
+        bounds, mu, fine = _bounds(rows, lower), rows.tangents.friction, self._fine_rows(J, rows.constraint)
         jammed = np.full(len(lower), count == 1)
         for island in range(count if count > 1 else 0):
             some = label[::3] == island
+            own = None if fine is None else FineRows(fine.contacts[some], fine.residual, fine.rates[some])
             try:
                 project_frictional_sparse(
-                    x, metric, J[np.repeat(some, 3)], bounds[some].ravel(), mu[some], residual, rate=rate
-                )
+                    x, metric, J[np.repeat(some, 3)], bounds[some].ravel(), mu[some], residual, rate=rate, fine=own,
+                    bound=self._acceptance.bound,
+                )  # fmt: skip
             except ProjectionError:
                 jammed |= some
         return jammed
@@ -151,20 +160,53 @@ class FrictionalLaws:
     def _project(
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
     ) -> FrictionalProjection | Projection:
-        """Return what `project` returns, with the bounds as they are."""
-        tangents, m = rows.tangents, len(lower)
+        """Return what `project` returns, with the bounds as they are; errors name the contact that closes fastest."""
+        try:
+            return self._solved(x, metric, rows, lower, residual, rate)
+        except ProjectionError as error:
+            if error.constraint is None:
+                error.constraint = int(rows.constraint[(lower - rows.jacobian @ x).argmax()])
+            raise
+
+    def _solved(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return what `_project` does."""
+        tangents, m, bound = rows.tangents, len(lower), self._acceptance.bound
         assert tangents is not None
         bounds = _bounds(rows, lower)
         if _are_few(m, len(x)):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
-            found = project_frictional(x, metric, J, bounds.ravel(), mu, self._residual, self.start)
+            found = project_frictional(x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start)
+            self._accept(found, self._residual, rows, lower)
             self.start = FrictionalStart(found.start, found.unique)
             return found
         keys = contact_keys(rows.constraint)
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
-        many = project_frictional_sparse(x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate)
+        fine = self._fine_rows(J, rows.constraint)
+        many = project_frictional_sparse(
+            x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate, fine, bound
+        )
+        first = residual if fine is None or not fine.contacts.any() else fine.residual
+        self._accept(many, first, rows, lower)
         self._last.keep(many.percussion.reshape(-1, 3), keys)
         return many
+
+    def _fine_rows(self, J: csr_array, numbers: Array) -> FineRows | None:
+        """Return which contacts are those of mechanisms, given all their rows and their constraints; None in no run."""
+        stated = self._acceptance.stated
+        if stated is None:
+            return None
+        contacts = stated.of_mechanisms(J).reshape(-1, 3)
+        return FineRows(np.asarray(contacts.any(axis=1)), min(self._residual, OF_MECHANISMS), stated.aims(numbers))
+
+    def _accept(
+        self, found: FrictionalProjection | Projection, residual: float, rows: FrictionalRows, lower: Array
+    ) -> None:
+        """Raise `ProjectionError` if a row sinks too deep; see `Acceptance.check`."""
+        closing = lower - rows.jacobian @ found.velocity
+        about = {"w": found.velocity, "J": rows.jacobian, "lower": lower}
+        self._acceptance.check(found.residual, residual, rows.constraint, closing, lambda: about)
 
     def law(
         self, motion: FreeMotion | TreeFreeMotion, rows: FrictionalRows, opened: Array | None
@@ -172,7 +214,7 @@ class FrictionalLaws:
         """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
 
         They are as of `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
-        has friction, where e is capped, or where the residual is too large.
+        has friction, where e is capped, or where the law is not solved exactly.
 
         Parameters
         ----------
@@ -192,7 +234,7 @@ class FrictionalLaws:
         drift = _NONE if rows.rate is None and tangents.rate is None else _drift(rows, tangents).ravel()
         e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
         J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
-        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self.start, self._residual)
+        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self.start, EXACT * self._residual)
         if found is None:
             return None
         self.start = found[4]

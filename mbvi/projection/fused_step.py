@@ -32,6 +32,8 @@ class LinearGaps(NamedTuple):
     number, point, jacobian, gap, lever, e, opened
         Of each row its constraint, contact point, gradient, gap, the factor that makes a length of it, restitution, and
         the speed at which it may close in the law if it is open there.
+    law_jacobian : ndarray, shape (m, nv)
+        Gradients where the law acts.
     squares : ndarray, shape (families, nv)
         As of `ClearanceCache.travel`.
     v : ndarray, shape (nv,)
@@ -42,11 +44,14 @@ class LinearGaps(NamedTuple):
         Activation tolerance [m].
     reach, margin : float
         Travel up to which gaps are linear, and how far beyond the tolerance the rows are known [m].
+    free : ndarray of bool, shape (nv,)
+        Which velocities are those of free bodies.
     """
 
     number: Array
     point: Array
     jacobian: Array
+    law_jacobian: Array
     gap: Array
     lever: Array
     e: Array
@@ -58,6 +63,7 @@ class LinearGaps(NamedTuple):
     tolerance: float
     reach: float
     margin: float
+    free: Array
 
 
 class Settled(NamedTuple):
@@ -181,11 +187,11 @@ class FusedStep:
             return Settled(end, e, law, near, known, w, w, None, -1.0)
         if depth < 0.0:
             return None
-        A, W = _solved(motion.metric, J)
+        law_rows = plain_array(gaps.law_jacobian)
         code, residual = settle_positions(
-            gaps.number, gaps.point, J, A, W, gap, gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free),
-            v, w, displacement, law, near, known, moved, tangent, gaps.h, gaps.drift, gaps.tolerance, gaps.reach,
-            gaps.margin, self._limit(m),
+            gaps.number, gaps.point, J, *_solved(motion.metric, J), law_rows, *_solved(motion.metric, law_rows), gap,
+            gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free), v, w, displacement, law, near, known,
+            moved, tangent, gaps.free, gaps.h, gaps.drift, gaps.tolerance, gaps.reach, gaps.margin, self._limit(m),
         )  # fmt: skip
         if code == UNDECIDED:
             return None

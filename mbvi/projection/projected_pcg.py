@@ -22,8 +22,9 @@ _STEPS, _LEFT = 200, 0.1
 # the last, once, u is set to zero: percussions of dependent rows that balance each other may have grown from step to
 # step, up to a thousand times what is needed
 _SWEEPS, _PATIENCE, _RESET, _FROM_ZERO = 2, 2, 8, 64
-# the least that is added to the diagonal of the factor where a pivot is lost
-_STIFFER = 1e-2
+# the least that is added to the diagonal of the factor where a pivot is lost, and where it is given up: no entry of a
+# row of G is above 1, so that only a NaN gets there
+_STIFFER, _STIFFEST = 1e-2, 1e12
 # the shift at first, at least and at most, and its factors
 _SHIFT, _LEAST_SHIFT, _MOST_SHIFT, _LOWER, _RAISE = 1e-4, 1e-10, 1e-3, 0.2, 2.0
 # places of the state that one call leaves to the next: the shift, what is added to the diagonal of the factor, the
@@ -119,7 +120,7 @@ def pcg_on_face(
     rows, places, L = np.empty(n + 1, np.uint32), np.empty(room, np.uint32), np.empty(room)
     y, s, q = np.empty(n), np.empty(n), np.empty(n)
     more = max(shift, extra)
-    while not incomplete_cholesky(starts, columns, G, more, rows, places, L):
+    while not incomplete_cholesky(starts, columns, G, more, rows, places, L) and more < _STIFFEST:
         more = extra = max(3.0 * more, _STIFFER)
     last = 1.0
     for i in range(n):

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
+from .acceptance import OF_MECHANISMS, Acceptance, AcceptedDepth, StatedDepth
 from .active_set import ActiveSet
 from .cascade import dense_solvers, first_good_enough
+from .column_blocks import touched_columns
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
 from .friction import FrictionalProjection, FrictionalStart
 from .frictional_laws import FrictionalLaws, FrictionalRows
-from .fused_step import MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
-from .metric import Array, Metric
+from .fused_step import FEW, MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
+from .metric import Array, DiagonalMetric, Metric
 from .proxqp import ProxQP
 from .scaled_qp import Candidate, Projection, ScaledQP, Solver
-from .sparse_pcg import SparsePCG
+from .sparse_pcg import SparsePCG, refine
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 
@@ -28,12 +29,8 @@ SOLVERS = (ProxQP, ActiveSet, DualActiveSet, SparsePCG)
 # most rows of a failed problem that the dual active-set method checks for contradictions
 _MOST_CHECKED = 400
 
-# error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
-_SHARE = 0.25
 # speeds at which open rows may close where no row is open
 _NONE_OPEN = np.zeros(0)
-# the largest residual that follows from a depth
-_MOST_RESIDUAL = 1e-2
 # the residual of bodies nearly at rest, relative to their speed over that of a step of free fall; and its least share.
 # Where rows depend on each other, speeds that a residual leaves are up to ten times as large
 _OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
@@ -41,46 +38,12 @@ _OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
 
 
-class AcceptedDepth(NamedTuple):
-    """The penetration that a run accepts.
-
-    Attributes
-    ----------
-    relative : float
-        Relative to a size of the bodies.
-    depth : float
-        The same as a length [m].
-    levers : callable
-        Returns the factors that turn gaps of constraints, given by their numbers, into lengths.
-    """
-
-    relative: float
-    depth: float
-    levers: Callable[[Array], Array | float]
-
-    def residual(self, qp: ScaledQP, contacts: Array | None, h: float) -> float:
-        """Return the relative residual with which the gaps of a step h [s] are off by a quarter of the depth at most.
-
-        A scaled row whose residual is r times the largest scaled speed s has the rate error r s l, where l is the
-        length of its gradient in the metric. The residual is never larger than the relative depth or 1e-2: slow bodies
-        would otherwise move at the speeds that it leaves.
-        """
-        lengths = qp.lengths if contacts is None else qp.lengths * self.levers(contacts)
-        found = _SHARE * self.depth / (h * qp.scale * qp.largest * float(lengths.max()))
-        return min(found, self.largest_residual)
-
-    @property
-    def largest_residual(self) -> float:
-        """The residual of slow bodies, which does not follow from the depth."""
-        return min(self.relative, _MOST_RESIDUAL)
-
-
 class Projector:
     """Projections one after the other, each started from the last percussions.
 
     Unless a solver is chosen, solvers are tried in order. The first answer whose KKT residual is good enough is taken
     (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `RefinedProxQP`, `DualActiveSet`.
-    Sparse rows are solved by `SparsePCG`.
+    Sparse rows are solved by `SparsePCG`; up to 32 rows of spheres by `FusedStep`, on the spheres that they touch.
 
     Parameters
     ----------
@@ -95,9 +58,13 @@ class Projector:
         default.
     energy_cap : bool
         Whether restitution is limited so that no impact with friction gains energy.
+    stated : StatedDepth, optional
+        How deep an error may let a row sink in a step.
 
     Attributes
     ----------
+    acceptance : Acceptance
+        Which answers are accepted.
     friction : FrictionalLaws
         Coulomb's law for rows with tangents.
     strictest, loosest : float
@@ -111,8 +78,10 @@ class Projector:
         accepted: AcceptedDepth | None = None,
         friction_residual: float | None = None,
         energy_cap: bool = False,
+        stated: StatedDepth | None = None,
     ) -> None:
-        self.friction = FrictionalLaws(residual, energy_cap)
+        self.acceptance = Acceptance(stated)
+        self.friction = FrictionalLaws(residual, energy_cap, self.acceptance)
         self.friction_residual = residual if friction_residual is None else friction_residual
         self.residual, self.solver, self.accepted = residual, solver, accepted
         self.strictest, self.loosest = np.inf, 0.0
@@ -135,6 +104,11 @@ class Projector:
         """Read the same."""
         self._last.percussion, self._last.keys = percussion[: size[0]].copy(), None
         self.friction.start = FrictionalStart(start[: size[1]].copy(), bool(size[2]))
+
+    def forget(self) -> None:
+        """Forget the last percussions: the next projections start from none."""
+        self._last.percussion, self._last.keys = np.zeros(0), None
+        self.friction.forget()
 
     def begin(self, v: Array, free: Array) -> None:
         """Begin a step with the speeds v of bodies, which forces alone lead to `free`.
@@ -173,10 +147,16 @@ class Projector:
             Length of the step after which the rates must keep gaps open [s]; the residual then follows from the
             accepted depth.
         """
-        if self._fused is not None and 0 < len(lower) <= MOST_FUSED and isinstance(J, np.ndarray):
-            found = self._fused.project(x, metric, J, lower)
-            if found is not None:
-                return found
+        if self._fused is not None and 0 < len(lower) <= MOST_FUSED:
+            if isinstance(J, np.ndarray):
+                found = self._fused.project(x, metric, J, lower)
+                if found is not None:
+                    return found
+            elif len(lower) <= FEW and type(metric) is DiagonalMetric:
+                part, rows = touched_columns(J)
+                found = self._fused.project(x[part], DiagonalMetric(metric.diagonal[part]), rows, lower)
+                if found is not None:
+                    return found._replace(velocity=_moved(x, part, found.velocity))
         return self._solve(x, metric, J, lower, contacts, h)
 
     def law(
@@ -219,6 +199,12 @@ class Projector:
             found = self._fused.law(v, motion, J, e, opened)
             if found is not None:
                 return found
+        if self._fused is not None and m <= FEW and type(motion.metric) is DiagonalMetric:
+            part, rows = touched_columns(J)
+            few = FreeMotion(motion.free[part], DiagonalMetric(motion.metric.diagonal[part]))
+            found = self._fused.law(v[part], few, rows, e, opened)
+            if found is not None:
+                return _moved(motion.free, part, found[0]), *found[1:]
         x, rates = motion.free, np.empty((4, m))
         rates[3] = J.dot(v)
         lower = -e * rates[3]
@@ -237,7 +223,7 @@ class Projector:
         """
         residual, rate = self.friction_residual, np.inf
         if self.accepted is not None and h is not None:
-            residual, rate = self._at_speed(self.accepted.largest_residual), _SHARE * self.accepted.depth / h
+            residual, rate = self._at_speed(self.accepted.largest_residual), self.accepted.rate(h)
         return self.friction.project(x, metric, rows, lower, residual, rate)
 
     def settle(
@@ -276,10 +262,18 @@ class Projector:
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
         found, residual = first_good_enough(qp, self._solvers(qp), start)
+        asked, stated = qp.relative_tolerance, self.acceptance.stated
+        if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS:
+            own = np.flatnonzero(stated.of_mechanisms(J))
+            if own.size:
+                found = refine(qp, found, own)
+                residual = qp.residual(found)
+        qp.relative_tolerance = self.acceptance.bound(asked)
         # written so that a NaN is refused too
         if found is None or not residual <= qp.tolerance:
-            raise self._failure(qp, found, residual)
+            raise self._failure(qp, found, residual, contacts)
         result = qp.result(found, residual)
+        self.acceptance.check(result.residual, asked, contacts, lower - J @ result.velocity, lambda: _problem(qp))
         self._last.keep(result.percussion, keys)
         return result
 
@@ -293,7 +287,7 @@ class Projector:
     def _solvers(self, qp: ScaledQP) -> Iterable[Solver]:
         if self.solver is not None:
             return [self.solver]
-        return [SparsePCG()] if qp.sparse else dense_solvers()
+        return [SparsePCG()] if qp.sparse else dense_solvers(len(qp.lower))
 
     def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None, h: float | None) -> Projection:
         """Project without the rows whose gradient is zero: J w >= lower reads 0 >= lower there."""
@@ -308,18 +302,31 @@ class Projector:
         percussion[kept] = part.percussion
         return Projection(part.velocity, percussion, part.residual)
 
-    def _failure(self, qp: ScaledQP, found: Candidate | None, residual: float) -> ProjectionError:
+    def _failure(
+        self, qp: ScaledQP, found: Candidate | None, residual: float, contacts: Array | None
+    ) -> ProjectionError:
         problem = _problem(qp)
+        worst = (
+            None if contacts is None else int(contacts[qp.d.argmax() if found is None else qp.slack(found.z).argmin()])
+        )
         if _contradictory(qp, found):
             return contradiction(problem)
         solver = "" if self.solver is None else f" by {self.solver!r}"
-        relative = qp.relative(residual)
+        relative, stopped = qp.relative(residual), "" if found is None or not found.stopped else f" ({found.stopped})"
         return ProjectionError(
             f"the projection onto {len(qp.lower)} constraints{solver} stopped at the relative KKT residual "
-            f"{relative:.1e}, above {qp.relative_tolerance:.1e}; the problem is in `.problem`",
+            f"{relative:.1e}, above {qp.relative_tolerance:.1e}{stopped}; the problem is in `.problem`",
             problem,
             float(relative),
+            worst,
         )
+
+
+def _moved(x: Array, part: Array, values: Array) -> Array:
+    """Return x with other values of some entries."""
+    moved = x.copy()
+    moved[part] = values
+    return moved
 
 
 def _problem(qp: ScaledQP) -> dict[str, Array | csr_array | Metric]:

@@ -42,20 +42,20 @@ class ProxQP:
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return ProxSuite's answer, negative percussions set to zero; see `Solver`."""
-        u = np.zeros(len(qp.d))
+        u, stopped = np.zeros(len(qp.d)), ""
         near = qp.d > -_FAR
         for _ in range(_MOST_TRIES):
-            u[near] = _solve(qp.G[np.ix_(near, near)], qp.d[near], None if start is None else start.u[near])
+            u[near], stopped = _solve(qp.G[np.ix_(near, near)], qp.d[near], None if start is None else start.u[near])
             violated = ~near & (qp.G @ u < qp.d)
             if not violated.any():
                 break
             near |= violated
         u[u <= _NEGLIGIBLE * u.max()] = 0.0
-        return Candidate(qp.combine(u), u, stationary=True)
+        return Candidate(qp.combine(u), u, True, stopped)
 
 
-def _solve(G: Array, d: Array, start: Array | None) -> Array:
-    """Return ProxSuite's u, shape (m,), its last iterate at the limit of iterations; negative entries become zero."""
+def _solve(G: Array, d: Array, start: Array | None) -> tuple[Array, str]:
+    """Return ProxSuite's u, shape (m,), negative entries zero, and whether its limit of iterations `stopped` it."""
     m = len(d)
     solver = proxqp.dense.QP(m, 0, 0, True)
     settings = solver.settings
@@ -74,7 +74,8 @@ def _solve(G: Array, d: Array, start: Array | None) -> Array:
         solver.solve()
     u = np.maximum(np.array(solver.results.x), 0.0)
     u[~np.isfinite(u)] = 0.0
-    return u
+    iterations = solver.results.info.iter_ext
+    return u, f"after {iterations} iterations" if iterations >= settings.max_iter else ""
 
 
 @dataclass(frozen=True)

@@ -51,11 +51,14 @@ class Candidate(NamedTuple):
         Percussions.
     stationary : bool
         Whether z was computed as A u.
+    stopped : str
+        The bound of the solver's work that ended it, in words; empty where none did.
     """
 
     z: Array
     u: Array
     stationary: bool = False
+    stopped: str = ""
 
 
 class WarmStart(NamedTuple):
@@ -211,7 +214,7 @@ class ScaledQP:
 
         Zero exactly at a solution.
         """
-        z, u, stationary = candidate
+        z, u, stationary, _ = candidate
         natural = np.abs(np.minimum(u, self.slack(z))).max()
         if stationary:
             return float(natural)

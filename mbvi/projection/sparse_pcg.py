@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InfeasibleError
 from .accelerated_sweeps import sweep_islands
+from .acceptance import OF_MECHANISMS
 from .cascade import dense_solvers, first_good_enough
 from .fused_step import MOST_FUSED, FusedStep
 from .gram import gram, islands
@@ -24,6 +25,10 @@ _MARGIN = 0.9
 _ROUNDED = 1e-10
 # most rows of an island that the dense solvers solve if it fails
 _MOST_DENSE = 400
+# how often violated rows join the working set until all rows do
+_MOST_ENLARGED = 10
+# how often all rows are solved again after some were refined, and to which part of the residual before
+_ROUNDS, _FINER = 8, 0.3
 # room for entries of the Delassus matrix at first, for each row
 _ROOM = 128
 # size of the working set relative to the violated and active rows; a set of at least this share of all rows is enlarged
@@ -56,7 +61,7 @@ class SparsePCG:
         u = np.zeros(m) if start is None else start.u.copy()
         rounding = min(qp.tolerance, _ROUNDED * qp.largest)
         working, solved_densely = _working_set(qp.d, u), set[int]()
-        label = None
+        label, enlarged = None, 0
         while True:
             if label is None:
                 label = _solve_working_set(qp, working, u)
@@ -67,7 +72,9 @@ class SparsePCG:
             residual = np.abs(np.minimum(u, slack))
             violated = ~working & (slack < 0.0)
             if violated.any() and residual[violated].max() > allowed[label >= 0].max(initial=0.0):
-                working, label = working | violated, None
+                # each time the set is solved anew; rows that join one by one would take as many times as there are rows
+                enlarged += 1
+                working, label = working | violated | (enlarged > _MOST_ENLARGED), None
                 continue
             failed = (residual > allowed) & (label >= 0)
             failed_islands = set(label[failed].tolist()) - solved_densely if failed.any() else None
@@ -124,14 +131,48 @@ def _solve_left(data: Array, columns: Array, starts: Array, n: int, d: Array, ta
     return label
 
 
+def refine(qp: ScaledQP, found: Candidate, rows: Array) -> Candidate:
+    """Solve some rows of an answer to rounding, unless they are exact enough, while percussions of the others stay.
+
+    The others then need not have the residual of the QP any more: all are solved to a smaller one, and the rows again,
+    a few times at most.
+
+    Parameters
+    ----------
+    qp : ScaledQP
+        The problem.
+    found : Candidate
+        Its solution to the residual of the QP.
+    rows : ndarray of int, shape (k,)
+        The rows.
+    """
+    asked, off = qp.relative_tolerance, np.abs(np.minimum(found.u, qp.slack(found.z)))
+    if off[rows].max() <= OF_MECHANISMS * np.abs(qp.d[rows]).max():
+        return found
+    for _ in range(_ROUNDS):
+        u = found.u.copy()
+        _solve_densely(qp, rows, u)
+        refined = Candidate(qp.combine(u), u, stationary=True)
+        if qp.residual(refined) <= asked * qp.largest:
+            qp.relative_tolerance = asked
+            return refined
+        qp.relative_tolerance *= _FINER
+        better = SparsePCG().solve(qp, WarmStart(u))
+        found = found if better is None else better
+    qp.relative_tolerance = asked
+    return found
+
+
 def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
-    """Solve one island by the dense solvers; some use A and not G, because forming G can lose digits."""
+    """Solve rows by the dense solvers, for the percussions of others; some use A and not G, which can lose digits."""
     if len(rows) > _MOST_DENSE:
         return
-    part = qp.rows[rows]
+    part, others = qp.rows[rows], u.copy()
+    others[rows] = 0.0
     touched = np.unique(part.indices)
     J = np.ascontiguousarray(part[:, touched].toarray())
-    x, metric = np.zeros(len(touched)), DiagonalMetric(np.ones(len(touched)))
+    # others touch the same bodies only where the rows are not a whole island
+    x, metric = qp.combine(others)[touched], DiagonalMetric(np.ones(len(touched)))
     last = LastPercussions()
     # the rows that are active in the approximate answer are a good guess
     last.percussion = u[rows]
@@ -145,7 +186,7 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
             u[rows] = exact.percussion
             return
     island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
-    found, residual = first_good_enough(island, dense_solvers(), last.start(island, None))
+    found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
     # otherwise the island keeps its percussions, and the residual of the whole problem decides
     if found is not None and residual <= island.tolerance:
         u[rows] = island.result(found, residual).percussion

@@ -53,23 +53,6 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
     return 0
 
 
-@kernel("void(f8[:,::1], i8[::1], f8[::1], f8[::1])")
-def tree_energies(mass: Array, parent: Array, v: Array, energy: Array) -> None:
-    """Write for each velocity the kinetic energy of its tree, shape (nv,) [J]; a tree moves independently of others.
-
-    The other arguments are those of `factor`, and velocities of shape (nv,).
-    """
-    for k in range(len(v)):
-        momentum, i, root = 0.5 * mass[k, k] * v[k], parent[k], k
-        while i >= 0:
-            momentum, i, root = momentum + mass[k, i] * v[i], parent[i], i
-        energy[k] = 0.0
-        energy[root] += momentum * v[k]
-    for k in range(len(v)):
-        if parent[k] >= 0:
-            energy[k] = energy[parent[k]]
-
-
 @kernel("void(f8[:,::1], i8[::1], f8[::1])")
 def _whiten(L: Array, parent: Array, x: Array) -> None:
     """Overwrite x, shape (nv,), by L'^-1 x."""
@@ -250,11 +233,6 @@ class TreeFreeMotion:
     def free(self) -> Array:
         """The velocity after the step under forces alone, shape (nv,)."""
         return advance(*self.kernel_arguments)
-
-    def of(self, v: Array, at: Array) -> TreeFreeMotion:
-        """Return what torques and effects of this motion do to the velocity v, with damping of v itself at order 2."""
-        mass, damping, parent, _, h, torque, effects, _ = self.kernel_arguments
-        return TreeFreeMotion(mass, damping, parent, plain_array(v), h, torque, effects, True)
 
     @property
     def metric(self) -> TreeMetric:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..schemes.observer import observer
 from ..system.sparse_rows import dense
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
+from .jumps import Jumps
 from .run_data import Impact, RunData
 
 if TYPE_CHECKING:
@@ -44,7 +46,8 @@ _VANISHING = 1e-12
 class _State(NamedTuple):
     """A state of a run, the velocity before it, and the step that led there.
 
-    `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted.
+    `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted. `again`
+    takes the step once more; None where that is not known.
     """
 
     t: float
@@ -53,6 +56,7 @@ class _State(NamedTuple):
     v: Array
     h: float
     step: Step | None = None
+    again: Callable[[], Step] | None = None
 
 
 def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
@@ -63,12 +67,14 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
     problem, system = run.problem, run.problem.system
     struck = np.array([impact.time for impact in run.impacts])
-    found = _Instants(problem, tolerance)
+    found, jumps = _Instants(problem, tolerance), Jumps(problem)
     variation = energy = excess = raised = 0.0
     vanishing: dict[str, None] = {}
     for state in _states(run):
-        t, q, before, v, h, step = state
+        t, q, before, v, h, step, again = state
         metric = system.metric(q)
+        if again is not None and problem.constraints.frictional:
+            jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
             rest = (1.0 - run.record.timing.jump) * h
@@ -116,6 +122,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         unseen,
         found.not_followed,
         tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
+        tuple(jumps.found),
         raised,
     )
 
@@ -183,16 +190,21 @@ def _states(run: RunData) -> Iterator[_State]:
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
-            yield _State(step.t, acted, v, step.v, run.step, step if again else None)
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
         h = end - t
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
-        last = scheme.step(problem, t, q, v, h, projector) if again and scheme is not None else None
-        yield _State(end, acted, v, run.v[i], h, last)
+        take = None if scheme is None else partial(scheme.step, problem, t, q, v, h, projector)
+        last = take() if again and take is not None else None
+        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
             observe(last, h)
+
+
+def _as_it_is(step: Step) -> Step:
+    return step
 
 
 class _Instants:

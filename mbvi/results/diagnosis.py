@@ -8,11 +8,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..impacts import Forks
+from .jumps import Jump
 
 Array = np.ndarray
 
-# most names and rows in a report
-_MOST_NAMES, _MOST_ROWS = 3, 12
+# most names, rows and jumps in a report
+_MOST_NAMES, _MOST_ROWS, _MOST_JUMPS = 3, 12, 3
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,10 @@ class Diagnosis:
         How many impacts of several constraints have friction: outcomes are only sought without it.
     gains : tuple of (float, float)
         Time [s] and energy [J] of each impact with friction that raised the kinetic energy.
+    jumps : tuple of Jump
+        Steps with friction in which velocities jump though no contact approaches. Known where steps can be taken again.
     projection_energy : float
-        Potential energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
+        Energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
     """
 
     instants: tuple[Instant, ...]
@@ -119,6 +122,7 @@ class Diagnosis:
     unseen: bool
     not_followed: int = 0
     gains: tuple[tuple[float, float], ...] = ()
+    jumps: tuple[Jump, ...] = ()
     projection_energy: float = 0.0
 
     def __str__(self) -> str:
@@ -150,6 +154,7 @@ class Diagnosis:
                 f"{_count(len(self.gains), 'impact', 'impacts')} with friction raised the kinetic energy, by up to "
                 f"{most:.3g} J at t = {time:.6g} s: Newton's law with e > 0 promises no loss there (Kane's paradox)."
             )
+        lines += self._jumps()
         if self.projection_energy:
             lines.append(f"Energy added by position projection: {self.projection_energy:.3g} J.")
         lines.append(
@@ -157,6 +162,24 @@ class Diagnosis:
             f"energy above its estimate {self._rounded(self.energy_excess):.2g} J."
         )
         return "\n".join(lines + self._table())
+
+    def _jumps(self) -> list[str]:
+        """Return the jumps in words: the first ones, then how many there are."""
+        lines = []
+        for jump in self.jumps[:_MOST_JUMPS]:
+            names = ", ".join(jump.constraints[:_MOST_NAMES])
+            names += f" and {len(jump.constraints) - _MOST_NAMES} more" if len(jump.constraints) > _MOST_NAMES else ""
+            why = (
+                "Coulomb's law has a second solution there, with which the motion would go on as before."
+                if jump.second_solution
+                else "friction alone makes the percussion, as in Painlevé's configuration."
+            )
+            lines.append(
+                f"At t = {jump.time:.6g} s velocities jump by {jump.change:.3g} m/s at {names} although nothing "
+                f"approaches: {why}"
+            )
+        left = len(self.jumps) - len(lines)
+        return [*lines, f"So they do in {_count(left, 'other step', 'other steps')}."] if left else lines
 
     def _rounded(self, energy: float) -> float:
         """Return an energy, or zero where it is rounding."""

@@ -10,6 +10,8 @@ from .run_data import Array, RunData
 
 # differences of configurations that count as rounding; a longer interval than this many steps holds several of them
 _ROUNDING, _SAME_STEP = 1e-12, 1.5
+# difference of times that counts as zero, in steps
+_INSTANT = 1e-6
 
 
 def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: float = 1.0) -> Array:
@@ -35,8 +37,8 @@ def energies(problem: Problem, t: Array, q: Array, v: Array, h: float, jump: flo
     return values
 
 
-def energies_of_run(run: RunData) -> Array:
-    """Return kinetic and potential energy of each state of a run, shape (n + 1, 2) [J].
+def energies_of_states(run: RunData) -> Array:
+    """Return kinetic and potential energy of each state of a run, shape (n + 1, 2) [J], each by its own q and v.
 
     Raises
     ------
@@ -50,8 +52,31 @@ def energies_of_run(run: RunData) -> Array:
     return energies(run.problem, run.t, run.q, run.v, run.step, run.record.timing.jump)
 
 
+def energies_of_run(run: RunData) -> Array:
+    """Return the same; where an impact has begun in the last step of a state and goes on, those after it."""
+    values = energies_of_states(run)
+    return _after_impacts(run, values) if run.record.timing.whole_steps else values
+
+
+def _after_impacts(run: RunData, values: Array) -> Array:
+    """Return energies, shape (n + 1, 2), with those after the impacts that begin in the step before a state.
+
+    Impacts of schemes with `Timing.whole_steps` take two steps, and the mean velocity of the first one lies between
+    those before and after: its energy would be that of neither.
+    """
+    ends = np.array([impact.time for impact in run.impacts])
+    changes = np.array([impact.energy_change for impact in run.impacts])
+    for i in np.unique(np.searchsorted(run.t, ends - _INSTANT * run.step)).tolist():
+        if i < len(run.t) and (np.abs(ends - run.t[i]) < _INSTANT * run.step).any():
+            since = (ends > run.t[i - 1] + _INSTANT * run.step) & (ends < run.t[i] + _INSTANT * run.step)
+            values[i, 0] = values[i - 1].sum() + changes[since].sum() - values[i, 1]
+    return values
+
+
 def energy_of_projection(problem: Problem, t: float, acted: Array, q: Array, v: Array, rest: float) -> float:
-    """Return the potential energy of a displacement by position projection at the end of a step [J].
+    """Return the energy that a displacement by position projection adds at the end of a step [J].
+
+    Its potential energy, and the change of the kinetic energy at the same velocity: M changes along it.
 
     Parameters
     ----------
@@ -67,7 +92,9 @@ def energy_of_projection(problem: Problem, t: float, acted: Array, q: Array, v: 
     reached = problem.system.integrate(acted, rest * v)
     if np.abs(q - reached).max(initial=0.0) <= _ROUNDING * max(1.0, np.abs(q).max(initial=0.0)):
         return 0.0
-    return problem.system.potential_energy(t, q) - problem.system.potential_energy(t, reached)
+    system = problem.system
+    kinetic = system.kinetic_energy(q, v) - system.kinetic_energy(reached, v)
+    return kinetic + system.potential_energy(t, q) - system.potential_energy(t, reached)
 
 
 def projection_energies(run: RunData) -> Array:

@@ -14,7 +14,7 @@ from ..scene.description import describe
 from ..schemes import SCHEMES, SchemeBase, Timing
 from ..schemes.event_driven.runge_kutta import DEGREE
 from .contacts import ContactLog, ContactTable
-from .energies import energies, energies_of_run
+from .energies import energies, energies_of_states
 from .metadata import Metadata, ProblemData
 from .run_data import Array, Impact, RunData
 from .writing import RunFile
@@ -139,7 +139,7 @@ def save(run: RunData, path: str | os.PathLike[str]) -> None:
     record = run.record
     recorded = {"t": run.t, "q": run.q, "v": run.v, "penetration": record.penetration, "residual": run.residual}
     if run.problem is not None or record.energies is not None:
-        recorded["energy"] = energies_of_run(run)
+        recorded["energy"] = energies_of_states(run)
     metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)
     try:
         sizes = _sizes(run.q.shape[1], run.v.shape[1], record.dense)

@@ -87,12 +87,13 @@ class Trajectory(RunData):
         return kinetic + potential
 
     def projection_energy(self) -> Array:
-        """Return the potential energy that position projection added in the step to each state, shape (n + 1,) [J].
+        """Return the energy that position projection added in the step to each state, shape (n + 1,) [J].
 
-        It is that of the displacement which moves bodies out of each other at the end of the step: the penetration that
-        an impact has left, against gravity. No step of `Centered(project_positions=True)` with e = 0 or one e for all
-        contacts, and without controls or moving walls, raises the energy by more than this and the error of the
-        integrator. The number means nothing in steps that were shortened, which `notes` counts.
+        It is that of the displacement which moves bodies out of each other at the end of the step: it lifts them
+        against gravity, and it changes M, and so the kinetic energy of the velocity, which is kept. No step of
+        `Centered(project_positions=True)` with e = 0 or one e for all contacts, and without controls or moving walls,
+        raises the energy by more than this and the error of the integrator. The number means nothing in steps that were
+        shortened, which `notes` counts.
 
         Raises
         ------

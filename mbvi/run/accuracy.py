@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import SupportsFloat
 
+import numpy as np
+
 from ..arguments import optional, positive
 from ..errors import InputError, UnsuitableError
 from ..problem import Problem
-from ..projection import AcceptedDepth, ChosenSolver, Projector
+from ..projection import AcceptedDepth, ChosenSolver, Projector, StatedDepth
 from ..schemes import EventDriven, Scheme
-from ..system import located_parts
+from ..system import located_parts, parts_of
 
 DEFAULT_RESIDUAL, DEFAULT_DEPTH = 1e-6, 1e-3
 # of Coulomb's law for more than 32 contacts
@@ -24,8 +26,9 @@ def projector_of(
     residual: SupportsFloat | None,
     depth: SupportsFloat | None,
     solver: ChosenSolver | None,
+    h: float | None = None,
 ) -> tuple[Projector, list[str]]:
-    """Return the projector of a run, and a note where its residual follows from a depth.
+    """Return the projector of a run with steps of h [s], and a note where its residual follows from a depth.
 
     Raises
     ------
@@ -47,13 +50,16 @@ def projector_of(
         )
     if residual is None and depth is None and problem.system.sparse and scheme.accepts_depth:
         depth = DEFAULT_DEPTH
+    size, levers, stated = smallest_size(problem), problem.constraints.levers, None
+    if h is not None:
+        jointed = np.concatenate([np.full(part.nv, not part.free_bodies) for part in parts_of(problem.system)])
+        stated = StatedDepth((depth or DEFAULT_DEPTH) * size, problem.tolerance, h, levers, jointed)
     if depth is None:
         of_many = FRICTION_RESIDUAL if residual is None else residual
-        return Projector(residual or DEFAULT_RESIDUAL, solver, None, of_many, problem.energy_cap), []
-    size = smallest_size(problem)
-    accepted = AcceptedDepth(depth, depth * size, problem.constraints.levers)
+        return Projector(residual or DEFAULT_RESIDUAL, solver, None, of_many, problem.energy_cap, stated), []
+    accepted = AcceptedDepth(depth, depth * size, levers)
     note = f"depth = {depth:g} was accepted: {depth * size:.3g} m, relative to the smallest body's {size:.3g} m"
-    return Projector(DEFAULT_RESIDUAL, solver, accepted, FRICTION_RESIDUAL), [note]
+    return Projector(DEFAULT_RESIDUAL, solver, accepted, FRICTION_RESIDUAL, stated=stated), [note]
 
 
 def residual_note(projector: Projector) -> list[str]:

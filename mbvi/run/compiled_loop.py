@@ -10,7 +10,9 @@ from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
 from ..problem import Problem
 from ..projection import Projector
+from ..results.contacts import ContactLog
 from ..schemes import Centered, MoreauJean, Scheme, Step
+from ..schemes.contact_friction import friction_of
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
 from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
@@ -78,7 +80,7 @@ class CompiledLoop:
         self.codes = np.zeros(8, np.int64)
 
     def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
-        """Take steps after `done` ones, up to `whole`.
+        """Take steps after `done` ones, up to `whole`, and record them.
 
         Returns
         -------
@@ -95,7 +97,7 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
-        following, recorder.count, code = self._loop(
+        following, count, code = self._loop(
             self._step, self._log, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
             count, self._limit, STILL * problem.length,
         )  # fmt: skip
@@ -104,10 +106,28 @@ class CompiledLoop:
         self._projector.take_back(memory.percussion, memory.start, memory.size)
         taken = following - 1 - done
         self._patience.took(taken)
+        if recorder.contacts is not None:
+            # before the states, so that an interrupt leaves no state without its contacts
+            self._record_contacts(recorder.contacts, done, taken)
+        recorder.count = count
         if taken:
             self._replay(done, taken)
             state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
         return state, done + taken, code in (DONE, FULL)
+
+    def _record_contacts(self, contacts: ContactLog, done: int, taken: int) -> None:
+        """Record the contacts of the steps of the last call."""
+        ends = self._log.begin[: taken + 1].tolist()
+        all_rows = logged_rows(self._log, slice(0, ends[-1]), 0.0, self._problem.constraints.empty.jacobian)
+        rows, friction = all_rows.active, friction_of(all_rows)
+        for j in range(taken):
+            part, i = slice(ends[j], ends[j + 1]), done + j + 1
+            contacts.add(
+                rows.constraint[part], rows.point[part], rows.normal[part], all_rows.percussion[part],
+                None if friction is None else friction.take(part),
+            )  # fmt: skip
+            if i % self._every == 0 or i == self._total:
+                contacts.close()
 
     def _replay(self, done: int, taken: int) -> None:
         """Record the impacts of the steps of the last call, and in which steps their rows had percussions."""
@@ -155,11 +175,15 @@ class Patience:
 
 
 def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:
-    """Return step j of a log, with what recorders and contacts need of its rows; its state is left out.
+    """Return step j of a log; see `logged_rows`."""
+    return logged_rows(log, slice(*log.begin[j : j + 2].tolist()), t, none)
+
+
+def logged_rows(log: LoopRecord, part: slice, t: float, none: Array) -> Step:
+    """Return a step with some rows of a log, and with what recorders and contacts need of them; its state is left out.
 
     `none` is a Jacobian without rows.
     """
-    part = slice(*log.begin[j : j + 2].tolist())
     rows = log.rows[part].copy()
     tangents = slip = None
     if rows.shape[1] == ROUGH:
@@ -188,8 +212,8 @@ def mechanism_step(
     scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects)
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
-        mechanism, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle, np.zeros(nq),
-        np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
+        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 
 
@@ -211,7 +235,7 @@ def compiled_loop(
 ) -> CompiledLoop | None:  # fmt: skip
     """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
     loop = loop_of(scheme)
-    if loop is None or type(recorder) is not Recorder or not is_compiled(problem, scheme) or projector.solver:
+    if loop is None or not is_compiled(problem, scheme) or projector.solver:
         return None
     if projector.accepted is not None or (not problem.system.single_mechanism and total <= LONG):
         return None

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from ..errors import DivergedError, MbviError, ProjectionError
+from ..errors import DivergedError, InfeasibleError, MbviError, ProjectionError
 from ..problem import Problem
 from ..schemes import Step
 from ..system import ArticulatedSystem, located_parts
@@ -155,5 +155,17 @@ def failures_with_time(problem: Problem, h: float, state: Callable[[], Step]) ->
         if words is not None:
             raise DivergedError(f"the run diverges at t = {last.t:.6g} s: {words} ({error})") from error
         if isinstance(error, ProjectionError):
-            error.args = (f"in the step from t = {last.t:.6g} s: {error}",)
+            error.args = (f"in the step from t = {last.t:.6g} s{_what_to_change(problem, h, error)}",)
         raise
+
+
+def _what_to_change(problem: Problem, h: float, error: ProjectionError) -> str:
+    """Return what a projection that failed concerns, why it failed, and what to change, in words."""
+    at = "" if error.constraint is None else f", at {problem.constraints.name(error.constraint)}"
+    if isinstance(error, InfeasibleError):
+        return f"{at}: {error}"
+    friction = "a smaller friction or restitution, " if problem.constraints.frictional else ""
+    return (
+        f"{at}: {error}; shorter parts of the step are not solved either: take a step below {h:g} s, {friction}"
+        "or a larger residual"
+    )

@@ -11,7 +11,6 @@ from ..compiled import kernel
 from ..projection.gram import islands
 from ..schemes import Step
 from ..schemes.contact_friction import friction_of, regime
-from ..system import System, parts_of
 
 Array = np.ndarray
 
@@ -74,16 +73,6 @@ class RecentPercussions:
         for earlier, percussions in self._loaded:
             _raise_levels(earlier, percussions, known, level)
         return np.asarray(percussion > 2.0 * level[place])
-
-
-def independent_parts(system: System) -> Array:
-    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
-    parts, count = [], 0
-    for one in parts_of(system):
-        bodies = one.independent_bodies
-        parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
-        count += bodies
-    return np.concatenate(parts)
 
 
 def linked(jacobian: Array | csr_array, chosen: Array, seeds: Array, parts: Array) -> Array:

@@ -19,6 +19,7 @@ from .accuracy import projector_of
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
 from .control_stability import failures_with_time
 from .loop_scope import loop_of
+from .retaken import SolvedSteps
 from .start import admitted, closes_none, first_step
 from .step_loop import DONE, FULL
 from .tunnelling import TunnellingGuard
@@ -102,6 +103,7 @@ class MechanismRun:
         assert loop is not None and own.mechanism is not None
         self.scheme, self._loop, self._h, self._state = scheme, loop, h, own.state
         self._guard, self._still = TunnellingGuard(problem, scheme, h), STILL * problem.length
+        self._solved = SolvedSteps(problem, scheme, self._guard)
         self.start(problem)
         problem.system.start()
         self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state)
@@ -119,7 +121,7 @@ class MechanismRun:
     def _projector(self) -> Projector:
         """The projector of the run, made when Python needs it."""
         if self._made is None:
-            self._made = projector_of(self.problem, self.scheme, None, None, None)[0]
+            self._made = projector_of(self.problem, self.scheme, None, None, None, self._h)[0]
         return self._made
 
     def initial_step(self) -> Step:
@@ -176,9 +178,7 @@ class MechanismRun:
         t, q, v = problem.t0 + (k - 1) * h, self.q.copy(), self.v.copy()
         before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
         with failures_with_time(problem, h, lambda: before):
-            new = self.scheme.step(problem, t, q, v, h, self._projector)
-            if not (v.dot(v) < self._guard.limit and new.v.dot(new.v) < self._guard.limit):
-                *_, new = self._guard.followed(t, before, new, h, self._projector)
+            *_, new = self._solved.steps(t, before, h, self._projector)
         self._go_on(new)
         return new
 

@@ -39,7 +39,8 @@ class Progress:
         if now < self._next:
             return self._next
         self._next = now + 0.1
-        expected = (now - self._start) / done * self._total
+        # the compiled loop may have left even the first step to Python
+        expected = (now - self._start) / max(done, 1) * self._total
         if self._bar is None and (self._always or expected > _LONG):
             self._bar = tqdm(total=self._total, unit="step", unit_scale=True)
         if self._bar is not None:

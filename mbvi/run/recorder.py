@@ -16,7 +16,9 @@ from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
-from .impact_rows import RecentPercussions, friction_of_impact, independent_parts, linked
+from ..schemes.stewart_trinkle import reach
+from ..system import independent_parts
+from .impact_rows import RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1
@@ -146,19 +148,24 @@ class Recorder:
         Timing of the scheme.
     notes : sequence of str
         Notes that are known before the run.
+    contacts : bool
+        Whether the contacts of all steps are recorded.
 
     Attributes
     ----------
     contacts : ContactLog or None
-        None: this class records no contacts.
+        The contacts of all steps, where they are recorded.
     last : Step or None
         The last step.
     recent : RecentPercussions
         The percussions of the last steps.
     """
 
-    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
-        self.contacts: ContactLog | None = None
+    def __init__(
+        self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = (), contacts: bool = False
+    ) -> None:
+        far = _SAME_POINT * problem.length
+        self.contacts = ContactLog(far, frictional=problem.constraints.frictional) if contacts else None
         self.problem = problem
         self.timing = timing
         self.t = np.empty(count)
@@ -178,8 +185,15 @@ class Recorder:
 
     def step(self, step: Step, keep: bool) -> None:
         """Record a step: its impacts always, its state if `keep`."""
-        t, q, v, active, rates, residual, _ = step
+        t, q, v, active, rates, residual = step[:6]
         k, gap = self.count, active.gap
+        if self.contacts is not None:
+            # percussions of the law at the initial state belong to no interval between states
+            if k:
+                self.contacts.add(active.constraint, active.point, active.normal, rates[0], friction_of(step))
+            # before the state, so that an interrupt leaves no state without its contacts
+            if keep:
+                self.contacts.close()
         if not gap.size:
             self.penetration[k] = 0.0
         elif record_depth(
@@ -229,12 +243,28 @@ class Recorder:
             last_number, last_point = last_number[order], last_point[order]
             last_rates = np.ascontiguousarray(last_rates[:, order])
         far = _SAME_POINT * self.problem.length
-        count, energy = _choose_rows(
-            number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
-        )
+        if step.at_once is not None and last is not None:
+            # an impact goes on in the next step, and its contact point moves with the body
+            h = step.t - last.t
+            far += reach(self.problem, last.q, h * last.v) + h * float(np.abs(last.before).max(initial=0.0))
+
+        def choose(rates: Array) -> tuple[int, float]:
+            return _choose_rows(
+                number, point, rates, e, last_number, last_point, last_rates, far, self._lever, self._still, candidates
+            )
+
+        count, energy = choose(rates)
         if not count:
             return
         chosen = self._taking_part(step, candidates)
+        if step.at_once is not None:
+            own = step.at_once(chosen)
+            # rows of sleeping contacts stand behind those of the step
+            rates = np.concatenate([own, rates[:, own.shape[1] :]], axis=1)
+            # percussions of impacts that began in the step before were counted there
+            rates[0, ~chosen] = 0.0
+            step = step._replace(rates=rates)
+            _, energy = choose(rates)
         scale = step.percussion @ (np.abs(step.before) + np.abs(step.after))
         if step.slip is not None:
             energy += 0.5 * float(np.vdot(step.slip[0], step.slip[1] + step.slip[2]))
@@ -274,24 +304,3 @@ class Recorder:
             warnings.warn(note, MbviWarning, stacklevel=6)
         if len(self.notes) < _MOST_NOTES:
             self.notes.append(note)
-
-
-class ContactRecorder(Recorder):
-    """A recorder that also records the contacts of all steps; see `ContactLog`."""
-
-    def __init__(self, problem: Problem, count: int, timing: Timing, notes: Sequence[str] = ()) -> None:
-        super().__init__(problem, count, timing, notes)
-        far = _SAME_POINT * problem.length
-        self.contacts: ContactLog = ContactLog(far, frictional=problem.constraints.frictional)
-
-    def step(self, step: Step, keep: bool) -> None:
-        """Record a step and its contacts; see `Recorder`."""
-        # percussions of the law at the initial state belong to no interval between states
-        if self.count:
-            active = step.active
-            friction = friction_of(step)
-            self.contacts.add(active.constraint, active.point, active.normal, step.rates[0], friction)
-        # before the state, so that an interrupt leaves no state without its contacts
-        if keep:
-            self.contacts.close()
-        super().step(step, keep)

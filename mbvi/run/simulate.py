@@ -8,7 +8,7 @@ from functools import partial
 from time import perf_counter
 
 from ..arguments import boolean, choice, file_path, integer, optional, positive, shown
-from ..errors import InputError
+from ..errors import InputError, ProjectionError
 from ..problem import Problem, check_kept
 from ..projection import ChosenSolver, Projector, checked_solver
 from ..results.hdf5 import Writer
@@ -24,7 +24,8 @@ from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
 from .progress import Progress
-from .recorder import ContactRecorder, Recorder
+from .recorder import Recorder
+from .retaken import SolvedSteps
 from .sleeping import Sleepers
 from .start import initial_step
 from .tunnelling import TunnellingGuard
@@ -49,7 +50,8 @@ def steps(
     problem : Problem
         The problem to run.
     scheme : Scheme, optional
-        By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`.
+        By default `Centered(project_positions=True)`; for many free bodies `StewartTrinkle()`, unless every impact is
+        elastic.
     step : float
         Time step h [s].
     residual : float, optional
@@ -83,7 +85,7 @@ def steps(
     chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise InputError("EventDriven chooses its own steps: run it by simulate")
-    projector, _ = projector_of(problem, chosen, residual, depth, checked_solver(solver))
+    projector, _ = projector_of(problem, chosen, residual, depth, checked_solver(solver), h)
     return _steps(problem, chosen, h, projector)
 
 
@@ -111,7 +113,7 @@ def simulate(
         By default chosen for the problem; the run's first note gives the scheme and the reason.
         `EventDriven(tolerance=1e-6)` for few constraints with continuous gradients. `Centered(project_positions=True)`
         for many constraints, for gradients that jump, under a control or an external force, and wherever a step is
-        given. `StewartTrinkle()` for many free bodies.
+        given. `StewartTrinkle()` for many free bodies, unless every impact is elastic.
     duration : float
         Duration [s]; the last step is shortened so that the run ends there. `SchatzmanPaoli` takes whole steps only:
         the last state is interpolated.
@@ -173,7 +175,7 @@ def simulate(
     )
     optional(choice, record, "record", ("contacts",))
     scheme, h, notes = _scheme_and_step(problem, scheme, h, duration)
-    projector, accepted = projector_of(problem, scheme, residual, depth, checked_solver(solver))
+    projector, accepted = projector_of(problem, scheme, residual, depth, checked_solver(solver), h)
     built = [] if problem.scene is None else problem.scene.notes(problem)
     notes += accepted + problem.system.notes() + built
     if solver is not None:
@@ -188,14 +190,15 @@ def simulate(
     whole = int(duration / h * (1.0 + 1e-12))
     rest = duration - whole * h
     total = whole + (rest > 1e-9 * h)
-    kind = Recorder if record is None else ContactRecorder
     try:
-        recorder = kind(problem, 1 + -(-total // every), scheme.timing, notes)
+        recorder = Recorder(problem, 1 + -(-total // every), scheme.timing, notes, record is not None)
     except MemoryError as error:
         raise InputError(f"not enough memory for {total // every} states: record fewer of them by every=") from error
     guard = TunnellingGuard(problem, scheme, h)
+    solved = SolvedSteps(problem, scheme, guard)
     last = h if scheme.timing.whole_steps else rest
     state = initial_step(problem, projector)
+    solved.note_loose(problem.t0, projector)
     recorder.step(state, True)
     with (
         run_so_far(partial(recorder.trajectory, scheme, h, complete=False)),
@@ -220,16 +223,19 @@ def simulate(
             # bodies fall asleep only where the loop has left many steps in a row to Python
             if sleepers.any and (loop is None or loop.idle):
                 *parts, new = sleepers.stepped(
-                    partial(_advanced, guard, t, state, last_length, length, projector), length
+                    partial(_advanced, solved, guard, t, state, last_length, length, projector), length
                 )
             else:
-                # `guard.steps`, written out: the call alone would cost a fifteenth of the cheapest step
+                # `solved.steps`, written out: the call alone would cost a fifteenth of the cheapest step
                 parts = []
-                new = scheme.step(problem, t, state.q, state.v, length, projector)
-                # the guard checks a step if the state before or after it is fast; written so that a NaN counts as fast
-                was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
-                if fast or was_fast:
-                    *parts, new = guard.followed(t, state, new, length, projector)
+                try:
+                    new = scheme.step(problem, t, state.q, state.v, length, projector)
+                    # the guard checks a step if the state before or after it is fast; a NaN counts as fast
+                    was_fast, fast = fast, not new.v.dot(new.v) < guard.limit
+                    if fast or was_fast:
+                        *parts, new = guard.followed(t, state, new, length, projector)
+                except ProjectionError as error:
+                    *parts, new = solved.retake(t, state, length, projector, error)
             if i > whole and last > rest:
                 parts, new = end_at(problem.system, state, [*parts, new], problem.t0 + duration)
             for part in parts:
@@ -243,23 +249,26 @@ def simulate(
                 next_poll = min(writer.poll(), bar.poll(i))
         # the sum of the steps has rounding errors
         recorder.t[-1] = problem.t0 + duration
-    recorder.notes += residual_note(projector) + sleepers.note()
-    if shortened_steps:
-        recorder.notes.append(f"{shortened_steps} steps were shortened where a body would have passed through another")
+    recorder.notes += residual_note(projector) + sleepers.note() + solved.notes()
+    if shortened_steps > solved.parts:
+        recorder.notes.append(
+            f"{shortened_steps - solved.parts} steps were shortened where a body would have passed through another"
+        )
     return recorder.trajectory(scheme, h)
 
 
 def _advanced(
-    guard: TunnellingGuard, t: float, state: Step, last_length: float, length: float, projector: Projector
-) -> Iterator[Step]:
-    """Return `guard.steps` from a state, after passing the contacts of the step that led there to the controls.
+    solved: SolvedSteps, guard: TunnellingGuard, t: float, state: Step, last_length: float, length: float,
+    projector: Projector,
+) -> Iterator[Step]:  # fmt: skip
+    """Return `solved.steps` from a state, after passing the contacts of the step that led there to the controls.
 
     `last_length` is the length of that step [s].
     """
     # the controls of a retried step must receive the same contacts as before
     if guard.observe is not None and last_length > 0.0:
         guard.observe(state, last_length)
-    return guard.steps(t, state, length, projector)
+    return solved.steps(t, state, length, projector)
 
 
 def _observed(guard: TunnellingGuard, start: Step) -> Callable[[Step, float], None] | None:
@@ -280,11 +289,12 @@ def _steps(problem: Problem, scheme: Scheme, h: float, projector: Projector) -> 
 def steps_from(problem: Problem, scheme: Scheme, h: float, projector: Projector, state: Step) -> Iterator[Step]:
     """Yield the states after steps from an initial state, without end."""
     guard, i = TunnellingGuard(problem, scheme, h), 0
+    solved = SolvedSteps(problem, scheme, guard)
     observe = _observed(guard, state)
     with failures_with_time(problem, h, lambda: state):
         while True:
             parts, last_length = 0, h
-            for new in guard.steps(problem.t0 + i * h, state, h, projector):
+            for new in solved.steps(problem.t0 + i * h, state, h, projector):
                 yield new
                 parts, last_length, state = parts + 1, new.t - state.t, new
             if observe is not None:

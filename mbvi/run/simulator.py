@@ -157,7 +157,7 @@ class _PythonStepper:
 
     def begin(self, problem: Problem) -> None:
         """Go to the initial state of a problem."""
-        projector = projector_of(problem, self._scheme, None, None, None)[0]
+        projector = projector_of(problem, self._scheme, None, None, None, self._h)[0]
         self._t0, self._last = problem.t0, initial_step(problem, projector)
         self._steps = steps_from(problem, self._scheme, self._h, projector, self._last)
         self.q[:], self.v[:] = self._last.q, self._last.v

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
+from ..errors import InfeasibleError, ProjectionError
 from ..problem import Problem
 from ..projection import FreeMotion, Projector
 from ..schemes import Step
@@ -32,7 +33,14 @@ def admitted(problem: Problem, projector: Projector, q: Array, v: Array, active:
     if closes_none(active, v):
         before = active.speeds(v)
         return Step(t, q, v, active, np.array([np.zeros(len(before)), before, before, before]), 0.0)
-    v, rates, residual, slip, active = law(projector, v, FreeMotion(v, problem.system.metric(q)), active)
+    motion = FreeMotion(v, problem.system.metric(q))
+    try:
+        v, rates, residual, slip, active = law(projector, v, motion, active)
+    except InfeasibleError:
+        raise
+    except ProjectionError:
+        with projector.acceptance.second_bound():
+            v, rates, residual, slip, active = law(projector, v, motion, active)
     return Step(t, q, v, active, rates, residual, slip)
 
 

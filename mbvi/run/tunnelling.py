@@ -86,15 +86,12 @@ class TunnellingGuard:
             listed = np.broadcast_to(np.asarray(family.thickness, dtype=float), family.size)
         return np.concatenate([listed, np.full(count - len(listed), np.inf)])
 
-    def steps(self, t: float, state: Step, h: float, projector: Projector) -> Iterator[Step]:
-        """Yield the steps from a state at t to t + h, more than one where a body would pass through another."""
-        new = self._scheme.step(self._problem, t, state.q, state.v, h, projector)
-        # bodies that are slow at both ends cannot pass; written so that a NaN is checked further
-        slow = new.v.dot(new.v) < self.limit and state.v.dot(state.v) < self.limit
-        return iter([new]) if slow else self.followed(t, state, new, h, projector)
-
     def followed(self, t: float, state: Step, new: Step, h: float, projector: Projector) -> Iterator[Step]:
         """Yield the steps from a state at t to t + h: only `new` if no body passes through another in between."""
+        # bodies that are slow at both ends cannot pass; written so that a NaN is checked further
+        if new.v.dot(new.v) < self.limit and state.v.dot(state.v) < self.limit:
+            yield new
+            return
         rest = h
         for _ in range(_MOST_SHORTENED):
             self._check(new, h)

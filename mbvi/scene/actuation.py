@@ -72,14 +72,13 @@ def places_of(items: SceneItems, axes: Array | None, system: System) -> Places:
     bodies = [b for b in items.bodies if not b.fixed]
     groups = [(name, list(group)) for name, group in groupby(bodies, lambda b: b.name.partition("[")[0])]
     given = [(name, [b.name for b in group], _lift(axes, [b.rotation for b in group])) for name, group in groups]
-    if bodies:
+    turning = items.spheres if items.frictional else []
+    # spheres that friction turns are rigid bodies, and one system with the others
+    given += [(s.name, s.names(), _lift(axes, [np.eye(3)] * len(s.radii))) for s in turning]
+    if given:
         part, *parts = parts
         _add(places, part, given, 7, 6)
-    if items.spheres and items.frictional:
-        # friction turns them: they are rigid bodies
-        turns = [(s.name, s.names(), _lift(axes, [np.eye(3)] * len(s.radii))) for s in items.spheres]
-        _add(places, parts[0], turns, 7, 6)
-    elif items.spheres:
+    if items.spheres and not turning:
         lifts = None if axes is None else axes[None, :2].transpose(0, 2, 1)
         each = [(s.name, s.names(), None if lifts is None else lifts.repeat(len(s.radii), 0)) for s in items.spheres]
         _add(places, parts[0], each, 3, 3)

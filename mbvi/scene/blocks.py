@@ -189,16 +189,23 @@ class Blocks:
             self.omitted.append(Omission(f"motion {what} out of the plane", _PLANAR, dofs=out * len(radii)))
 
     def _add_rolling(self, masses: Array, radii: Array, names: tuple[str, ...], velocities: Array) -> None:
-        """Add spheres that friction can turn, as free bodies."""
+        """Add spheres that friction can turn, as free bodies: one system with those that there are."""
         n, gravity = len(masses), self.items.gravity
         inertias = (0.4 * masses * radii**2)[:, None, None] * np.eye(3)
+        before = self.systems[-1] if self.systems else None
+        if isinstance(before, FreeBodies):
+            self.systems.pop()
+            masses, names = np.concatenate([before.masses, masses]), (*before.bodies[1:], *names)
+            inertias = np.concatenate([before.inertias, inertias])
         if self.axes is None:
             self.systems.append(FreeBodies(masses, inertias, gravity, names))
             self.v0.append(np.hstack([velocities, np.zeros((n, 3))]).ravel())
-        else:
-            normals = np.tile(self.axes[2], (n, 1))
-            self.systems.append(PlanarBodies(masses, inertias, gravity, names, self.axes, normals))
-            self.v0.append(np.hstack([velocities @ self.axes[:2].T, np.zeros((n, 1))]).ravel())
+            return
+        normals = np.tile(self.axes[2], (n, 1))
+        if isinstance(before, PlanarBodies):
+            normals = np.concatenate([before.normals, normals])
+        self.systems.append(PlanarBodies(masses, inertias, gravity, names, self.axes, normals))
+        self.v0.append(np.hstack([velocities @ self.axes[:2].T, np.zeros((n, 1))]).ravel())
 
     def simplify(self, placed: PlacedShape, tolerance: float | None) -> PlacedShape:
         """Return a simpler shape in place of another; the size of the original enters the length of the scene."""

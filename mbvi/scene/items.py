@@ -80,7 +80,7 @@ class SurfaceItem:
 
     def placed(self) -> Surface:
         """Return the mesh at its pose."""
-        return Surface(self.surface.vertices @ self.rotation.T + self.position, self.surface.triangles)
+        return self.surface.placed(self.rotation, self.position)
 
 
 @dataclass(frozen=True)
@@ -212,6 +212,11 @@ class SceneItems:
     def frictional(self) -> bool:
         """Whether a pair has friction."""
         return max(self.friction, *self.pair_friction.values(), 0.0) > 0.0
+
+    @property
+    def elastic(self) -> bool:
+        """Whether every pair has e = 1 and no friction."""
+        return min(self.restitution, *self.pair_restitution.values(), 1.0) == 1.0 and not self.frictional
 
 
 def _setting(pairs: dict[frozenset[str], float], a: str, b: str, common: float) -> float:

@@ -61,8 +61,9 @@ def named_state(problem: Problem, places: Places, q: _Named | None, v: _Named | 
 def _write_joints(system: ArticulatedSystem, values: Mapping[str, Any], own: Array, what: str) -> None:
     model = system.model
     for joint, value in values.items():
-        if not model.existJointName(joint) or joint == "universe":
-            known = ", ".join(list(model.names)[1:]) or "none"
+        joints = list(model.names)[1:]
+        if joint not in joints:
+            known = ", ".join(joints) or "none"
             raise InputError(f"{system.name} has no joint {shown(joint)}; known are {known}")
         k, label = model.getJointId(joint), f"{what} of {system.name}/{joint}"
         first, width = (model.idx_qs[k], model.nqs[k]) if what == "q" else (model.idx_vs[k], model.nvs[k])

@@ -10,9 +10,9 @@ from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .kept_energy import without_added_energy
+from .closed_contacts import Applied
 from .nearby_rows import NearbyRows
-from .position_projection import Applied, project_positions
+from .position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
 
@@ -23,14 +23,15 @@ class Centered(Scheme):
     q_m = q_i + h v_i / 2; v_{i+1} = argmin |w - v_i - h M^-1 g|_M subject to J w >= -e J v_i, with M, g and J at q_m,
     the rows those of the constraints with f_a(q_i + h v_i) <= 0; q_{i+1} = q_m + h v_{i+1} / 2. Both drifts follow the
     retraction. Forces that change with v are evaluated half a step later, at v_i + h M^-1 g / 2; controls at v_i.
+    Gyroscopic torques of free bodies are those of all schemes, at the mean velocity of the step.
     Joint damping D takes part in the free velocity, which is the same in flight and in contact: with the other forces F
     and E(w) = w + (M + h D / 2)^-1 h (F - D w) / 2 it is x = 2 E^3(v_i) - E^4(v_i), without damping v_i + h M^-1 F.
 
     Parameters
     ----------
     project_positions : bool
-        Project closed contacts out of penetration after the step. Then J is taken at the end of the step where no row
-        can bounce, because the velocity is made tangent to the constraints there. Off by default.
+        Project closed contacts out of penetration after the step, and make the velocity tangent to them there. Off by
+        default.
 
     Notes
     -----
@@ -62,29 +63,26 @@ class Centered(Scheme):
         t, middle = t + half, system.integrate(q, half * v)
         # the velocity at which forces are evaluated
         force_velocity = system.force_velocity(t, middle, v, half)
-        motion = system.free_motion(t, middle, force_velocity, h).of(v, force_velocity)
+        motion = system.centered_motion(t, middle, v, h, force_velocity)
         if not ahead.gap.size:
             w = motion.free
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
         change = half * ahead.speeds(v)
+        active, linear = _rows_in_the_middle(problem, t, middle, ahead, change), False
         if self.project_positions and not _bounces(problem, ahead, change):
-            active = ahead._replace(gap=ahead.gap - change)
-        else:
-            active = _rows_in_the_middle(problem, t, middle, ahead, change)
+            # gaps that lead to those of the end, which the position projection takes to be linear
+            active, linear = active._replace(gap=ahead.gap - half * active.speeds(v)), True
         opened = closing_speeds(problem, active, half, half * active.speeds(v)) if margin > 0.0 else None
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
             return advance_gaps(step, half)
-        applied = Applied(t, middle, v, h, motion, opened)
-        return without_added_energy(problem, applied, project_positions(problem, applied, step, projector, nearby))
+        applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
+        return project_positions(problem, applied, step, projector, nearby)
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
-    """Return whether some row may bounce: its velocity after the law then depends on where its gradient is taken.
-
-    A row that does not bounce gets a velocity tangent to the constraint at the end of the step in any case.
-    """
+    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
     if not ahead.restitution.any():
         return False
     rebound = -2.0 * ahead.restitution * change * problem.constraints.levers(ahead.constraint)
@@ -92,7 +90,9 @@ def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:
 
 
 def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, change: Array) -> Rows:
-    """Return the rows in the middle of a step that correspond to rows active at its end.
+    """Return the rows in the middle of a step that correspond to rows active at its end, in the same order.
+
+    The law acts there: arms and axes of the end would turn its percussions.
 
     Parameters
     ----------
@@ -108,7 +108,10 @@ def _rows_in_the_middle(problem: Problem, t: float, q: Array, ahead: Rows, chang
     reach = problem.tolerance + 2.0 * float(lengths.max())
     here = problem.constraints.active(t, q, reach)
     owner = match_contacts(ahead, here)
-    matched = take(here, np.unique(owner[owner >= 0]))
-    # a row without a counterpart in the middle keeps the gradient that it has at the end
-    unmatched, ahead = owner < 0, ahead._replace(gap=ahead.gap - change)
-    return concatenate([matched, take(ahead, unmatched)]) if unmatched.any() else matched
+    found = owner >= 0
+    if found.all():
+        return here if np.array_equal(owner, np.arange(len(here.gap))) else take(here, owner)
+    # a contact without a counterpart in the middle is taken at the place where it is at the end
+    rest = problem.constraints.at_places(t, q, take(ahead._replace(gap=ahead.gap - change), ~found))
+    order = np.argsort(np.concatenate([np.flatnonzero(found), np.flatnonzero(~found)]))
+    return take(concatenate([take(here, owner[found]), rest]), order)

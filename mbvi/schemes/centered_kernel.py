@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compiled import kernel
-from ..constraints.mechanism_rows import active_rows
+from ..constraints.mechanism_rows import active_rows, write_gradients
 from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
 from ..projection.closed_contacts import find_sunk, is_closed, stays_sunk
@@ -11,11 +13,21 @@ from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_bend, largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
 from ..projection.tree import factor, solve
-from ..system.pinocchio_address import nonlinear_effects, retract, tangent
+from ..system.free_momentum import keep_momentum_of_rows
+from ..system.mechanism import place
+from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
 from .frictional_settle import settle_with_friction
-from .kept_energy import lose_added_energy
-from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, apply_law, evaluate_forces, move_freely
+from .mechanism_steps import (
+    BOUNCES,
+    DONE,
+    UNSOLVED,
+    MechanismStep,
+    apply_law,
+    evaluate_effects,
+    evaluate_forces,
+    move_freely,
+)
 from .step import joins, margin_of, write_closing_speeds
 
 # what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
@@ -53,13 +65,13 @@ def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, ne
 
 @kernel("i8(MechanismStep, f8[::1], f8[::1])")
 def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
-    """Replace the rows by those in the middle of a step that correspond to the rows at its end; return a code.
+    """Replace the rows of the end of a step by the same in its middle, in the same order; return a code.
 
     `middle`, shape (nq,), is the configuration there, and `change`, shape (k,), that of the gaps from there to the end.
     """
-    ahead, here, most, m = s.ahead, s.middle, 0.0, s.ahead.size[0]
+    rows, here, most, m = s.rows, s.middle, 0.0, s.rows.size[0]
     for a in range(m):
-        most = max(most, ahead.lever[a] * (abs(ahead.gap[a]) + abs(change[a])))
+        most = max(most, rows.lever[a] * (abs(rows.gap[a]) + abs(change[a])))
     # twice the linear estimate, because the gradients change within the step
     reach = s.scales.tolerance + 2.0 * most
     code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
@@ -69,25 +81,23 @@ def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
     for b in range(n):
         # rows are found in the order of their numbers
         order[b] = b
-    mutual_nearest(ahead.number[:m], ahead.point[:m], here.number[:n], here.point[:n], order, owner)
-    s.rows.size[0] = 0
-    for b in range(n):
-        matched = False
-        for a in range(m):
-            matched = matched or owner[a] == b
-        if matched:
-            copy_row(here, b, s.rows)
-    # a row without a counterpart in the middle keeps the gradient that it has at the end
+    mutual_nearest(rows.number[:m], rows.point[:m], here.number[:n], here.point[:n], order, owner)
     for a in range(m):
-        if owner[a] < 0:
-            ahead.gap[a] -= change[a]
-            copy_row(ahead, a, s.rows)
+        if owner[a] >= 0:
+            rows.size[0] = a
+            copy_row(here, owner[a], rows)
+        else:
+            # a contact without a counterpart in the middle is taken at the place where it is at the end
+            rows.gap[a] -= change[a]
+            place(s.mechanism, middle)
+            write_gradients(s.mechanism, s.constraints, rows, a)
+    rows.size[0] = m
     return FOUND
 
 
 @kernel("b1(RowBuffer, f8[::1], f8)")
 def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
-    """Return whether some row may bounce; see `Centered`."""
+    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
     for a in range(rows.size[0]):
         rebound = -2.0 * rows.e[a] * change[a] * rows.lever[a]
         if rows.e[a] > 0.0 and (rebound > tolerance or rows.e[a] >= 1.0):
@@ -142,25 +152,36 @@ def settle(
                 s.rows.gap[i] = end[a]
                 i += 1
         return DONE
-    w, W, A = room.drift, room.W[:m], room.A[:m]
+    w, W, A, law_J, law_A, law_W = room.drift, room.W[:m], room.A[:m], J.copy(), np.empty((m, n)), np.empty((m, n))
     for j in range(n):
         w[j], room.moved[j] = s.v[j], 0.0
     if factor(mech.mass, 0.0, room.moved, mech.parent, room.L):
         return UNSOLVED
+    i = 0
+    for a in range(m):
+        if near[a]:
+            law_J[a] = s.rows.J[i]
+            i += 1
     solve(room.L, mech.parent, J, W, A)
+    solve(room.L, mech.parent, law_J, law_W, law_A)
     code, residual = settle_positions(
-        number, point, J, A, W, gap, lever, e, open_speeds, scales.squares, free, v, w, displacement, law, settled,
-        rates, room.moved, room.tangent, h, half, scales.tolerance, reach, margin,
-        0.0 if m <= FEW else 1e-3 * scales.residual,
+        number, point, J, A, W, law_J, law_A, law_W, gap, lever, e, open_speeds, scales.squares, free, v, w,
+        displacement, law, settled, rates, room.moved, room.tangent, s.bodies.owner >= 0, h, half, scales.tolerance,
+        reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
     )  # fmt: skip
     if code == UNDECIDED:
         return BOUNCES
-    same, s.rows.size[0] = True, 0
+    same, i, s.middle.size[0] = True, 0, 0
     for a in range(m):
         same = same and law[a] == near[a]
         if law[a]:
-            copy_row(known, a, s.rows)
-    k, i = s.rows.size[0], 0
+            # rows that no projection moved are those of the law
+            copy_row(s.rows, i, s.middle) if near[a] and code != PROJECTED else copy_row(known, a, s.middle)
+            s.middle.gap[s.middle.size[0] - 1] = gap[a]
+        i += near[a]
+    k, i, s.rows.size[0] = s.middle.size[0], 0, 0
+    for a in range(k):
+        copy_row(s.middle, a, s.rows)
     for a in range(m):
         if law[a]:
             for r in range(4):
@@ -172,15 +193,17 @@ def settle(
             s.memory.percussion[a] = s.rates[a]
     for j in range(n):
         s.v[j] = w[j]
-        w[j] *= half
+        room.displacement[j] = half * w[j]
     if not same:
-        retract(mech.calls, middle, w, s.q)
+        retract(mech.calls, middle, room.displacement, s.q)
     if code == PROJECTED:
         for j in range(n):
             s.v[j] = room.tangent[j]
-        for j in range(len(s.q)):
-            room.end[j] = s.q[j]
-        retract(mech.calls, room.end, room.moved, s.q)
+        before = s.q.copy()
+        retract(mech.calls, before, room.moved, s.q)
+        if len(s.bodies.mass) > 0:
+            keep_momentum_of_rows(s.bodies, s.rows.J[:k], before, w, place_ahead, s.q, s.v)
+            row_speeds(s.rows.J, s.v, 1.0, s.rates[2 * k : 3 * k])
     return DONE
 
 
@@ -188,14 +211,14 @@ def settle(
 def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
     """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
     late, w = s.scales.late, s.room.force_velocity
-    evaluate_forces(s, t, q, v)
+    evaluate_forces(s, t, q, v, 2.0 * half)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
         for k in range(len(v)):
             if not late[k]:
                 w[k] = v[k]
-        nonlinear_effects(s.mechanism.calls, q, w)
+        evaluate_effects(s, q, v, w, 2.0 * half)
 
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
@@ -227,24 +250,20 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
             drift[k] = half * s.v[k]
         retract(s.mechanism.calls, middle, drift, s.q)
         return DONE
-    change, opened = room.change[:count], room.opened[:0]
+    change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
     row_speeds(s.rows.J, v, half, change)
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
-    if bounces or not projects:
-        s.ahead.size[0] = 0
-        for a in range(count):
-            copy_row(s.rows, a, s.ahead)
-        code = rows_in_the_middle(s, middle, change)
-        if code != FOUND:
-            return code
-        count = s.rows.size[0]
-    else:
-        for a in range(count):
-            s.rows.gap[a] -= change[a]
+    for a in range(count):
+        gap[a] = s.rows.gap[a]
+    code = rows_in_the_middle(s, middle, change)
+    if code != FOUND:
+        return code
     if projects:
-        change = room.change[:count]
-        if bounces:
-            row_speeds(s.rows.J, v, half, change)
+        row_speeds(s.rows.J, v, half, change)
+        if not bounces:
+            # gaps that lead to those of the end, which the position projection takes to be linear
+            for a in range(count):
+                s.rows.gap[a] = gap[a] - change[a]
         if write_closing_speeds(
             s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
         ):
@@ -263,15 +282,10 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         if not move_freely(s, v, h, True, room.free):
             return UNSOLVED
         code = settle(s, end, middle, v, h, near, room.free, margin)
-        if code == DONE:
-            lose_added_energy(s, q, v, half)
         if code != FAR:
             return code
     if projects and not bounces:
-        code = settle_with_friction(s, v, h, near, margin)
-        if code == DONE:
-            lose_added_energy(s, q, v, half)
-        return code
+        return settle_with_friction(s, v, h, near, margin)
     for a in range(count):
         s.rows.gap[a] += half * s.rates[2 * count + a]
     return DONE

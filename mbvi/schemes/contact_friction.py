@@ -33,7 +33,7 @@ class ContactFriction(NamedTuple):
     after: Array
     sticks: Array
 
-    def take(self, index: Array) -> ContactFriction:
+    def take(self, index: Array | slice) -> ContactFriction:
         """Return those of some rows."""
         return ContactFriction(*(values[index] for values in self))
 

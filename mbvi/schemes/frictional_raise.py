@@ -7,12 +7,13 @@ import numpy as np
 from ..compiled import kernel
 from ..constraints.mechanism_tables import RowBuffer, copy_row
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
-from ..projection.friction import AIM
+from ..projection.friction import AIM, EXACT
 from ..projection.frictional_step import interleave, wide_speeds
 from ..projection.held_rows import held_tangents, hold_rows, raises_near
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..projection.robot_step import solve_active_set
 from ..projection.tree import solve
+from ..system.free_momentum import keep_momentum_of_rows
 from ..system.pinocchio_address import retract
 from ..system.system import Array
 from .frictional_sunk import known_gaps, write_free_motion
@@ -135,36 +136,49 @@ def raise_contacts(s: MechanismStep, margin: float, depth: float, sticks: Array,
     return _NONE
 
 
-@kernel("void(MechanismStep, RowBuffer, b1, f8, i8[::1])")
-def take_projected(s: MechanismStep, there: RowBuffer, searched: bool, half: float, order: Array) -> None:
-    """Put the rows of the law in the order of a step with projected positions, with their gaps at its end.
+@kernel("void(MechanismStep, RowBuffer, f8, i8[::1])")
+def take_projected(s: MechanismStep, there: RowBuffer, half: float, order: Array) -> None:
+    """Replace the rows of the law by those `there`, at the end of the step, in the order of projected positions.
 
-    Those that took part in the last projection come first, as they are in `there`, which holds the rows of the law
-    themselves unless rows were `searched`. `order`, shape (k,), receives which row of the law each one was.
+    Those that took part in the last projection come first. `order`, shape (k,), receives which row of the law each was.
     """
     rows, room, k, i = s.rows, s.room, s.rows.size[0], 0
     for a in range(k):
         if room.settled[a]:
-            rows.gap[a] = there.gap[a] = room.gap[room.order[a]]
             order[i] = a
             i += 1
+        if room.order[a] >= 0:
+            there.gap[a] = room.gap[room.order[a]]
         else:
-            change = half * s.rates[2 * k + a]
+            there.gap[a] = rows.gap[a] + half * s.rates[2 * k + a]
             for c in range(len(s.v)):
-                change += rows.J[a, c] * room.moved[c]
-            rows.gap[a] += change
-    if i == k and not searched:
-        return
+                there.gap[a] += there.J[a, c] * room.moved[c]
     for a in range(k):
         if not room.settled[a]:
             order[i] = a
             i += 1
-    s.ahead.size[0] = rows.size[0] = 0
+    rows.size[0] = 0
     for i in range(k):
-        copy_row(there if room.settled[order[i]] else rows, order[i], s.ahead)
-    for i in range(k):
-        copy_row(s.ahead, i, rows)
+        copy_row(there, order[i], rows)
     solve_wide(s, rows)
+
+
+@kernel("void(MechanismStep, i8[::1], f8[::1])")
+def start_of_tangent_law(s: MechanismStep, order: Array, start: Array) -> None:
+    """Write the free motion, of free bodies the velocity after the law less its percussions at the rows as they are.
+
+    What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
+    `order` is that of `take_projected`; `start` has shape (nv,).
+    """
+    A, k = s.room.wide[1], len(order)
+    for j in range(len(start)):
+        start[j] = s.room.free[j]
+        if s.bodies.owner[j] >= 0:
+            start[j] = s.v[j]
+            for i in range(k):
+                a = order[i]
+                start[j] -= s.rates[a] * A[3 * i, j]
+                start[j] -= s.slip[2 * a] * A[3 * i + 1, j] + s.slip[2 * a + 1] * A[3 * i + 2, j]
 
 
 @kernel("b1(MechanismStep, f8[::1], f8, i8[::1], f8)")
@@ -193,6 +207,7 @@ def tangent_law(s: MechanismStep, v: Array, rest: float, order: Array, raised: f
     n, J, A, part = 3 * k, room.wide[0, : 3 * k], room.wide[1, : 3 * k], room.table
     before, lower, table = part[:n], part[n : 2 * n], part[2 * n : 5 * n].reshape((3, n))
     wide_speeds(J, v, before)
+    start_of_tangent_law(s, order, room.tangent)
     for i in range(k):
         a, open_gap = order[i], rows.lever[i] * rows.gap[i] > tolerance
         if room.settled[a] and room.closed[a]:
@@ -209,10 +224,11 @@ def tangent_law(s: MechanismStep, v: Array, rest: float, order: Array, raised: f
     else:
         for i in range(n):
             start[i] = 0.0
-    found, unique = coulomb_law(J, A, room.free, lower, rows.mu[:k], known, AIM, start, s.v, table, case)
-    if not found <= s.scales.residual:
+    found, unique = coulomb_law(J, A, room.tangent, lower, rows.mu[:k], known, AIM, start, s.v, table, case)
+    if not found <= EXACT * s.scales.residual:
         return False
     memory.size[1], memory.size[2], s.residual[0] = n, 1 if unique else 0, max(found, raised)
+    wide_speeds(J, room.free, table[1])
     for i in range(n):
         a, c = i // 3, i % 3
         for r in range(4):
@@ -224,18 +240,14 @@ def tangent_law(s: MechanismStep, v: Array, rest: float, order: Array, raised: f
     return True
 
 
-@kernel("i8(MechanismStep, RowBuffer, f8[::1], f8, f8, f8, b1)")
-def raise_and_follow(
-    s: MechanismStep, there: RowBuffer, v: Array, h: float, margin: float, depth: float, searched: bool
-) -> int:
+@kernel("i8(MechanismStep, f8[::1], f8, f8, f8, b1)")
+def raise_and_follow(s: MechanismStep, v: Array, h: float, margin: float, depth: float, searched: bool) -> int:
     """Raise the contacts that `find_sunk_contacts` found, and make the velocity tangent to them; return a code.
 
     Parameters
     ----------
     s, v, h, margin
-        As of `settle_with_friction`.
-    there : RowBuffer
-        The rows of the law with what they are at the end of the step.
+        As of `settle_with_friction`; `s.middle` has the rows of the law with what they are at the end of the step.
     depth : float
         How deep contacts have sunk [m].
     searched : bool
@@ -244,15 +256,24 @@ def raise_and_follow(
     room, k, half = s.room, s.rows.size[0], 0.5 * h
     if not searched and not write_free_motion(s, v, h):
         return UNSOLVED
-    solve_wide(s, there)
+    solve_wide(s, s.middle)
     sticks, order = room.law[:k], room.owner[:k]
     raised = raise_contacts(s, margin, depth, sticks, sticking_contacts(s, h, sticks))
     # a body that landed tilted cannot turn about contacts that are all held: that is left to Python too
     if not 0.0 <= raised < np.inf:
         return BOUNCES
-    take_projected(s, there, searched, half, order)
+    take_projected(s, s.middle, half, order)
+    for j in range(len(v)):
+        room.drift[j] = s.v[j]
     if not tangent_law(s, v, half, order, raised):
         return UNSOLVED
+    if len(s.bodies.mass) > 0:
+        keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, room.drift, room.end, room.middle, s.v)
+        after = room.table[: 3 * k]
+        wide_speeds(room.wide[0, : 3 * k], s.v, after)
+        for a in range(k):
+            s.rates[2 * k + a] = after[3 * a]
+            s.slip[2 * (2 * k + a)], s.slip[2 * (2 * k + a) + 1] = after[3 * a + 1], after[3 * a + 2]
     for j in range(len(s.q)):
         s.q[j] = room.middle[j]
     return DONE

@@ -7,6 +7,7 @@ The kernel does what `project_positions` does there, which is its reference. Whe
 from __future__ import annotations
 
 from ..compiled import kernel
+from ..constraints.mechanism_tables import copy_row
 from ..system.system import Array
 from .frictional_raise import raise_and_follow
 from .frictional_sunk import bears_or_sinks, closed_contacts, find_sunk_contacts, known_gaps, search_at_end, some_below
@@ -38,6 +39,12 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
         if not closed_contacts(s, h, room.closed[:k]):
             return BOUNCES
         some = not far or bears_or_sinks(s, h)
+    if some:
+        # the rows of the law as they are at the end
+        s.middle.size[0] = 0
+        for a in range(len(near)):
+            if near[a]:
+                copy_row(s.ahead, a, s.middle)
     if some and far:
         code = search_at_end(s, v, h)
         if code != DONE:
@@ -54,7 +61,7 @@ def settle_with_friction(s: MechanismStep, v: Array, h: float, near: Array, marg
     if depth < 0.0 or (depth > 0.0 and len(s.rows.T) == 0):
         return BOUNCES
     if depth > 0.0:
-        return raise_and_follow(s, s.middle if far else s.rows, v, h, margin, depth, far)
+        return raise_and_follow(s, v, h, margin, depth, far)
     for a in range(k):
         s.rows.gap[a] += 0.5 * h * s.rates[2 * k + a]
     return DONE

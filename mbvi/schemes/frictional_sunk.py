@@ -90,11 +90,11 @@ def write_free_motion(s: MechanismStep, v: Array, h: float) -> bool:
 def search_at_end(s: MechanismStep, v: Array, h: float) -> int:
     """Find the rows at the end of the step, which becomes the place where rows are known; return a code.
 
-    `room.owner` receives for each of them the row of the law at the same contact, -1 where there is none, and
-    `s.middle` the rows of the law with what they are there. The free motion of v is written before: it takes the mass
-    matrix at the place of the law.
+    `s.middle` has the rows of the law as they were known, and receives what they are there. `room.owner` receives for
+    each row found the row of the law at the same contact, -1 where there is none. The free motion of v is written
+    before: it takes the mass matrix at the place of the law.
     """
-    known, rows, room, reach = s.ahead, s.rows, s.room, s.scales.reach
+    known, room, reach, marks = s.ahead, s.room, s.scales.reach, s.middle
     if not write_free_motion(s, v, h):
         return UNSOLVED
     code = active_rows(s.mechanism, s.constraints, s.q[:0], room.moved, s.q, s.scales.tolerance + 2.0 * reach, known)
@@ -102,23 +102,22 @@ def search_at_end(s: MechanismStep, v: Array, h: float) -> int:
         return code
     for j in range(len(s.q)):
         room.end[j] = s.q[j]
-    m, k = known.size[0], rows.size[0]
+    m, k = known.size[0], marks.size[0]
     owner, order = room.owner[:m], room.order[:k]
     for i in range(k):
         # rows are found in the order of their numbers
         order[i] = i
-    mutual_nearest(known.number[:m], known.point[:m], rows.number[:k], rows.point[:k], order, owner)
+    mutual_nearest(known.number[:m], known.point[:m], marks.number[:k], marks.point[:k], order, owner)
     for i in range(k):
         order[i] = -1
     for a in range(m):
         if owner[a] >= 0:
             order[owner[a]] = a
-    s.middle.size[0] = 0
     for i in range(k):
         if order[i] >= 0:
-            copy_row(known, order[i], s.middle)
-        else:
-            copy_row(rows, i, s.middle)
+            marks.size[0] = i
+            copy_row(known, order[i], marks)
+    marks.size[0] = k
     return DONE
 
 

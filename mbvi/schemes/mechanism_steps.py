@@ -15,14 +15,16 @@ from ..constraints.mechanism_rows import MechanismConstraints, active_rows
 from ..constraints.mechanism_tables import FOUND, MOST_ROWS, RowBuffer
 from ..projection.coulomb import MOST_CONTACTS
 from ..projection.coulomb_law import COMPLIANT, NOTHING, UNIQUE
-from ..projection.friction import AIM
+from ..projection.friction import AIM, EXACT
 from ..projection.frictional_step import frictional_tree_law
 from ..projection.fused_step import FEW
 from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.control_table import ControlTable, write_torque
+from ..system.free_body_table import FreeBodyTable
 from ..system.mechanism import Mechanism, place
 from ..system.pinocchio_address import nonlinear_effects, retract
+from ..system.spinning import spin_effects
 from ..system.system import Array
 
 # what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; a contact bounces, or
@@ -157,16 +159,16 @@ def room(nq: int, nv: int) -> Room:
 
 
 @record(
-    "Mechanism, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer, RowBuffer, RowBuffer,"
-    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
+    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
 )
 class MechanismStep(NamedTuple):
     """A mechanism with its constraints, and room for one step.
 
     Attributes
     ----------
-    mechanism, constraints, memory, scales, control
-        What steps.
+    mechanism, bodies, constraints, memory, scales, control
+        What steps; `bodies` are those parts of the mechanism that are free bodies.
     acted : ndarray of int, shape (4,)
         Where the coordinates that the control knows begin and end in q, and in v.
     room : Room
@@ -186,6 +188,7 @@ class MechanismStep(NamedTuple):
     """
 
     mechanism: Mechanism
+    bodies: FreeBodyTable
     constraints: MechanismConstraints
     memory: LawMemory
     scales: Scales
@@ -212,17 +215,26 @@ def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
     """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
-    evaluate_forces(s, t, q, v)
+    evaluate_forces(s, t, q, v, h)
     if not move_freely(s, v, h, False, w):
         w[0] = np.nan
 
 
-@kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
-def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array) -> None:
-    """Compute all that the free motion takes at (t, q, v)."""
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> None:
+    """Compute all that the free motion takes at (t, q, v), for a time h."""
     act(s, t, q, v)
     place(s.mechanism, q)
-    nonlinear_effects(s.mechanism.calls, q, v)
+    evaluate_effects(s, q, v, v, h)
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1], f8[::1], f8)")
+def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) -> None:
+    """Compute the nonlinear effects at the velocity `at`; of free bodies those of a step from v of a length h."""
+    m = s.mechanism
+    nonlinear_effects(m.calls, q, at)
+    if len(m.free.first):
+        spin_effects(m.free, v, at, h, s.room.torque, m.effects)
 
 
 @kernel("b1(MechanismStep, f8[::1], f8, b1, f8[::1])")
@@ -281,7 +293,8 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
         m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, rows.T[: 2 * k], e, opened[:0],
         opened, rows.mu[:k], known, AIM, start, s.v, rates, slip,
     )  # fmt: skip
-    if not 0.0 <= found <= s.scales.residual:
+    # Python checks each row of the others
+    if not 0.0 <= found <= EXACT * s.scales.residual:
         return UNSOLVED
     memory.size[1], memory.size[2], s.residual[0] = 3 * k, 1 if unique else 0, found
     return DONE
@@ -301,7 +314,7 @@ def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
         s.residual[0] = 0.0
         fly(s, t + h, s.q, v, h, s.v)
         return DONE
-    evaluate_forces(s, t + h, s.q, v)
+    evaluate_forces(s, t + h, s.q, v, h)
     return apply_law(s, v, h, False, drift[:0])
 
 
@@ -321,7 +334,7 @@ def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -
         s.residual[0] = 0.0
         fly(s, t + before, middle, v, h, s.v)
     else:
-        evaluate_forces(s, t + before, middle, v)
+        evaluate_forces(s, t + before, middle, v, h)
         if apply_law(s, v, h, False, drift[:0]) != DONE:
             return UNSOLVED
     for k in range(len(v)):

@@ -7,9 +7,9 @@ from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .kept_energy import without_added_energy
+from .closed_contacts import Applied
 from .nearby_rows import NearbyRows
-from .position_projection import Applied, project_positions
+from .position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
 
@@ -68,6 +68,5 @@ class MoreauJean(Scheme):
         step = Step(end, system.integrate(middle, self.theta * h * w), w, active, rates, residual, slip)
         if self.project_positions:
             applied = Applied(t, middle, v, h, motion, opened)
-            projected = project_positions(problem, applied, step, projector, NearbyRows(problem, end, linear=False))
-            return without_added_energy(problem, applied, projected)
+            return project_positions(problem, applied, step, projector, NearbyRows(problem, end, linear=False))
         return advance_gaps(step, self.theta * h)

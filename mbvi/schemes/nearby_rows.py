@@ -70,6 +70,12 @@ class NearbyRows:
         self._near: Array = np.zeros(0, bool)
         self._answer: Rows | None = None
 
+    @property
+    def place(self) -> Array:
+        """The configuration of the last search, shape (nq,): gradients are those of it."""
+        assert self._q is not None
+        return self._q
+
     def at(self, q: Array, margin: float = 0.0) -> Rows:
         """Return the rows at q with a gap of at most the activation tolerance and a margin [m]."""
         known = self.known_at(q, margin)
@@ -84,6 +90,12 @@ class NearbyRows:
         self._near = levers * rows.gap <= tolerance + margin
         self._answer = rows if self._near.all() else take(rows, self._near)
         return self._answer
+
+    def all_at(self, q: Array) -> Rows:
+        """Return all rows of the last search with their gaps at q to first order."""
+        assert self._rows is not None
+        displacement = self._problem.system.difference(self.place, q)
+        return self._rows._replace(gap=self._rows.gap + self._rows.jacobian @ displacement)
 
     def only(self, some: Array) -> Rows:
         """Keep some of the rows of the last answer, a mask of shape (k,), and return them."""

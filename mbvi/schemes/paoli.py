@@ -7,9 +7,9 @@ from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .kept_energy import without_added_energy
+from .closed_contacts import Applied
 from .nearby_rows import NearbyRows
-from .position_projection import Applied, project_positions
+from .position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, closing_speeds, joining, law, near_margin
 
@@ -55,5 +55,4 @@ class Paoli(Scheme):
         if not self.project_positions:
             return step
         applied = Applied(t, q, v, h, motion, opened)
-        projected = project_positions(problem, applied, step, projector, NearbyRows(problem, t, linear=False))
-        return without_added_energy(problem, applied, projected)
+        return project_positions(problem, applied, step, projector, NearbyRows(problem, t, linear=False))

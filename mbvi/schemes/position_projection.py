@@ -5,52 +5,25 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from ..constraints import Rows
-from ..constraints.rows import concatenate, match_contacts, take
+from ..constraints.rows import concatenate, in_place_of, match_contacts, renewed, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import FreeMotion, LinearGaps, Metric, Projector, TreeFreeMotion
+from ..projection import LinearGaps, Metric, Projector
 from ..projection.held_rows import FARTHEST, HARDLY
 from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
+from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
+from .free_impulses import where_law_acts, with_momentum, without_percussions
+from .independent_groups import bounds_of_groups
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
 
-# two rows whose kinetic angle has a cosine below this are independent
-_INDEPENDENT = 1e-9
 # squares of lengths below this part of the largest are rounding
 _DEPENDENT = 1e-12
-# a contact moves within a step by less than this part of the scene's length
-_SAME_CONTACT = 0.1
-
-
-class Applied(NamedTuple):
-    """Where in a step of length h a scheme applied the impact law.
-
-    Attributes
-    ----------
-    t : float
-        When [s].
-    q, v : ndarray, shapes (nq,) and (nv,)
-        Configuration, and velocity before the law.
-    h : float
-        Length of the step [s].
-    motion : FreeMotion or TreeFreeMotion
-        Free motion of v.
-    opened : ndarray, shape (k,), or None
-        Speeds at which rows of the law that are open may close.
-    """
-
-    t: float
-    q: Array
-    v: Array
-    h: float
-    motion: FreeMotion | TreeFreeMotion
-    opened: Array | None = None
 
 
 class _Projected(NamedTuple):
@@ -120,52 +93,63 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     system, drift = problem.system, step.t - applied.t
     if step.slip is not None and not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
-    slack = np.zeros(len(step.active.gap)) if applied.opened is None else applied.opened
+    count = len(step.active.gap)
+    slack = np.zeros(count) if applied.opened is None else applied.opened
+    # the rows of the law as they are at the end of the step
+    marks = step.active if applied.ahead is None else applied.ahead
     for _ in range(MOST_LINEARISATIONS):
-        rows, closed = step.active, _closed(problem, applied, step)
-        if not _bears_or_sinks(problem, step, drift):
+        rows, closed = step.active, closed_contacts(problem, applied, step)
+        if not bears_or_sinks(problem, step, drift):
             break
         # where the law acts at the end of the step, the active rows there are those of the law
         before = nearby.at(step.q) if drift else rows
         # for each row the row of the law at the same contact, -1 where there is none
-        owner = match_contacts(before, rows)
+        owner = match_contacts(before, marks)
         lengths = problem.constraints.levers(before.constraint) * before.gap
         # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
         sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
-        sunk |= _stays_sunk(problem, applied, before, before.speeds(step.v), before.speeds(applied.v))
+        sunk |= stays_sunk(problem, applied, before, before.speeds(step.v), before.speeds(applied.v))
         floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
         # the largest distance by which a closed contact must move out
         depth = -float(lengths[sunk].min(initial=0.0))
         if depth <= problem.tolerance:
             break
+        if applied.ahead is None:
+            marks = advance_gaps(step, drift).active
+        else:
+            there = nearby.all_at(step.q)
+            marks = renewed(marks, there, match_contacts(there, marks))
         sticking = _sticking(problem, applied, step)
-        start = problem, applied, step, before, floor, depth, projector, nearby
-        projected = _projected(*start, sticking)
+        given = problem, applied, step, marks, before, floor, depth, projector, nearby
+        projected = _projected(*given, sticking)
         if projected is None and sticking is not None:
             # a body that landed tilted cannot turn about contacts that are all held
-            projected = _projected(*start, None)
+            projected = _projected(*given, None)
         if projected is None:
-            projected = _projected_apart(*start)
+            projected = _projected_apart(*given)
         if projected is None:
             break
-        owner = match_contacts(projected.near, rows)
+        owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
+            found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
             try:
-                return _with_tangent_velocity(
-                    problem, applied, advance_gaps(step, drift), projected, owner, closed, projector
-                )
+                return _with_tangent_velocity(*found)
             except ProjectionError:
                 break
         joined = take(projected.near, owner < 0)
-        rows = concatenate([rows, joined])
+        marks = concatenate([marks, joined])
+        rows = concatenate([rows, where_law_acts(problem, applied.t, applied.q, joined)])
         # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
         opened = np.zeros(len(joined.gap))
         if drift:
             moved = drift * step.v + projected.displacement
             opened = np.maximum(joined.gap - joined.jacobian @ moved, 0.0) / drift
             rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
-        slack = np.concatenate([slack, opened])
-        lower = np.minimum(-rows.restitution * rows.speeds(applied.v), -slack)
+        slack, joins = np.concatenate([slack, opened]), np.arange(len(rows.gap)) >= count
+        before_law = rows.speeds(applied.v)
+        lower = -rows.restitution * before_law
+        # rows of the law keep their bounds; those that join it do not bounce
+        lower = np.where(joins | ((slack > 0.0) & (before_law > -slack)), np.minimum(lower, -slack), lower)
         try:
             step = _with_bounds(applied, step, rows, lower, projector)
         except ProjectionError:
@@ -187,21 +171,25 @@ def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) ->
 
 def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
     """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
-    known, drift = nearby.known(step.active), step.t - applied.t
+    known, drift = None if applied.ahead is None else nearby.known(applied.ahead), step.t - applied.t
     if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
         return None
     if known.rows.tangents is not None:
         return None
     number, gap, J, e, point, *_ = rows = known.rows
-    lever, opened = np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
+    system, lever, opened = problem.system, np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
     if applied.opened is not None:
         opened[known.near] = applied.opened
-    displacement = problem.system.difference(known.q, step.q)
+    # the rows as they are where the law acts; others keep the gradients of the end
+    here = in_place_of(rows, known.near, step.active)
+    bodies = problem.free_bodies
+    displacement = system.difference(known.q, step.q)
     squares, tolerance = problem.constraints.cache.squares, problem.tolerance
     gaps = LinearGaps(
         number,
         point,
         J,
+        here.jacobian,
         gap,
         lever,
         e,
@@ -213,28 +201,36 @@ def _settled(problem: Problem, applied: Applied, step: Step, projector: Projecto
         tolerance,
         known.reach,
         known.margin,
+        bodies.owner >= 0,
     )
     found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
     if found is None:
         return None
-    rows, rates = rows._replace(gap=found.gap, restitution=found.e), found.rates
+    rows, rates = (here if found.moved is None else rows)._replace(gap=found.gap, restitution=found.e), found.rates
     if not found.law.all():
         rows, rates = take(rows, found.law), rates.compress(found.law, 1)
     q = step.q
     if not np.array_equal(found.law, known.near):
-        q = problem.system.integrate(applied.q, drift * found.w)
+        q = system.integrate(applied.q, drift * found.w)
     if found.moved is None:
         residual = step.residual if found.residual < 0.0 else found.residual
         return Step(step.t, q, found.w, rows, rates, residual)
-    return Step(step.t, problem.system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
+    new = Step(step.t, system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
+    return with_momentum(bodies, new, known.q, q, found.w)
 
 
-def _with_bounds(applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector) -> Step:
-    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps."""
+def _with_bounds(
+    applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector, start: Array | None = None
+) -> Step:
+    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps.
+
+    `start`, shape (nv,), replaces the free motion.
+    """
     free = applied.motion.free
     if rows.rate is not None:
         lower = lower - rows.rate
-    w, percussion, residual, tangential = project_rows(projector, free, applied.motion.metric, rows, lower)
+    x = free if start is None else start
+    w, percussion, residual, tangential = project_rows(projector, x, applied.motion.metric, rows, lower)
     rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
     return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
 
@@ -243,14 +239,23 @@ def _with_tangent_velocity(
     problem: Problem,
     applied: Applied,
     step: Step,
+    marks: Rows,
     projected: _Projected,
     owner: Array,
     closed: Array,
     projector: Projector,
+    place: Array,
 ) -> Step:
-    """Return the step at the projected configuration, with a velocity tangent to its closed contacts."""
-    rows, near, unmatched = step.active, projected.near, np.ones(len(closed), bool)
+    """Return the step at the projected configuration, with a velocity tangent to its closed contacts.
+
+    Free bodies start from their velocity after the law, less the percussions of the law at the rows of the projected
+    configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at the end of
+    the step, and `place` has the axes of the rows of the projected configuration.
+    """
+    rows = marks._replace(restitution=step.active.restitution)
+    near, unmatched = projected.near, np.ones(len(closed), bool)
     unmatched[owner] = False
+    rest_of_law = np.flatnonzero(unmatched)
     # the projection changed the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
     rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
@@ -267,87 +272,18 @@ def _with_tangent_velocity(
     may_open = closing_speeds(problem, rows, rest)
     if may_open is not None:
         lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
-    step = _with_bounds(applied, step, rows, lower, projector)
-    return step._replace(q=projected.q, residual=max(step.residual, projected.residual))
-
-
-def _closed(problem: Problem, applied: Applied, step: Step) -> Array:
-    """Return which rows of the law are closed contacts, shape (k,); see `project_positions`."""
-    rows, h = step.active, applied.h
-    lever = problem.constraints.levers(rows.constraint)
-    rise = h * lever * step.after
-    # one that bears load and closes lands within the step
-    closed = (np.abs(rise) <= problem.tolerance) | ((rise < 0.0) & (step.percussion > 0.0))
-    sunk = _stays_sunk(problem, applied, advance_gaps(step, step.t - applied.t).active, step.after, step.before)
-    closed |= sunk
-    if not rows.restitution.any():
-        # without restitution a contact bears load and does not rise, or it leaves
-        return np.asarray(closed)
-    gap = lever * rows.gap
-    # at e = 1 every contact that rises bounces
-    rises = (rise > problem.tolerance) & (rows.restitution < 1.0) & (step.percussion > 0.0)
-    if rises.any():
-        place = problem.system.integrate(applied.q, h * step.v)
-        # the lowest gap of each contact after a whole step at the velocity after the law
-        ahead = problem.constraints.active(applied.t + h, place, problem.tolerance)
-        owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
-        # not another contact of the same pair, such as the edge of a box that sinks while the other rises
-        apart = np.linalg.norm(ahead.point - rows.point[owner], axis=1)
-        known = (owner >= 0) & ~(apart > _SAME_CONTACT * problem.length)
-        np.minimum.at(lowest, owner[known], ahead.gap[known])
-        closed |= rises & (lever * lowest <= gap + problem.tolerance)
-    if closed.any() and not closed.all():
-        # to project a contact of a body that bounces at another contact would make the body rock
-        metric, J = applied.motion.metric, rows.jacobian
-        bounces = ~closed & ((step.percussion > 0.0) | (gap < -problem.tolerance))
-        # but one that stays sunk would do so as long as the body bounces
-        landed = closed & ~sunk
-        if bounces.any() and landed.any():
-            closed[landed] = ~_coupled(metric, J, landed, bounces)
-    return closed
-
-
-def _stays_sunk(problem: Problem, applied: Applied, rows: Rows, after: Array, before: Array) -> Array:
-    """Return which rows at the end of a step stay in penetration, shape (k,); see the kernel `stays_sunk`.
-
-    `after` and `before`, shape (k,), are the rates of their gaps after and before the law.
-    """
-    lever, e, tolerance = problem.constraints.levers(rows.constraint), rows.restitution, problem.tolerance
-    depth, rise, fall = -lever * rows.gap, applied.h * lever * after, applied.h * lever * before
-    still = (2.0 * np.abs(rise) < depth) & (depth > -fall)
-    return np.asarray((depth > tolerance) & (e < 1.0) & ((e == 0.0) | still))
-
-
-def _bears_or_sinks(problem: Problem, step: Step, drift: float) -> bool:
-    """Return whether a row of the law bears load, or is below zero by more than the tolerance after a drift [s]."""
-    rows = step.active
-    lengths = problem.constraints.levers(rows.constraint) * (rows.gap + drift * step.after)
-    return bool((step.percussion > 0.0).any() or lengths.min(initial=0.0) < -problem.tolerance)
-
-
-def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -> Array:
-    """Return which of the rows `some` are coupled to any of the rows `others` in the kinetic metric, shape (k,).
-
-    Both are masks of the rows of J; k is the number of rows in `some`.
-    """
-    if isinstance(J, np.ndarray):
-        lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
-        cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
-        return np.asarray((cosines > _INDEPENDENT * lengths[some][:, None] * lengths[others]).any(axis=1))
-    U = metric.whiten_rows(J)
-    lengths = np.sqrt((U * U).sum(axis=1))
-    unit = diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ U
-    # nonzero only for rows on the same bodies
-    cosines = abs(unit[some] @ unit[others].T).tocoo()
-    found = np.zeros(int(some.sum()), bool)
-    found[cosines.coords[0][cosines.data > _INDEPENDENT]] = True
-    return found
+    bodies, before = problem.free_bodies, step
+    start = without_percussions(bodies, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
+    step = _with_bounds(applied, step, rows, lower, projector, start)
+    step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
+    return with_momentum(bodies, step, place, before.q, before.v)
 
 
 def _projected(
     problem: Problem,
     applied: Applied,
     step: Step,
+    marks: Rows,
     before: Rows,
     floor: Array,
     depth: float,
@@ -361,6 +297,8 @@ def _projected(
     ----------
     step : Step
         The step at whose configuration the projection starts.
+    marks : Rows
+        The rows of the law at the end of the step.
     before : Rows
         The active rows there.
     floor : ndarray, shape (k,)
@@ -382,7 +320,7 @@ def _projected(
     moved = still = np.zeros(system.nv)
     near, bound, metric = before, floor, applied.motion.metric
     for i in range(MOST_LINEARISATIONS):
-        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, step.active))
+        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, marks))
         lower = near.jacobian @ moved + bound - near.gap
         # where linearisations alternate, each of the others adds to the displacement before
         origin = still if 2 * i < MOST_LINEARISATIONS else moved
@@ -407,47 +345,29 @@ def _projected_apart(
     problem: Problem,
     applied: Applied,
     step: Step,
+    marks: Rows,
     before: Rows,
     floor: Array,
     depth: float,
     projector: Projector,
     nearby: NearbyRows,
 ) -> _Projected | None:
-    """Project those independent groups of rows that can be projected, and of others the joint limits.
+    """Project independent groups of rows one by one, and of those that cannot be projected the joint limits.
 
     The arguments are those of `_projected`, which has failed for all rows together. None if nothing can be projected.
     """
-    kept, limits = np.minimum(before.gap, 0.0), np.isnan(before.point).any(axis=1)
-    moved, residual, raised, some = np.zeros(problem.system.nv), 0.0, floor > kept, False
-    for group in _independent_groups(problem, before):
-        # all raised rows together have failed
-        together = not raised[~group].any()
-        for rows in (group & limits,) if together else (group, group & limits):
-            if not raised[rows].any() or (together and not raised[group & ~limits].any()):
-                continue
-            part = np.where(rows, floor, kept)
-            found = _projected(problem, applied, step, before, part, depth, projector, nearby, None)
-            if found is not None:
-                moved, residual, some = moved + found.displacement, max(residual, found.residual), True
-                break
+    moved, residual, some = np.zeros(problem.system.nv), 0.0, False
+    given, others = (problem, applied, step, marks, before), (depth, projector, nearby, None)
+    for bounds in bounds_of_groups(problem, before, floor):
+        tried = (_projected(*given, bound, *others) for bound in bounds)
+        found = next((one for one in tried if one is not None), None)
+        if found is not None:
+            # groups move different bodies
+            moved, residual, some = moved + found.displacement, max(residual, found.residual), True
     if not some:
         return None
     place = problem.system.integrate(step.q, moved)
     return _Projected(place, moved, nearby.at(place, NEARBY * depth), residual)
-
-
-def _independent_groups(problem: Problem, rows: Rows) -> list[Array]:
-    """Return masks of rows, shape (k,), that act on mechanisms and free bodies on which no other rows act."""
-    parts, count = [], 0
-    for part, *_ in problem.system.located_parts():
-        bodies = part.independent_bodies
-        parts.append(count + np.repeat(np.arange(bodies), part.nv // bodies))
-        count += bodies
-    acts = csr_array(rows.jacobian)
-    which = np.repeat(np.arange(acts.shape[0]), np.diff(acts.indptr)), np.concatenate(parts)[acts.indices]
-    graph = csr_array((np.ones(len(acts.indices)), which), shape=(acts.shape[0], count))
-    number, label = connected_components(graph @ graph.T, directed=False)
-    return [label == k for k in range(number)]
 
 
 def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Metric, Projector
 from ..system.system import Array
 from .scheme import Scheme, Timing, refuse_friction
 from .step import NO_RATES, Step
@@ -28,8 +30,9 @@ class SchatzmanPaoli(Scheme):
     Notes
     -----
     Order 1. Position level: p(w) is in K, so that resting contacts do not drift and penetration does not add up. An
-    impact takes two steps, between which q may be up to h |v-| inside. Any e in [0, 1], one per constraint, across
-    those two steps; the record of an impact holds the first step and its part of the percussion. At e = 1 an impact
+    impact takes two steps, between which q may be up to h |v-| inside, and v, the mean velocity of the step before,
+    lies between those before and after. The record of an impact holds what the law (8) leads to at once, and the energy
+    of that state is the one after it. Any e in [0, 1], one per constraint, across those two steps. At e = 1 an impact
     changes the energy by up to h |g| |v|, up or down. Several constraints at once by the projection onto K.
 
     A step evaluates M and g once. It evaluates the gaps twice in free flight, and about six times together with the
@@ -83,7 +86,9 @@ class SchatzmanPaoli(Scheme):
         # gaps at the end of the step; the lower bounds belong to p(w)
         gap = h * (J @ w - lower) / (1.0 + e) + h * e * (after + before) / (1.0 + e)
         rates = np.array([percussion, rows.speeds(free), after, before])
-        return Step(t + h, system.integrate(q, h * w), w, rows._replace(gap=gap), rates, residual)
+        at_once = partial(_law_at_once, metric, free, rows, rates)
+        rows = rows._replace(gap=gap)
+        return Step(t + h, system.integrate(q, h * w), w, rows, rates, residual, at_once=at_once)
 
     def shortened(self, problem: Problem, t: float, state: Step, h: float, projector: Projector) -> Step:
         """Return the state at t + h, where h differs from the length of the step that led to `state`.
@@ -127,6 +132,20 @@ class SchatzmanPaoli(Scheme):
         rates = np.array([percussion, rows.speeds(free), rows.speeds(w), incoming])
         rows = rows._replace(gap=gap + h * rows.speeds(displacing))
         return Step(t + h, system.integrate(q, h * displacing), w, rows, rates, max(residual, error))
+
+
+def _law_at_once(metric: Metric, free: Array, rows: Rows, rates: Array, impacting: Array) -> Array:
+    """Return what `Step.at_once` does, for a step with these rows and rates.
+
+    Rows whose impact began in the step before reach -e times the speed before it in this one, and keep that.
+    """
+    percussion, _, after, before = rates
+    rebound = -rows.restitution * before
+    lower = np.where(impacting[: len(before)], rebound, np.where(percussion > 0.0, after, np.minimum(after, rebound)))
+    # a projector of its own, so that what is recorded changes nothing
+    lower = lower if rows.rate is None else lower - rows.rate
+    w, percussion, _ = Projector().project(free, metric, rows.jacobian, lower)
+    return np.array([percussion, rows.speeds(free), rows.speeds(w), before])
 
 
 def _rows_at_p(problem: Problem, t: float, q: Array, v: Array, w: Array, h: float, least: float) -> Rows | None:

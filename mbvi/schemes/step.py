@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,9 @@ class Step(NamedTuple):
     slip : ndarray, shape (4, k, 2), or None
         Of each row the percussion and three velocities along its tangents, in the order of `rates` [N s, m/s]; None
         without friction.
+    at_once : callable or None
+        Of a scheme whose impacts last two steps: at_once(impacting) takes the rows whose impact begins in this step,
+        shape (k,) of bool, and returns the rates that the law (8) would lead to at once, which records of impacts have.
     """
 
     t: float
@@ -48,6 +52,7 @@ class Step(NamedTuple):
     rates: Array
     residual: float
     slip: Array | None = None
+    at_once: Callable[[Array], Array] | None = None
 
     @property
     def percussion(self) -> Array:

@@ -9,6 +9,7 @@ from ..constraints.rows import concatenate, take
 from ..errors import UnsuitableError
 from ..problem import Problem
 from ..projection import Projector
+from ..system import Spheres
 from ..system.system import Array
 from .end_repair import near_rows, repair
 from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
@@ -73,7 +74,7 @@ class StewartTrinkle(Scheme):
         projector.begin(v[lengths], free_motion.free[lengths])
         # rows to walls with a prescribed motion are linearised in the middle of the step
         rows = _at_earlier_time(
-            problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
+            problem.constraints.active(t + 0.5 * h, q, reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
@@ -89,7 +90,8 @@ class StewartTrinkle(Scheme):
             else:
                 displacing, corrected = displacing_velocity(problem, rows, h, projector, free_motion)
                 velocity = None if corrected else displacing
-            place, gap = system.integrate(q, h * displacing.velocity), rows.gap + h * rows.speeds(displacing.velocity)
+            moved = h * displacing.velocity
+            place, gap = system.integrate(q, moved), rows.gap + h * rows.speeds(displacing.velocity)
             lever = problem.constraints.levers(rows.constraint)
             # rows deeper at the end than every known row; penetration within the tolerance is left
             least = float((lever * gap).min(initial=0.0))
@@ -97,7 +99,9 @@ class StewartTrinkle(Scheme):
             # gaps to first order that are negative may be far off
             heap = turning and least < -_LIKELY * allowed
             at_end = (
-                near_rows(problem, end, place, allowed) if heap else problem.constraints.active(end, place, deepest)
+                near_rows(problem, end, place, allowed)
+                if heap
+                else problem.constraints.active(end, place, deepest, q, moved)
             )
             depth = _depths(problem, at_end)
             missed = ~_is_among(at_end.constraint, rows.constraint)
@@ -163,12 +167,15 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     return gap
 
 
-def _reach(problem: Problem, q: Array, displacement: Array) -> float:
+def reach(problem: Problem, q: Array, displacement: Array) -> float:
     """Return twice the largest displacement of a body, or infinity where the system names no bodies."""
     system = problem.system
     bodies = np.arange(1, len(system.bodies))
     if not bodies.size:
         return np.inf
+    if isinstance(system, Spheres):
+        apart = displacement.reshape(len(bodies), -1)
+        return 2.0 * float(np.sqrt((apart**2).sum(axis=1).max())) + problem.tolerance
     shift = system.placements(system.integrate(q, displacement), bodies) - system.placements(q, bodies)
     # a turn moves a point of a body by at most the change of its rotation matrix times the scene's length
     turned = np.sqrt((shift[:, :3] ** 2).sum(axis=(1, 2)))

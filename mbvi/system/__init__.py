@@ -7,7 +7,7 @@ from .bodies import FreeBodies, Spheres
 from .given_system import checked_system
 from .lagrangian import LagrangianSystem
 from .planar import PlanarBodies, PlanarSpheres
-from .system import System, located_parts, parts_of
+from .system import System, independent_parts, located_parts, parts_of
 
 __all__ = [
     "ActuatedSystem",
@@ -20,6 +20,7 @@ __all__ = [
     "Spheres",
     "System",
     "checked_system",
+    "independent_parts",
     "located_parts",
     "parts_of",
 ]

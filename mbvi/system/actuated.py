@@ -109,6 +109,10 @@ class ActuatedSystem(System):
             out[where] = part.metric(q).solve_rows(total[None, where])[0]
         return out
 
+    def _half_change(self, t: float, q: Array, v: Array, h: float) -> Array:
+        """Return half of what loads add to velocities in a step: it acts before gyroscopic torques do, see `spin`."""
+        return 0.5 * h * self.added_acceleration(t, q, v)
+
     def force(self, t: float, q: Array, v: Array) -> Array:
         total = self._act(t, q, v)
         g = self.inner.force(t, q, v)
@@ -119,16 +123,21 @@ class ActuatedSystem(System):
         return g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        total = self._act(t, q, v)
-        free = self.inner.free_velocity(t, q, v, h)
-        return free + h * self._accelerated(total, q) if self._bodies else free
+        half = self._half_change(t, q, v, h)
+        return self.inner.free_velocity(t, q, v + half, h) + half
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
-        total = self._act(t, q, v)
-        motion = self.inner.free_motion(t, q, v, h)
-        if isinstance(motion, TreeFreeMotion) or not self._bodies:
-            return motion
-        return motion._replace(free=motion.free + h * self._accelerated(total, q))
+        half = self._half_change(t, q, v, h)
+        return self._with_change(self.inner.free_motion(t, q, v + half, h), half)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
+        half = self._half_change(t, q, at, h)
+        return self._with_change(self.inner.centered_motion(t, q, v + half, h, at), half)
+
+    @staticmethod
+    def _with_change(motion: FreeMotion | TreeFreeMotion, half: Array) -> FreeMotion | TreeFreeMotion:
+        # loads on a mechanism are among its torques
+        return motion if isinstance(motion, TreeFreeMotion) else motion._replace(free=motion.free + half)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         total = self._act(t, q, v)

@@ -19,6 +19,7 @@ from .mechanism import Mechanism, mechanism
 from .memory import Memory
 from .pinocchio_address import array_of_calls, crba
 from .pinocchio_check import reason_for_bindings
+from .spinning import free_links, spin_effects
 from .system import Array, Kinematics, System
 
 Control = Callable[[float, Array, Array], Array]
@@ -118,6 +119,9 @@ class ArticulatedSystem(System):
         self.model: pin.Model = model
         self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
+        # free bodies among the links
+        self._free = free_links(model)
+        self._spins = len(self._free.first) > 0
         self.set_control(control)
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping: Array = np.array(model.damping, dtype=float)
@@ -179,8 +183,8 @@ class ArticulatedSystem(System):
         if isinstance(control, LoopControl):
             control = control.fitted(self.model, self.name)
         self.control, self.controlled = control, control is not None
-        # a control is called once in each step
-        self.velocity_dependent = control is None
+        # a control is called once in each step; torques of free bodies do not change with v
+        self.velocity_dependent = control is None and 6 * len(self._free.first) < self.nv
 
     def notes(self) -> list[str]:
         reason = reason_for_bindings()
@@ -243,14 +247,23 @@ class ArticulatedSystem(System):
         return self.free_motion(t, q, v, h).free
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
+        return self._free_motion(t, q, v, h, v, False)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> TreeFreeMotion:
+        return self._free_motion(t, q, v, h, at, True)
+
+    def _free_motion(self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool) -> TreeFreeMotion:
+        """Return the free motion of v under forces at a velocity; `twice` is that of `advance_by`."""
         if q is not self._current:
             self._refresh(q)
-        torque = self.applied if self.control is None else self._torque(t, q, v)
-        effects = pin.nonLinearEffects(self.model, self._data, q, v)
+        torque = self.applied if self.control is None else self._torque(t, q, at)
+        effects = pin.nonLinearEffects(self.model, self._data, q, at)
         if not v.flags.carray:
             v = plain_array(v)
+        if self._spins:
+            spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
-        return TreeFreeMotion(self._memory.mass.copy(), self.damping, self._parent, v, h, torque, effects)
+        return TreeFreeMotion(self._memory.mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.applied if self.control is None else self._torque(t, q, v)

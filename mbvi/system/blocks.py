@@ -84,10 +84,14 @@ class BlockSystem(System):
         return np.concatenate([b.system.force_velocity(t, q[b.q], v[b.v], h) for b in self.blocks])
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
-        parts = [b.system.free_motion(t, q[b.q], v[b.v], h) for b in self.blocks]
-        free, metric = np.concatenate([p.free for p in parts]), BlockMetric([p.metric for p in parts], self._slices)
-        trees = [(b.v, p) for b, p in zip(self.blocks, parts, strict=True) if isinstance(p, TreeFreeMotion)]
-        return FreeMotion(free, metric, tuple(trees))
+        return self._side_by_side([b.system.free_motion(t, q[b.q], v[b.v], h) for b in self.blocks])
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
+        return self._side_by_side([b.system.centered_motion(t, q[b.q], v[b.v], h, at[b.v]) for b in self.blocks])
+
+    def _side_by_side(self, parts: list[FreeMotion | TreeFreeMotion]) -> FreeMotion:
+        free = np.concatenate([part.free for part in parts])
+        return FreeMotion(free, BlockMetric([part.metric for part in parts], self._slices))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.acceleration(t, q[b.q], v[b.v]) for b in self.blocks])

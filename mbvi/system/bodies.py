@@ -9,6 +9,7 @@ from ..compiled import plain_array
 from ..geometry import rotations
 from ..projection import BodiesMetric, DiagonalMetric, FreeMotion, Metric
 from .sparse_rows import MOST_DENSE, rows_from, rows_of_two
+from .spinning import free_velocities, principal
 from .system import Array, System
 from .turning import accelerations, chart_rates, integrate, placements, separation_rows, sparse_separation_rows
 
@@ -129,23 +130,24 @@ class FreeBodies(System):
     -----
     Per body, q holds the centre of mass in the world and the quaternion (x, y, z, w); v holds the velocity of the
     centre of mass in the world and the angular velocity in the body's axes, so that M is constant. The retraction is
-    that of R^3 x SO(3): the centre moves along a line, the body turns about a fixed axis.
+    that of R^3 x SO(3): the centre moves along a line, the body turns about a fixed axis. Gyroscopic torques of a step
+    keep the energy of rotation; see `spin`.
     """
 
     free_bodies = True
     can_be_sparse = True
     can_hold = True
+    velocity_dependent = False
 
     def __init__(self, masses: Array, inertias: Array, gravity: Array, names: tuple[str, ...]) -> None:
         n = self.independent_bodies = len(masses)
         self.nq, self.nv = 7 * n, 6 * n
-        # a body whose moments of inertia are equal keeps its angular velocity
-        moments = np.linalg.eigvalsh(inertias)
-        self.velocity_dependent = bool((np.ptp(moments, axis=1) > _ROUND * moments[:, 2]).any())
         self.sparse = self.nv > MOST_DENSE
         self.bodies = ("world", *names)
         self.masses, self.inertias, self.gravity = masses, np.array(inertias, float, order="C"), gravity
         self._inverses = np.linalg.inv(self.inertias)
+        self._axes, _, self._factors = principal(self.inertias)
+        self._room = np.zeros((2, 3))
         blocks = np.zeros((n, 6, 6))
         blocks[:, :3, :3] = masses[:, None, None] * np.eye(3)
         blocks[:, 3:, 3:] = inertias
@@ -186,10 +188,16 @@ class FreeBodies(System):
         return g.reshape(-1)
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return v + h * self.acceleration(t, q, v)
+        out = np.empty(self.nv)
+        free_velocities(plain_array(v), self._pull, self._axes, self._factors, h, self._room, out)
+        return out
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         return FreeMotion(self.free_velocity(t, q, v, h), self._metric)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
+        # no force depends on v
+        return self.free_motion(t, q, v, h)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         out = np.empty(self.nv)
@@ -247,7 +255,3 @@ class FreeBodies(System):
     def describe(self) -> str:
         n = self.independent_bodies
         return f"{n} free bod{'ies' if n > 1 else 'y'}, {self.nv // n} degrees of freedom{' each' * (n > 1)}"
-
-
-# relative difference of moments of inertia that counts as zero
-_ROUND = 1e-12

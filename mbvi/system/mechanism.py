@@ -10,13 +10,14 @@ import pinocchio as pin
 from ..compiled import kernel, record
 from .memory import Memory, motions_view, vector_view
 from .pinocchio_address import array_of_calls, crba
+from .spinning import FreeLinks, free_links
 
 Array = np.ndarray
 
 
 @record(
     "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1],"
-    " f8[::1]"
+    " f8[::1], FreeLinks"
 )
 class Mechanism(NamedTuple):
     """One model with one `pin.Data`; kept by its arrays, and for one thread at a time.
@@ -42,6 +43,8 @@ class Mechanism(NamedTuple):
         The velocity that carries each one, -1 where there is none.
     placed : ndarray, shape (nq,)
         Where `place` has placed the mechanism; NaN at first.
+    free : FreeLinks
+        Its links that are free bodies.
     """
 
     calls: Array
@@ -56,6 +59,7 @@ class Mechanism(NamedTuple):
     damping: Array
     parent: Array
     placed: Array
+    free: FreeLinks
 
 
 @kernel("void(Mechanism, f8[::1])")
@@ -101,4 +105,5 @@ def mechanism(model: pin.Model, data: pin.Data, support: Array, parent: Array) -
     return Mechanism(
         array_of_calls(model, data), memory.poses, memory.columns, support, memory.mass, effects, acceleration, twists,
         rates, np.array(model.damping, dtype=float), parent, np.full(model.nq, np.nan),
+        free_links(model),
     )  # fmt: skip

@@ -80,9 +80,8 @@ class PlanarBodies(FreeBodies):
     ) -> None:
         super().__init__(masses, inertias, gravity, names)
         self.nv = 3 * len(masses)
-        self.velocity_dependent = False
         self.sparse = self.nv > MOST_DENSE
-        self._along, self._normals = _columns(axes), normals
+        self._along, self.normals = _columns(axes), normals
         # directions of the velocities, in the order of the world's axes, and the rotation axis
         self._directions = np.vstack([np.eye(3)[self._along], axes[2]])
         moments = np.einsum("ki,kij,kj->k", normals, inertias, normals)
@@ -103,16 +102,16 @@ class PlanarBodies(FreeBodies):
 
     def _in_space(self, v: Array) -> Array:
         """Return the velocities of bodies in space."""
-        flat, full = v.reshape(-1, 3), np.zeros((len(self._normals), 6))
+        flat, full = v.reshape(-1, 3), np.zeros((len(self.normals), 6))
         full[:, self._along] = flat[:, :2]
-        full[:, 3:] = flat[:, 2:] * self._normals
+        full[:, 3:] = flat[:, 2:] * self.normals
         return full.reshape(-1)
 
     def difference(self, q0: Array, q1: Array) -> Array:
         full = super().difference(q0, q1).reshape(-1, 6)
         dv = np.empty((len(full), 3))
         dv[:, :2] = full[:, :3][:, self._along]
-        dv[:, 2] = np.vecdot(full[:, 3:], self._normals)
+        dv[:, 2] = np.vecdot(full[:, 3:], self.normals)
         return dv.reshape(-1)
 
     def force(self, t: float, q: Array, v: Array) -> Array:

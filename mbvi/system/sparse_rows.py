@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from functools import lru_cache
 
 import numpy as np
@@ -19,7 +18,9 @@ MOST_DENSE = 100
 
 def rows_from(data: Array, columns: Array, starts: Array, shape: tuple[int, int]) -> csr_array:
     """Return sparse rows without scipy's checks of the arrays, which cost more than a product with the rows."""
-    rows = copy(_blank(shape))
+    rows = csr_array.__new__(csr_array)
+    # what `copy` does, in a tenth of its time
+    rows.__dict__.update(_blank(shape).__dict__)
     rows.data, rows.indices, rows.indptr = data, columns, starts
     return rows
 
@@ -30,6 +31,14 @@ def _blank(shape: tuple[int, int]) -> csr_array:
     rows = csr_array(shape)
     rows.indptr = rows.indptr[:0]
     return rows
+
+
+def sparse_parts(rows: Array | csr_array) -> tuple[Array, Array, Array]:
+    """Return the entries of rows, their columns, and where each row begins; full rows have all columns."""
+    if not isinstance(rows, np.ndarray):
+        return plain_array(rows.data), rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    m, n = rows.shape
+    return rows.ravel(), np.tile(np.arange(n, dtype=np.int32), m), n * np.arange(m + 1, dtype=np.int32)
 
 
 def rows_of_two(nv: int, sparse: bool, first: Array, second: Array, left: Array, right: Array) -> Array | csr_array:
@@ -97,14 +106,50 @@ def stack_rows(parts: list[Array | csr_array]) -> Array | csr_array:
     if len(full) == len(parts):
         return np.concatenate(full)
     rows = [csr_array(part) if isinstance(part, np.ndarray) else part for part in parts]
-    ends = np.cumsum([0, *(part.nnz for part in rows)])
-    starts = [part.indptr[1:] + end for part, end in zip(rows, ends[:-1], strict=True)]
+    starts, end = [rows[0].indptr[:1]], 0
+    for part in rows:
+        starts.append(part.indptr[1:] + end)
+        end += int(part.indptr[-1])
     return rows_from(
         np.concatenate([part.data for part in rows]),
-        np.concatenate([part.indices for part in rows]).astype(np.int32, copy=False),
-        np.concatenate([[0], *starts]).astype(np.int32),
+        np.concatenate([part.indices for part in rows], dtype=np.int32),
+        np.concatenate(starts, dtype=np.int32),
         (sum(part.shape[0] for part in rows), rows[0].shape[1]),
     )
+
+
+def times(rows: Array | csr_array, v: Array) -> Array:
+    """Return the product of rows with a vector; of few sparse rows in a tenth of the time of scipy's operator."""
+    if isinstance(rows, np.ndarray) or rows.indices.dtype != np.int32:
+        product: Array = rows @ v
+        return product
+    product = np.empty(rows.shape[0])
+    row_products(rows.data, rows.indices.view(np.uint32), rows.indptr.view(np.uint32), plain_array(v), product)
+    return product
+
+
+@kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
+def row_products(data: Array, columns: Array, starts: Array, v: Array, product: Array) -> None:
+    """Write the product of each sparse row with v, shape (m,)."""
+    for row in range(len(product)):
+        total = 0.0
+        for k in range(starts[row], starts[row + 1]):
+            total += data[k] * v[columns[k]]
+        product[row] = total
+
+
+def take_rows(rows: Array | csr_array, index: Array) -> Array | csr_array:
+    """Return some of the rows, by a mask or by their indices; a tenth of the time of scipy's indexing."""
+    if isinstance(rows, np.ndarray):
+        return rows[index]
+    if index.dtype == bool:
+        index = np.flatnonzero(index)
+    begin = rows.indptr[index]
+    starts = np.zeros(len(index) + 1, np.int32)
+    counts = rows.indptr[1:][index] - begin
+    counts.cumsum(out=starts[1:])
+    place = np.arange(starts[-1]) + (begin - starts[:-1]).repeat(counts)
+    return rows_from(rows.data[place], rows.indices[place], starts, (len(index), rows.shape[1]))
 
 
 def dense(rows: Array | csr_array) -> Array:

@@ -55,7 +55,8 @@ class System:
     bodies : tuple of str
         Names, the world first.
     velocity_dependent : bool
-        Whether forces change with v and may be evaluated twice a step.
+        Whether forces change with v and may be evaluated twice a step. Those of a step on free bodies do not: their
+        gyroscopic torques are evaluated at the mean velocity of the step.
     controlled : bool
         Whether a control acts.
     loaded : bool
@@ -176,6 +177,14 @@ class System:
         """Return the velocity after a time h at which forces at (t, q) are evaluated, shape (nv,); v with a control."""
         return self.free_velocity(t, q, v, h) if self.velocity_dependent else v
 
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
+        """Return the free motion of v under forces evaluated at the velocity `at`, that of `force_velocity` at h / 2.
+
+        Joint damping acts on v itself, at order 2. Gyroscopic torques of free bodies begin at v.
+        """
+        motion = self.free_motion(t, q, at, h)
+        return FreeMotion(motion.free + (v - at), motion.metric)
+
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion | TreeFreeMotion:
         """Return v + h M^-1 g, shape (nv,), together with M(q); valid until a method is called with another q."""
         raise NotImplementedError
@@ -247,3 +256,13 @@ def located_parts(system: System) -> list[Part]:
 def parts_of(system: System) -> tuple[System, ...]:
     """Return the mechanisms, bodies and spheres that a system consists of, in the order of q and v."""
     return tuple(part.system for part in system.located_parts())
+
+
+def independent_parts(system: System) -> Array:
+    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
+    parts, count = [], 0
+    for one in parts_of(system):
+        bodies = one.independent_bodies
+        parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
+        count += bodies
+    return np.concatenate(parts)

@@ -187,6 +187,35 @@ def test_a_second_copy_of_mbvi_compiles_nothing_again(tmp_path):
     assert process(NORMALISE, second, NUMBA_CACHE_DIR=cache) == ("5.0\n", "")
 
 
+@pytest.mark.slow(seconds=10)
+def test_kernels_of_one_source_keep_their_own_machine_code(tmp_path):
+    """Each is compiled in a process of its own, and both are loaded into another one, in either order."""
+    (tmp_path / "one_source.py").write_text(
+        """
+from mbvi.compiled import calling_others, kernel
+
+@kernel("f8(f8)")
+def up(x):
+    return x + 1.0
+
+@kernel("f8(f8)")
+def down(x):
+    return x - 1.0
+
+@kernel("f8(f8)")
+def first(x):
+    return up(x)
+
+second = calling_others(first, "second", up=down)
+"""
+    )
+    expected = {"first": "1.0", "second": "-1.0"}
+    folders = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    for names in (["first"], ["second"], ["first", "second"], ["second", "first"]):
+        code = "import one_source\n" + "\n".join(f"print(one_source.{name}(0.0))" for name in names)
+        assert process(code, **folders)[0].split() == [expected[name] for name in names]
+
+
 @pytest.mark.slow
 def test_versions_of_a_kernel_do_not_overwrite_each_other(tmp_path):
     package, cache = copy_of_the_package(tmp_path), str(tmp_path / "cache")

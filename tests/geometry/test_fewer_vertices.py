@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from mbvi.geometry.fewer_vertices import _distances, _needed, fewer_vertices
 from mbvi.geometry.fit_primitive import fit_primitive
 from mbvi.geometry.shapes import Hull
-from mbvi.geometry.triangles import nearest_on_triangles
+from support.plain.triangles import nearest_on_triangles
 
 
 def distance(points, x):

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi import surfaces
-from mbvi.geometry.triangles import Surface, nearest_on_triangles, sorted_into_cells
+from mbvi.geometry.mesh_contacts import near_triangles
+from mbvi.geometry.triangles import FEW, Surface
+from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangles
 
 coordinates = st.floats(-1, 1).map(lambda x: round(x, 3))
 triples = st.tuples(coordinates, coordinates, coordinates).map(np.array)
@@ -53,7 +55,7 @@ def bumps(seed):
 
 @given(seed=st.integers(0, 1000), tolerance=st.floats(0.0, 0.5))
 @settings(max_examples=20)
-def test_cells_find_what_a_look_at_all_triangles_finds(seed, tolerance):
+def test_the_tree_finds_what_a_look_at_all_triangles_finds(seed, tolerance):
     positions, radii = mbvi.packing.random_loose(
         (-1.3, -1.3, 0.2), (1.3, 1.3, 0.6), mbvi.packing.uniform(0.01, 0.12), count=20, seed=seed
     )
@@ -98,15 +100,113 @@ def test_a_sphere_sunk_into_a_plane_of_many_triangles_feels_the_plane_alone(x, y
     assert 1 <= len(rows.gap) <= 2
 
 
+def soup(rng, count):
+    """Triangles of very different sizes, some of them in one place, some sharing corners and edges."""
+    corners = rng.uniform(-1, 1, (count, 1, 3)) + rng.uniform(-1, 1, (count, 3, 3)) * 10 ** rng.uniform(
+        -3, 0, (count, 1, 1)
+    )
+    strip = np.stack([np.linspace(-1, 1, 40), np.tile([0.0, 0.1], 20), rng.uniform(-0.1, 0.1, 40)], axis=1)
+    joined = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
+    corners = np.concatenate([corners, joined, corners[:3]])
+    return Surface(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_contacts_are_those_of_a_look_at_every_triangle(seed):
+    """Spheres inside, outside, at vertices, just beside edges and faces, and larger than the mesh."""
+    rng = np.random.default_rng(seed)
+    surface = soup(rng, [1, 3, 4, 60, 200, 400][seed])
+    a, b, c = surface.vertices[surface.triangles[:8]].transpose(1, 0, 2)
+    centres = np.concatenate([rng.uniform(-1.5, 1.5, (30, 3)), a, 0.5 * (b + c), (a + b + c) / 3])
+    # a centre on a face leaves to the side that rounding says
+    centres[30 + len(a) :] += rng.normal(size=(2 * len(a), 3)) * 1e-4
+    radii = 10 ** rng.uniform(-2, 0, len(centres))
+    scene = mbvi.Scene()
+    scene.add_surface(surface.vertices, surface.triangles)
+    scene.add_spheres(np.array([[0, 0, 1e3 + 10 * k] for k in range(len(centres))]), radii, mass=1.0)
+    family, q = scene.build().constraints.constraints[0], centres.ravel()
+    sheet = surface.vertices, surface.triangles, *surface.tree
+    expected = np.zeros(len(centres))
+    mesh_distances_plain(*sheet, centres, expected)
+    np.testing.assert_allclose(family.gap(0.0, q), expected - radii, atol=1e-12)
+    for tolerance in (0.0, 1e-2, 0.3):
+        out = np.zeros(99999, int), np.zeros(99999), np.zeros((99999, 3)), np.zeros((99999, 3))
+        reach = radii + tolerance + 1e-12
+        count, _ = mesh_contacts_plain(
+            *sheet, surface.features, surface.sharers, centres, radii, reach, tolerance, *[None] * 5, *out
+        )
+        found = family.contacts(0.0, q, tolerance)
+        for part, name in zip(out, ("constraint", "gap", "point", "normal"), strict=True):
+            np.testing.assert_allclose(getattr(found, name), part[:count], atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 100, 1000])
+def test_each_box_holds_its_halves_and_its_triangles_and_each_triangle_is_in_one(count):
+    surface = soup(np.random.default_rng(count), count)
+    order, boxes = surface.tree
+    corners, leaves = surface.vertices[surface.triangles], len(boxes) // 2
+    np.testing.assert_array_equal(np.sort(order), np.arange(len(corners)))
+    for k in range(1, leaves):
+        assert (boxes[k, :3] == boxes[2 * k : 2 * k + 2, :3].min(axis=0)).all()
+        assert (boxes[k, 3:] == boxes[2 * k : 2 * k + 2, 3:].max(axis=0)).all()
+    for k in range(leaves):
+        within = corners[order[k * FEW : (k + 1) * FEW]].reshape(-1, 3)
+        if len(within):
+            assert (boxes[leaves + k] == [*within.min(axis=0), *within.max(axis=0)]).all()
+
+
+def looked_at(surface, monkeypatch):
+    """How many triangles a search near one point of a mesh measures."""
+    centres, count = np.array([[0.3, 0.2, 0.05]]), 0
+    measure = near_triangles.loops.__globals__["nearest_on_triangle"]
+
+    def counting(*arguments):
+        nonlocal count
+        count += 1
+        return measure(*arguments)
+
+    monkeypatch.setitem(near_triangles.loops.__globals__, "nearest_on_triangle", counting)
+    outs = np.zeros(99, int), np.zeros(99, int), np.zeros(99), np.zeros((99, 3)), np.zeros(99, int)
+    tree = surface.vertices, surface.triangles, *surface.tree
+    found = near_triangles.loops(*tree, surface.features, centres, 0, 0.051, *outs)
+    monkeypatch.setitem(near_triangles.loops.__globals__, "nearest_on_triangle", measure)
+    assert found >= 1
+    return count
+
+
+def test_a_search_measures_few_triangles_however_many_there_are(monkeypatch):
+    looked = []
+    for k in (30, 100, 300):
+        x = np.linspace(-k / 30, k / 30, k)
+        looked.append(looked_at(Surface(*surfaces.terrain(x, x, np.zeros((k, k)))), monkeypatch))
+    # at the same size of triangles: 1800, 20,000 and 180,000 of them
+    assert max(looked) <= 60
+
+
 @pytest.mark.parametrize("width", [1.0, 1e3, 1e6, 1e12, 1e30])
-def test_a_wide_flat_mesh_has_few_cells(width):
-    """At any ratio of its width to the spheres' size, and the cell below a sphere holds its triangle."""
-    corners = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]]) * [width, width, 0.0]
-    cells = sorted_into_cells(corners, 0.01)
-    assert len(cells.start) < 2_000_000
-    place = np.floor((np.zeros(3) - cells.low) / cells.edge).astype(np.int64)
-    number = (place[0] * cells.shape[1] + place[1]) * cells.shape[2] + place[2]
-    assert cells.triangle[cells.start[number] : cells.start[number + 1]].tolist() == [0]
+def test_a_wide_flat_mesh_is_found_from_near(width):
+    """At any ratio of its width to the spheres' size."""
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]) * [width, width, 0.0]
+    problem = above((corners, np.array([[0, 1, 2]])), (0.0, 0.0, 0.1))
+    np.testing.assert_allclose(problem.constraints.gap(0.0, problem.q0), [0.0], atol=1e-15)
+
+
+def test_a_mesh_may_be_turned_and_moved():
+    rng = np.random.default_rng(5)
+    v, t = bumps(5)
+    turn, place = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.array([1.0, -2.0, 0.5])
+    turn *= np.linalg.det(turn)
+    centres = np.concatenate([rng.uniform(-1, 1, (5, 2)), rng.uniform(0.6, 0.7, (5, 1))], axis=1) + np.arange(5)[
+        :, None
+    ] * [0, 0, 0.3]
+    scene = mbvi.Scene()
+    scene.add_surface(v, t, position=place, rotation=turn)
+    scene.add_spheres(centres @ turn.T + place, 0.1, mass=1.0)
+    moved = scene.build()
+    straight = above((v, t), centres)
+    np.testing.assert_allclose(
+        moved.constraints.gap(0.0, moved.q0), straight.constraints.gap(0.0, straight.q0), atol=1e-14
+    )
 
 
 def test_corner_ridge_and_tip_have_the_rows_they_should():

@@ -15,8 +15,8 @@ from support.references import CASES
 G = 9.81
 
 
-def grains(count, e=0.5, pair=None, **more):
-    scene = mbvi.Scene(restitution=e)
+def grains(count, e=0.5, pair=None, friction=0.0, **more):
+    scene = mbvi.Scene(restitution=e, friction=friction)
     scene.add_halfspace((0, 0, 1))
     side = int(np.ceil(count ** (1 / 3) - 1e-9))
     centres = 0.25 * np.indices((side, side, side)).reshape(3, -1).T[:count]
@@ -26,8 +26,8 @@ def grains(count, e=0.5, pair=None, **more):
     return scene.build()
 
 
-def boxes(count):
-    scene = mbvi.Scene()
+def boxes(count, e=0.0):
+    scene = mbvi.Scene(restitution=e)
     scene.add_halfspace((0, 0, 1))
     for k in range(count):
         scene.add_box((0.2, 0.2, 0.2), position=(k, 0, 0.5))
@@ -270,6 +270,28 @@ def test_many_bodies_land_on_each_other_instead_of_in_each_other(e):
     assert run.scheme == "StewartTrinkle" and run.penetration().max() < 1e-6
     run = mbvi.simulate(grains(27, e=e), duration=0.01, step=1e-3)
     assert (run.scheme, run.step) == ("StewartTrinkle", 1e-3)
+
+
+@pytest.mark.parametrize("many", [lambda: grains(27, e=1.0), lambda: boxes(30, e=1.0)])
+def test_many_elastic_bodies_keep_their_energy(many):
+    problem = many()
+    scheme, step, reason = default_scheme(problem, 1.0)
+    assert isinstance(scheme, mbvi.Centered) and not scheme.project_positions
+    assert reason.startswith(f"Centered(), for elastic impacts, at h = {step:g} s was chosen: ")
+    assert type(mbvi.simulate(problem, duration=1e-3, step=1e-3).record.scheme) is mbvi.Centered
+    # whatever takes energy from them lets them come to rest on each other
+    for less in (grains(27, e=0.999), grains(27, e=1.0, pair=0.9), grains(27, e=1.0, friction=0.3)):
+        assert isinstance(default_scheme(less, 1.0)[0], mbvi.StewartTrinkle)
+
+
+@pytest.mark.parametrize("side", [3, 4])
+def test_elastic_balls_by_default_have_a_constant_energy_in_every_state(side):
+    """Not only at the consistent time of `run.energy()`: kinetic and potential energy of each state (q, v)."""
+    problem = grains(side**3, e=1.0)
+    run = mbvi.simulate(problem, step=5e-3, duration=1.0, progress=False)
+    energy = 0.5 * (run.v**2).sum(axis=1) + G * run.q.reshape(len(run.q), -1, 3)[:, :, 2].sum(axis=1)
+    assert len(run.impacts) > side**2
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
 
 
 def test_a_robot_among_many_grains_moves_as_they_do():

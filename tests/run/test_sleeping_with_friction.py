@@ -155,7 +155,8 @@ def test_a_rough_pile_rests_asleep_and_awake_within_its_residual(asleep):
     start = awake.q[-1], awake.v[-1]
     runs = [run(scene.build(r).at(*start), 0.5) for r in (["rest"], [])]
     assert set(range(count)) in asleep and not runs[0].v[-1].any()
-    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-4 * edge)
+    # what is awake creeps by less than the accepted depth
+    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-3 * edge)
     for result in [awake, *runs]:
         assert result.penetration().max() < 1e-3 * edge
         assert result.energies()[0][-1] < 1e-8 * count * G * edge

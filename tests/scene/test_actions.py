@@ -396,7 +396,11 @@ def test_contact_is_seen_one_step_after_touchdown(name):
     assert not any(one[1] for one in log if one[0] < struck.time)
     k = struck.constraints.index("hopper/foot | floor")
     contact = next(c for c in seen if np.allclose(c.point, struck.point[k]))
-    assert contact.percussion == pytest.approx(struck.percussion[k], rel=1e-12)
+    if name == "schatzman-paoli":
+        # its impacts take two steps, and a contact has the percussion of one
+        assert 0.0 < contact.percussion < struck.percussion[k]
+    else:
+        assert contact.percussion == pytest.approx(struck.percussion[k], rel=1e-12)
     assert contact.force == (np.inf if name == "event-driven" else contact.percussion / h)
     np.testing.assert_array_equal(contact.normal, struck.normal[k])
     # pushing shows

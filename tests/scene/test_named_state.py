@@ -85,6 +85,7 @@ def test_forces_on_spheres_that_friction_turns():
     [
         ({"q": {"nobody": {"knee": 1}}}, "no robot, body or sphere 'nobody'"),
         ({"q": {"hopper": {"elbow": 1}}}, "hopper has no joint 'elbow'; known are root_joint, hip, knee"),
+        ({"q": {"hopper": {0: 1}}}, "hopper has no joint 0; known are root_joint, hip, knee"),
         ({"q": {"hopper": {"knee": [1, 2]}}}, "q of hopper/knee has 2 numbers; it must have 1"),
         ({"v": {"hopper": [1, 2]}}, r"v of hopper has shape \(2,\)"),
         ({"q": {"box": {"knee": 1}}}, "q of box must be numbers: it is no robot"),

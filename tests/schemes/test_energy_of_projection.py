@@ -1,4 +1,4 @@
-"""A step with projected positions adds no more energy than the potential energy of its displacement, which is recorded.
+"""A step with projected positions adds no more energy than that of its displacement, which is recorded.
 
 What remains is the error of the integrator: in flight that of the same step without constraints, in contact the work
 that percussions do while the gradients turn within a step. Both are of second order in h.
@@ -83,7 +83,7 @@ def test_no_step_adds_more_energy_than_is_recorded(name, mu, rng):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_nor_does_a_step_that_raises_a_robot_out_of_deep_contact(name, scheme, rng):
-    """Deep contacts move links so far that M changes: the velocity must not keep what that adds to its energy."""
+    """Deep contacts move links so far that M changes: what that adds to the kinetic energy is recorded too."""
     problem = dropped(name, 0.0, rng)
     run = mbvi.simulate(problem, SCHEMES["default"], step=H, duration=0.3, progress=False)
     largest, raised = np.abs(run.energy()).max(), 0

@@ -8,7 +8,8 @@ import mbvi
 from mbvi.constraints.rows import take
 from mbvi.projection import Projector
 from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
-from mbvi.schemes.position_projection import Applied, _held, _sticking
+from mbvi.schemes.closed_contacts import Applied
+from mbvi.schemes.position_projection import _held, _sticking
 
 G = 9.81
 

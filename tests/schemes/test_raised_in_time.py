@@ -88,10 +88,10 @@ def test_where_contacts_cannot_be_projected_others_and_limits_are(monkeypatch):
         q[place + 2] -= lowest + 1e-3
     tried, projected = [], position_projection._projected
 
-    def contradicts(problem, applied, step, before, floor, *rest):
+    def contradicts(problem, applied, step, marks, before, floor, *rest):
         raised = set(before.constraint[floor > np.minimum(before.gap, 0.0)].tolist())
         tried.append(raised)
-        return None if raised & stuck else projected(problem, applied, step, before, floor, *rest)
+        return None if raised & stuck else projected(problem, applied, step, marks, before, floor, *rest)
 
     monkeypatch.setattr(position_projection, "_projected", contradicts)
     monkeypatch.setattr(position_projection, "_settled", lambda *_: None)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
+from mbvi import reference
 from mbvi.projection import Projector
 from mbvi.schemes.step import Step
 
@@ -101,3 +102,87 @@ def test_shortened_steps_are_exact_to_their_order_in_flight(parts):
     assert state.t == pytest.approx(t)
     np.testing.assert_allclose(state.v, [0.0, 1.0 - G * t], atol=1e-12)
     assert state.q[1] == pytest.approx(5.0 + t - 0.5 * G * t**2, abs=0.5 * G * step * t * 1.01)
+
+
+def ball_on_floor(e, height=1.0):
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    scene.add_sphere(0.1, 1.0, position=(0, 0, height), velocity=(0.7, 0, 0))
+    return scene.build()
+
+
+@pytest.mark.parametrize("e", [1.0, 0.7, 0.3, 0.0])
+@pytest.mark.parametrize(
+    ("make", "duration", "rate"),
+    # the energy of a ball changes by up to h |g| |v|, relative to |v|^2 / 2
+    [(ball_on_floor, 0.6, 5.0), (lambda e: reference.double_pendulum(e).problem, 0.85, 0.5)],
+    ids=["ball", "double pendulum at a wall"],
+)
+def test_energies_of_all_states_and_of_impacts_are_right_to_the_order_of_the_step(make, duration, rate, e):
+    """No state lies between the energies before and after an impact, wherever in a step that falls."""
+    for step in (8e-3, 4e-3, 2e-3, 1e-3):
+        for h in step * np.array([1.0, 0.93, 0.87, 0.81]):
+            problem = make(e)
+            run = mbvi.simulate(problem, mbvi.SchatzmanPaoli(), step=h, duration=duration)
+            found, energy = run.impacts[0], run.energy()
+            largest = max(problem.system.kinetic_energy(q, v) for q, v in zip(run.q, run.v, strict=True))
+            assert found.after[0] == pytest.approx(-e * found.before[0], abs=1e-9)
+            # Newton's law on one constraint
+            lost = 0.5 * (1.0 - e) * found.percussion[0] * found.before[0]
+            assert abs(found.energy_change - lost) < (rate * h if e < 1.0 else 1e-12) * largest
+            later = round(found.time / h) + 4
+            assert abs(energy[later] - energy[0] - found.energy_change) < 2.0 * rate * h * largest
+            apart = np.abs(energy[: later + 1, None] - energy[[0, later]]).min(axis=1)
+            assert apart.max() < 2.0 * rate * h * largest
+
+
+def recursion(problem, e, h, count, weight):
+    """Heights of a point above a floor by the recursion itself."""
+    q = [problem.q0[1], problem.q0[1] + h * problem.v0[1] - 0.5 * h**2 * weight]
+    while len(q) <= count:
+        inside = max(0.0, (2.0 * q[-1] - (1.0 - e) * q[-2] - h**2 * weight) / (1.0 + e))
+        q.append(-e * q[-2] + (1.0 + e) * inside)
+    return np.array(q[: count + 1])
+
+
+@given(e=st.floats(0.0, 1.0), h=st.floats(2e-3, 3e-2), height=st.floats(0.15, 0.5), v=st.floats(-3.0, 0.0))
+def test_configurations_are_those_of_the_recursion(e, h, height, v):
+    problem, _ = falling(e, height=height, v=v)
+    run = mbvi.simulate(problem, mbvi.SchatzmanPaoli(), step=h, duration=60 * h)
+    np.testing.assert_allclose(run.q[:, 1], recursion(problem, e, h, 60, G), rtol=0, atol=1e-12)
+
+
+@given(e=st.floats(0.0, 1.0), h=st.floats(1e-3, 1e-2))
+def test_energies_of_a_file_are_those_of_the_run(tmp_path_factory, e, h):
+    path, problem = tmp_path_factory.getbasetemp() / "impacts.h5", ball_on_floor(e)
+    run = mbvi.simulate(problem, mbvi.SchatzmanPaoli(), step=h, duration=0.9)
+    streamed = mbvi.simulate(problem, mbvi.SchatzmanPaoli(), step=h, duration=0.9, out=path, progress=False)
+    loaded = mbvi.load(path)
+    for other in (streamed, loaded):
+        np.testing.assert_array_equal(other.energy(), run.energy())
+    path.unlink()
+    run.save(path)
+    np.testing.assert_array_equal(mbvi.load(path).energy(), run.energy())
+    path.unlink()
+
+
+def test_impacts_in_consecutive_steps_are_recorded_whole():
+    """Balls strike the floor one after the other: each has its own impact, and the energy falls by what that takes."""
+    h, e = 1e-3, 0.6
+    scene = mbvi.Scene(restitution=e)
+    scene.add_halfspace((0, 0, 1))
+    for k in range(8):
+        scene.add_sphere(0.1, 1.0, position=(k, 0, 0.3 + 2.0 * h * k), velocity=(0, 0, -2.0))
+    run = mbvi.simulate(scene.build(), mbvi.SchatzmanPaoli(), step=h, duration=0.14)
+    struck = {}
+    for impact in run.impacts:
+        for name, before, after in zip(impact.constraints, impact.before, impact.after, strict=True):
+            struck.setdefault(name, []).append((before, after))
+    assert len(struck) == 8 and all(len(times) == 1 for times in struck.values())
+    for ((before, after),) in struck.values():
+        assert before < -2.0 and after == pytest.approx(-e * before, abs=1e-9)
+    lost = np.zeros(len(run.t))
+    for impact in run.impacts:
+        lost[np.searchsorted(run.t, impact.time - 1e-9) :] += impact.energy_change
+    np.testing.assert_allclose(run.energy(), run.energy()[0] + lost, rtol=0, atol=3.0 * h * G * 8 * 3.0)
+    assert lost[-1] < -8 * 0.5 * (1 - e**2) * 4.0

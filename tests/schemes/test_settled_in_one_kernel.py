@@ -41,7 +41,7 @@ def sunk_states(problem, run, rng):
 )
 def test_the_kernel_gives_the_step_that_searches_give(name, kind, least, monkeypatch, rng):
     problem = problem_of(name, kind, 0.0)
-    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.4, progress=False)
     raised = 0
     for state in sunk_states(problem, run, rng):
         step, answer, _ = settled(problem, state, monkeypatch)
@@ -76,7 +76,7 @@ def test_a_contact_that_bounces_is_left_to_searches(monkeypatch):
 
 def test_each_penetration_is_removed_and_no_gap_made_smaller(monkeypatch, rng):
     problem = problem_of("solo12", "fall", 0.0)
-    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.3, progress=False)
+    run = mbvi.simulate(problem, SCHEME, step=STEP, duration=0.4, progress=False)
     raised = 0
     for state in sunk_states(problem, run, rng):
         step, answer, known = settled(problem, state, monkeypatch)

@@ -113,6 +113,42 @@ def test_mbvi_is_exact_where_the_definition_is():
     assert len(run.impacts) and cases.bouncing_error(states, 1e-2) < 1e-15
 
 
+SHORT = {
+    # step, duration, and the largest error in the unit of the test: rounding where the scheme is exact
+    "rolling": (1e-2, 0.1, 1e-20),
+    "bouncing": (1e-2, 3.0, 1e-15),
+    "666": (1e-2, 0.5, 1e-6),
+    "elastic 666": (1e-2, 0.7, 1e-15),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_the_default_scheme_is_ahead_of_mujoco_on_error(name, monkeypatch):
+    h, duration, most = SHORT[name]
+    monkeypatch.setitem(TRIALS, name, TRIALS[name]._replace(duration=duration))
+    mine, theirs = (TRIALS[name].error(one.states(), h) for one in (Ours(name, h), Theirs(name, h, DELIVERED)))
+    assert mine < most and mine < theirs
+
+
+@pytest.mark.parametrize(("name", "projected"), [("bouncing", False), ("elastic 666", False), ("momentum", True)])
+def test_elastic_grains_have_the_scheme_that_keeps_their_energy(name, projected):
+    run = mbvi.simulate(problems(name)[0], step=1e-2, duration=2e-2, progress=False)
+    assert run.scheme == "Centered" and run.record.scheme.project_positions == projected
+
+
+@pytest.mark.parametrize("name", ["rolling", "666"])
+def test_grains_that_come_to_rest_have_the_scheme_that_lands_on_contacts(name):
+    assert mbvi.simulate(problems(name)[0], step=1e-2, duration=2e-2, progress=False).scheme == "StewartTrinkle"
+
+
+@pytest.mark.slow(seconds=40)
+def test_stewart_trinkle_finishes_rolling():
+    """The whole run at the step of the table, in which balls come near the edge of the pattern."""
+    ours = Ours("rolling", 4e-3, mbvi.StewartTrinkle())
+    states = ours.states()
+    assert len(states.velocities) == 1000 and cases.rolling_error(states, 4e-3) < 1e-20
+
+
 def test_the_page_has_the_numbers_of_its_file():
     records = simbenchmark.read_numbers()
     assert {r.test for r in records} == set(TRIALS)

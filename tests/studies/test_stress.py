@@ -43,6 +43,27 @@ def test_every_scene_starts_well(scene):
     assert scene.verdict(scene.measure(run)) == "held"
 
 
+HARD = ("wedge driven in, e = 0.5", "tower of ten on a slope", "quadruped on a slope")
+
+
+@pytest.mark.parametrize("h", [1.03e-2, 1.03e-1])
+@pytest.mark.parametrize("name", HARD)
+def test_hard_scenes_are_solved_by_default_or_the_error_says_what_to_change(name, h):
+    """In seconds, whatever the step."""
+    found = cell(NAMES[name], "default", None, h, 60.0)
+    if found.verdict in ("held", "degraded"):
+        return
+    # the springs of the quadruped are explicit: gains that are stable, and a step
+    assert name == "quadruped on a slope" and found.said.startswith("DivergedError: the run diverges at t = ")
+    assert "it is stable with a stiffness of " in found.said and ", or at h = " in found.said
+
+
+@pytest.mark.slow(seconds=30)
+@pytest.mark.parametrize("name", HARD)
+def test_hard_scenes_are_held_by_default_at_a_millisecond(name):
+    assert cell(NAMES[name], "default", None, 1.03e-3, 60.0).verdict == "held"
+
+
 def test_verdicts_follow_from_the_number():
     scene = NAMES["rocking block"]
     found = [scene.verdict(x) for x in (0.0, scene.held, 2 * scene.held, 2 * scene.failed, np.inf, np.nan)]

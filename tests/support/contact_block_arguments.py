@@ -112,15 +112,19 @@ def solve_contact_islands(rng):
     """Contacts of one island, or the same twice, on other bodies, and one contact that moves none."""
     (blocks, columns, starts, local), n, mu, p = state(rng)
     b = matrix(blocks, columns, starts, n) @ rng.normal(size=n)
+
+    def targets(contacts):
+        return rng.choice([1e-3, 1e-6], size=len(contacts))
+
     if rng.random() < 0.3:
         label = np.zeros(len(mu), np.int64)
-        return blocks, columns, starts, n, local, b, mu, np.full(len(mu), rng.random() < 0.5), label, 1, 1e-6, p
+        return blocks, columns, starts, n, local, b, mu, np.full(len(mu), rng.random() < 0.5), label, 1, targets(mu), p
     label = np.append(np.repeat([0, 1], len(mu)), -1)
     ends = np.concatenate([starts, starts[1:] + starts[-1], 2 * starts[-1:]]).astype(np.uint32)
     return (
         np.tile(blocks, 2), np.append(columns, columns + np.uint32(n)), ends, 2 * n,
         np.vstack([local, local, local[:1]]), np.concatenate([b, 0.5 * b, np.zeros(3)]), np.tile(mu, 3)[: len(label)],
-        rng.random(len(label)) < 0.5, label, 2, 1e-6, np.concatenate([p, p, np.ones(3)]),
+        rng.random(len(label)) < 0.5, label, 2, targets(label), np.concatenate([p, p, np.ones(3)]),
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.held_arguments import HELD_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
+from support.momentum_arguments import MOMENTUM_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
 from support.plain.gram import islands_plain
 from support.plain.incomplete_cholesky import incomplete_cholesky_plain
@@ -28,6 +29,7 @@ from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
 from support.robot_arguments import cone, contact_rows, moving_robot, restitution, rotation, unit
 from support.settle_arguments import SETTLE_ARGUMENTS, SETTLE_IF_ACCEPTED
+from support.spin_arguments import SPIN_ARGUMENTS
 
 SEEDS = range(20)
 SHAPES = [
@@ -85,11 +87,6 @@ def factor(rng):
     system, _, _ = moving_robot(rng)
     n = system.nv
     return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
-
-
-def tree_energies(rng):
-    system, _, v = moving_robot(rng)
-    return np.array(system._memory.mass), system._parent, v, np.full(system.nv, np.nan)
 
 
 def back(rng):
@@ -410,7 +407,7 @@ def spread_below(rng):
     count = int(table.begin[pair + 1] - table.begin[pair])
     table.found[:count] = np.arange(table.begin[pair], table.begin[pair + 1])
     table.size[pair] = rng.choice([0.1, 10.0])
-    return kinematics.poses, table, pair, 0, count
+    return kinematics.poses, table, pair, float(rng.choice([0.0, 0.5, 10.0])), 0, count
 
 
 def points_within_(rng):
@@ -833,13 +830,57 @@ def first_of_lines(rng):
     return points, line, np.full(7, -1)
 
 
+def mesh(rng):
+    """A mesh of a few triangles, some of which share edges and corners, and points near it; one is a corner of it."""
+    rounded = np.round(rng.uniform(-1, 1, (9, 3)), 1)
+    surface = triangles.Surface(rounded, np.array([rng.permutation(9)[:3] for _ in range(int(rng.integers(1, 20)))]))
+    centres = rng.uniform(-1.5, 1.5, (9, 3))
+    centres[3] = surface.vertices[surface.triangles[0, 0]]
+    return surface, centres
+
+
+def mesh_tree(rng):
+    surface, centres = mesh(rng)
+    return surface, (surface.vertices, surface.triangles, *surface.tree), centres
+
+
+def nearest_on_triangle(rng):
+    surface, centres = mesh(rng)
+    return surface.vertices, surface.triangles, 0, centres, int(rng.integers(9)), np.zeros(3)
+
+
+def mesh_distances(rng):
+    _, tree, centres = mesh_tree(rng)
+    return *tree, centres, np.zeros(len(centres))
+
+
 def near_triangles(rng):
-    corners = rng.uniform(-1, 1, (12, 1, 3)) + rng.uniform(-0.4, 0.4, (12, 3, 3))
-    centres, radii = rng.uniform(-1.5, 1.5, (9, 3)), rng.uniform(0.1, 0.4, 9)
-    room, tolerance = rng.integers(1, 40), rng.uniform(0.0, 0.2)
-    cells = triangles.sorted_into_cells(corners, radii.max() + tolerance)
-    outs = [np.zeros(room, np.int64) for _ in range(3)]
-    return (centres, radii, corners, *cells, tolerance, *outs, np.zeros((room, 3)))
+    surface, tree, centres = mesh_tree(rng)
+    room, reach = int(rng.integers(1, 30)), float(rng.choice([0.3, 1.0, np.inf]))
+    i = int(rng.integers(9))
+    outs = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros(room, int)
+    return *tree, surface.features, centres, i, reach, *outs
+
+
+def sort_by_feature(rng):
+    k = int(rng.integers(0, 60))
+    distance = np.round(rng.uniform(size=k), 1)
+    return rng.permutation(k), rng.integers(0, 6, k), distance, k, np.arange(k)
+
+
+def mesh_contacts(rng):
+    surface, tree, centres = mesh_tree(rng)
+    radii, tolerance = rng.uniform(0.1, 0.4, 9), rng.uniform(0.0, 0.2)
+    scratch = np.zeros(20, int), np.zeros(20, int), np.zeros(20), np.zeros((20, 3)), np.zeros(20, int)
+    found = np.zeros(200, int), np.zeros(200), np.zeros((200, 3)), np.zeros((200, 3))
+    sheet = *tree, surface.features, surface.sharers
+    return *sheet, centres, radii, radii + tolerance + 1e-12, tolerance, *scratch, *found
+
+
+def box_square(rng):
+    surface, centres = mesh(rng)
+    boxes = surface.tree.boxes
+    return boxes, int(rng.integers(1, len(boxes))), centres, int(rng.integers(9))
 
 
 def raise_levels(rng):
@@ -895,6 +936,13 @@ def write_blocks(rng):
     return first, second, left, right, np.full(6 * m, np.nan), np.full(6 * m, -1), np.full(m + 1, -1)
 
 
+def row_products(rng):
+    m, n = rng.integers(0, 8, 2)
+    starts = np.concatenate([[0], np.cumsum(rng.integers(0, 4, m) * (n > 0))]).astype(np.uint32)
+    columns = rng.integers(0, max(n, 1), starts[-1]).astype(np.uint32)
+    return rng.normal(size=starts[-1]), columns, starts, rng.normal(size=n), np.full(m, np.nan)
+
+
 def sparse_separation_rows(rng):
     m, first, second = bodies_of_rows(rng)
     numbers = np.full(12 * m, 99, np.uint32), np.full(m + 1, 99, np.uint32)
@@ -920,7 +968,9 @@ ARGUMENTS = {
     **CONTACT_BLOCK_ARGUMENTS,
     **COULOMB_ARGUMENTS,
     **SETTLE_ARGUMENTS,
+    **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
+    **MOMENTUM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
     "farthest_moved": farthest_moved,
@@ -955,6 +1005,11 @@ ARGUMENTS = {
     "whiten_bodies": whiten_bodies,
     "row_lengths": row_lengths,
     "near_triangles": near_triangles,
+    "nearest_on_triangle": nearest_on_triangle,
+    "mesh_distances": mesh_distances,
+    "sort_by_feature": sort_by_feature,
+    "mesh_contacts": mesh_contacts,
+    "_box_square": box_square,
     "integrate": moved,
     "chart_rates": chart_rates,
     "accelerations": accelerations,
@@ -964,7 +1019,6 @@ ARGUMENTS = {
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
-    "tree_energies": tree_energies,
     "_whiten": back,
     "_unwhiten": back,
     "_unwhiten_four": unwhiten_four,
@@ -1017,6 +1071,7 @@ ARGUMENTS = {
     "place_shapes": placing_shapes,
     "near_boxes": near_boxes,
     "carry_axes": carry_axes,
+    "row_products": row_products,
     "write_blocks": write_blocks,
     "sparse_separation_rows": sparse_separation_rows,
     "_write_row": write_row,
@@ -1086,6 +1141,9 @@ def specified(name, result, arguments):
     if name in ("pairs_within", "wall_contacts"):
         # in their first places only
         return [result, *(part[:result] for part in arguments[-4:])]
+    if name == "mesh_contacts":
+        # all that is behind the contacts is scratch
+        return [*result, *(part[: result[0]] for part in arguments[-4:])]
     if name == "gram":
         count = result[0] if isinstance(result, tuple) else result
         return [

@@ -34,6 +34,11 @@ class Landing:
         self.number = rng.integers(0, 3, size=m)
         self.point = np.where(rng.random((m, 1)) < 0.2, np.nan, rng.normal(size=(m, 3)))
         self.lever, self.squares = rng.choice([1.0, 0.3], size=m), rng.random((2, n))
+        # where the law acts gradients differ a little
+        self.law_J = self.J + 1e-3 * rng.normal(size=self.J.shape)
+        self.law_A = metric.solve_rows(self.law_J)
+        self.law_W = np.ascontiguousarray(metric.whiten(self.law_J.T).T)
+        self.free = rng.random(n) < rng.choice([0.0, 0.5])
         self.near, self.closed = rng.random(m) < 0.7, self.law & (rng.random(m) < 0.7)
 
     @property
@@ -118,15 +123,22 @@ def tangent_velocity(rng):
     of = Landing(rng)
     times = 0.5 * STEP, TOLERANCE, 0.0
     masks = of.near, of.closed, of.law
-    return *of.solved, of.gap, of.lever, of.e, *masks, of.x, *times, empty(len(of.v)), of.rates
+    starts = of.x, of.x + 1e-3 * rng.normal(size=len(of.x)), of.v
+    return *of.solved, of.gap, of.lever, of.e, *masks, *starts, *times, empty(len(of.v)), of.rates
+
+
+def start_of_tangent(rng):
+    of = Landing(rng)
+    return of.A, of.law, of.rates, of.free, of.x, of.w, empty(len(of.v))
 
 
 def settle_positions(rng):
     of = Landing(rng)
     m, n = of.J.shape
     opened = np.where(of.law, rng.choice([0.0, 0.1], size=m), 0.0)
-    rows = of.number, of.point, *of.solved, of.gap, of.lever, of.e, opened, of.squares
-    motion = of.x, of.v, of.w, of.displacement, of.law, np.zeros(m, bool), of.rates, empty(n), empty(n)
+    law = of.law_J, of.law_A, of.law_W
+    rows = of.number, of.point, *of.solved, *law, of.gap, of.lever, of.e, opened, of.squares
+    motion = of.x, of.v, of.w, of.displacement, of.law, np.zeros(m, bool), of.rates, empty(n), empty(n), of.free
     return *rows, *motion, STEP, 0.5 * STEP, TOLERANCE, float(rng.choice([1e-9, 1.0])), 1.0, 0.0
 
 
@@ -143,6 +155,7 @@ SETTLE_ARGUMENTS = {
         follow_contacts,
         find_sunk,
         join_rows,
+        start_of_tangent,
         tangent_velocity,
         settle_positions,
     )

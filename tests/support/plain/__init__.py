@@ -31,9 +31,8 @@ from support.plain.tree import (
     advance_plain,
     factor_plain,
     solve_plain,
-    tree_energies_plain,
 )
-from support.plain.triangles import near_triangles_plain
+from support.plain.triangles import mesh_contacts_plain, mesh_distances_plain, nearest_on_triangle_plain
 from support.plain.turning import (
     accelerations_plain,
     chart_rates_plain,
@@ -46,7 +45,6 @@ from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 
 PLAIN = {
     "pack_contacts": pack_contacts_plain,
-    "tree_energies": tree_energies_plain,
     "sweep_blocks": sweep_blocks_plain,
     "_bias": _bias_plain,
     "separated": _clear_plain,
@@ -84,7 +82,9 @@ PLAIN = {
     "lowest": lowest_plain,
     "refine_subset": refine_subset_plain,
     "integrate": moved_plain,
-    "near_triangles": near_triangles_plain,
+    "mesh_contacts": mesh_contacts_plain,
+    "mesh_distances": mesh_distances_plain,
+    "nearest_on_triangle": nearest_on_triangle_plain,
     "outermost": outermost_plain,
     "points_below": points_below_plain,
     "placements": placed_plain,

@@ -20,16 +20,6 @@ def factor_plain(mass: Array, h: float, damping: Array, parent: Array, L: Array)
     return 0
 
 
-def tree_energies_plain(mass: Array, parent: Array, v: Array, energy: Array) -> None:
-    """Write for each velocity the kinetic energy of its tree, shape (nv,) [J]; a tree moves independently of others."""
-    M, roots = np.tril(mass) + np.tril(mass, -1).T, np.arange(len(v))
-    for k, carrier in enumerate(parent):
-        roots[k] = k if carrier < 0 else roots[carrier]
-    for root in set(roots.tolist()):
-        tree = np.flatnonzero(roots == root)
-        energy[tree] = 0.5 * v[tree] @ M[np.ix_(tree, tree)] @ v[tree]
-
-
 def _whiten_plain(L: Array, parent: Array, x: Array) -> None:
     """Overwrite x, shape (nv,), by L'^-1 x."""
     x[:] = np.linalg.solve(L.T, x)
