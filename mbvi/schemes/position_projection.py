@@ -17,6 +17,7 @@ from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..system.system import Array
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
 from .free_impulses import where_law_acts, with_momentum, without_percussions
+from .independent_groups import bounds_of_groups
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
@@ -82,8 +83,9 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     Notes
     -----
     Linearisations alternate where the nearest features of polyhedra change. The last 10 of 20 therefore add to each
-    other, and may leave contacts open that were raised before. Positions are not projected in a step where these do
-    not suffice either, or where contacts contradict each other. The run records that penetration.
+    other, and may leave contacts open that were raised before. Where these do not suffice either, or where contacts
+    contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
+    that follows is not solved. The run records the penetration that stays.
     """
     settled = _settled(problem, applied, step, projector, nearby)
     if settled is not None:
@@ -124,11 +126,16 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             # a body that landed tilted cannot turn about contacts that are all held
             projected = _projected(*given, None)
         if projected is None:
+            projected = _projected_apart(*given)
+        if projected is None:
             break
         owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
             found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
-            return _with_tangent_velocity(*found)
+            try:
+                return _with_tangent_velocity(*found)
+            except ProjectionError:
+                break
         joined = take(projected.near, owner < 0)
         marks = concatenate([marks, joined])
         rows = concatenate([rows, where_law_acts(problem, applied.t, applied.q, joined)])
@@ -143,7 +150,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
         lower = -rows.restitution * before_law
         # rows of the law keep their bounds; those that join it do not bounce
         lower = np.where(joins | ((slack > 0.0) & (before_law > -slack)), np.minimum(lower, -slack), lower)
-        step = _with_bounds(applied, step, rows, lower, projector)
+        try:
+            step = _with_bounds(applied, step, rows, lower, projector)
+        except ProjectionError:
+            # the law is solved for the rows before
+            break
         if drift:
             step = step._replace(q=system.integrate(applied.q, drift * step.v))
     return advance_gaps(step, drift)
@@ -328,6 +339,35 @@ def _projected(
         if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
             return _Projected(place, moved, near, residual)
     return None
+
+
+def _projected_apart(
+    problem: Problem,
+    applied: Applied,
+    step: Step,
+    marks: Rows,
+    before: Rows,
+    floor: Array,
+    depth: float,
+    projector: Projector,
+    nearby: NearbyRows,
+) -> _Projected | None:
+    """Project independent groups of rows one by one, and of those that cannot be projected the joint limits.
+
+    The arguments are those of `_projected`, which has failed for all rows together. None if nothing can be projected.
+    """
+    moved, residual, some = np.zeros(problem.system.nv), 0.0, False
+    given, others = (problem, applied, step, marks, before), (depth, projector, nearby, None)
+    for bounds in bounds_of_groups(problem, before, floor):
+        tried = (_projected(*given, bound, *others) for bound in bounds)
+        found = next((one for one in tried if one is not None), None)
+        if found is not None:
+            # groups move different bodies
+            moved, residual, some = moved + found.displacement, max(residual, found.residual), True
+    if not some:
+        return None
+    place = problem.system.integrate(step.q, moved)
+    return _Projected(place, moved, nearby.at(place, NEARBY * depth), residual)
 
 
 def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import mbvi
+from mbvi.projection import Projector
+from mbvi.schemes import position_projection
 from support.paths import real_robot
 from support.robot_problems import OWN, path_of
 
@@ -63,3 +65,41 @@ def test_no_row_stays_deep(name, e, mu, rng):
     for h in (1e-3, 5e-3):
         most, _ = longest(dropped(name, 0.05, e, mu, rng), h, 0.3)
         assert most <= STEPS
+
+
+def test_where_contacts_cannot_be_projected_others_and_limits_are(monkeypatch):
+    """Contacts of one of two robots contradict each other: the other robot, and the first one's limit, are raised."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for k, name in enumerate(("stuck", "loose")):
+        scene.add_urdf(path_of("hopper"), position=(3.0 * k, 0, 0.6), joints={"knee": 0.4}, name=name)
+    problem = scene.build()
+    rows, q = problem.constraints, problem.q0.copy()
+    names = [rows.name(k) for k in range(len(rows))]
+    gap = rows.gap(0.0, q)
+    floor = np.array([name.endswith("| floor") for name in names])
+    limit = next(k for k, name in enumerate(names) if name.startswith("stuck/knee upper"))
+    stuck = {k for k, name in enumerate(names) if name.startswith("stuck/") and floor[k]}
+    parts = problem.system.located_parts()
+    for part, place, _, _ in parts:
+        q[place + part.nq - 1] += gap[limit] + 1e-3
+    lowest = rows.gap(0.0, q)[floor].min()
+    for _, place, _, _ in parts:
+        q[place + 2] -= lowest + 1e-3
+    tried, projected = [], position_projection._projected
+
+    def contradicts(problem, applied, step, marks, before, floor, *rest):
+        raised = set(before.constraint[floor > np.minimum(before.gap, 0.0)].tolist())
+        tried.append(raised)
+        return None if raised & stuck else projected(problem, applied, step, marks, before, floor, *rest)
+
+    monkeypatch.setattr(position_projection, "_projected", contradicts)
+    monkeypatch.setattr(position_projection, "_settled", lambda *_: None)
+    step = SCHEME.step(problem, 0.0, q, problem.v0, 1e-3, Projector())
+    before, after = rows.gap(0.0, q), rows.gap(0.0, step.q)
+    deep = before < -5e-4
+    held = np.isin(np.arange(len(names)), list(stuck))
+    assert (deep & held).any() and deep[limit] and (deep & floor & ~held).any()
+    assert tried[0] & stuck
+    assert (after[deep & ~held] > -1e-7).all()
+    assert (after[deep & held] > before[deep & held] - 1e-4).all()
