@@ -17,8 +17,8 @@ def settle(J, end, law, *, x, w, v=(0.0, 0.0, 0.0), e=0.0, number=None, point=No
     number = np.arange(m) if number is None else np.array(number)
     point = np.zeros((m, 3)) if point is None else np.array(point, dtype=float)
     gaps = LinearGaps(
-        number, point, J, J, np.array(end) - J @ displacement, np.ones(m), np.full(m, e), np.zeros(m), np.ones((1, 3)), v,
-        STEP, DRIFT, TOLERANCE, 10.0, 10.0, np.zeros(3, bool),
+        number, point, J, J, np.array(end) - J @ displacement, np.ones(m), np.full(m, e), np.zeros(m), np.ones((1, 3)),
+        v, STEP, DRIFT, TOLERANCE, 10.0, 10.0, np.zeros(3, bool),
     )  # fmt: skip
     x = np.array(x, dtype=float)
     rates = np.array([J @ (w - x), J @ x, J @ w, J @ v])[:, law]

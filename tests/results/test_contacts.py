@@ -166,7 +166,7 @@ def test_the_momentum_of_every_body_is_what_gravity_and_contacts_gave_it(scheme,
         v = velocities(run, name)
         given = np.cumsum(dt[:, None] * force + mass * dt_gravity[:, None] * gravity, axis=0)
         scale = mass * np.abs(v).max() + np.abs(dt[:, None] * force).sum()
-        # bodies in the air that are moved out of each other keep their angular momentum: by impulses of the order of the
+        # bodies in the air that are moved out of each other keep their angular momentum by impulses of the order of the
         # depth, which are no contact forces and cancel within a group
         close = 2e-4 if getattr(scheme, "project_positions", False) else 1e-9
         np.testing.assert_allclose(given, mass * (v - v[0]), rtol=0, atol=close * scale)
