@@ -87,7 +87,7 @@ def points_within(
     for i in range(len(pairs)):
         number, clearance[pairs[i]] = points_below(places, p, pairs[i], tolerance, count)
         any_empty = any_empty or number == 0
-        count += spread_below(places, p, pairs[i], tolerance, count, number)
+        count += spread_below(places, p, pairs[i], count, number)
     return count, any_empty
 
 

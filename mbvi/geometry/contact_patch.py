@@ -14,7 +14,7 @@ from ..compiled import kernel
 from .convex_polygon import common_polygon, convex_hull
 from .features import leave, near_corners, near_vertices
 from .separating_axis import Shapes
-from .spread import FEW_POINTS, spread_out
+from .spread import BESIDE, FEW_POINTS, spread_out
 from .vectors import dot, within_plane
 
 # points gathered of one shape at most
@@ -62,29 +62,28 @@ def _outline(
     return convex_hull(flat, count, bound, corners), hull
 
 
-@kernel("void(f8[:,::1], f8[::1], f8[:,::1], i8, i8)")
-def _move_corner(common: Array, gap: Array, point: Array, i: int, to: int) -> None:
-    """Write what corner i has over a corner before it."""
-    gap[to], common[to, 0], common[to, 1] = gap[i], common[i, 0], common[i, 1]
-    for c in range(3):
-        point[to, c] = point[i, c]
-
-
 @kernel("i8(f8[:,::1], f8[::1], f8[:,::1], i8, f8, f8)")
 def _few(common: Array, gap: Array, point: Array, count: int, tolerance: float, bound: float) -> int:
-    """Keep few of many corners of a region: those of the ones within the tolerance that `spread_out` chooses."""
+    """Keep few of many corners of a region: of those within the tolerance the ones that `spread_out` chooses."""
     if count <= FEW_POINTS:
         return count
-    near = 0
-    for i in range(count):
-        if gap[i] <= tolerance:
-            _move_corner(common, gap, point, i, near)
-            near += 1
-    near, chosen = near if near > 0 else count, np.empty(FEW_POINTS, np.int64)
-    kept = spread_out(common[:near], gap[:near], bound, tolerance, chosen)
-    for i in range(kept):
-        _move_corner(common, gap, point, chosen[i], i)
-    return kept
+    chosen, near = np.empty(count + 1, np.int64), 0
+    for turn in range(2):
+        if turn == 0:
+            for i in range(count):
+                if gap[i] <= tolerance:
+                    chosen[near] = i
+                    near += 1
+        elif near > FEW_POINTS:
+            near = spread_out(common[:near], gap[:near], BESIDE * bound, chosen)
+        for i in range(near):
+            k = chosen[i]
+            gap[i], common[i, 0], common[i, 1] = gap[k], common[k, 0], common[k, 1]
+            for c in range(3):
+                point[i, c] = point[k, c]
+        if near <= FEW_POINTS:
+            break
+    return near if near > 0 else count
 
 
 @kernel("i8(f8[:,:,::1], Shapes, i8, f8, f8, f8, f8[::1], f8[::1], f8[:,::1])")

@@ -10,7 +10,6 @@ from .contact_patch import DEPTH, MOST_GATHERED, shared_region
 from .features import facing
 from .refined_distance import COAL, FLAT
 from .separating_axis import Shapes, pair_separation, place_pair
-from .spread import FEW_POINTS
 
 # lengths are relative to the bounding radius of the smaller shape
 # points whose corners are all less deep than the penetration by more than this lack the deepest one
@@ -122,7 +121,7 @@ def write_contacts(
             _middle_of(gaps, corners, number, deepest + _CORNER * bound[pair], middle[i])
         # where edges cross, the deepest point may be none of the corners: it is a row of its own
         alone = 1 if not near or deepest > distance[i] + _CORNER * bound[pair] else 0
-        number = alone + (min(number, FEW_POINTS - alone) if near else 0)
+        number = alone + (number if near else 0)
         if total + number > len(gap):
             return -1
         for j in range(number):

@@ -15,7 +15,7 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel, record
 from .hull_graph import connected, outermost
-from .spread import FEW_POINTS, spread_out
+from .spread import BESIDE, FEW_POINTS, FLAT, spread_out
 from .vectors import within_plane
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
@@ -176,25 +176,44 @@ def points_below(places: Array, points: Points, pair: int, tolerance: float, at:
     return count, least
 
 
-@kernel("i8(f8[:,:,::1], Points, i8, f8, i8, i8)")
-def spread_below(places: Array, points: Points, pair: int, tolerance: float, at: int, count: int) -> int:
-    """Keep of the points that `points_below` has listed those that `spread_out` chooses; return how many.
+@kernel("i8(f8[:,:,::1], Points, i8, i8, i8)")
+def spread_below(places: Array, points: Points, pair: int, at: int, count: int) -> int:
+    """Keep few of the points that `points_below` has listed, if they touch a half-space together; see `spread_out`.
 
-    They are the `count` ones from place `at` of `found` on; those that are kept are moved to the front.
+    They are the `count` ones from place `at` of `found` on, of which the kept ones are moved to the front. Returns how
+    many are kept.
     """
     if count <= FEW_POINTS:
         return count
-    found, body, numbers, out = points.found, points.body[pair], points.numbers, points.out
-    along, across, place, gap = np.empty(3), np.empty(3), np.empty((count, 2)), np.empty(count)
-    chosen = np.empty(FEW_POINTS, np.int64)
+    found, body, numbers, size = points.found, points.body[pair], points.numbers, points.size[pair]
+    out, along, across, least = points.out, np.empty(3), np.empty(3), np.inf
+    place, gap = np.empty((count, 2)), np.empty(count)
+    face, chosen = np.empty(count, np.int64), np.empty(count + 1, np.int64)
     within_plane(numbers[found[at], 12:15], along, across)
     for i in range(count):
         lowest(places, body, numbers, found[at + i], out)
-        gap[i] = out[3]
-        place[i, 0] = out[0] * along[0] + out[1] * along[1] + out[2] * along[2]
-        place[i, 1] = out[0] * across[0] + out[1] * across[1] + out[2] * across[2]
-    kept = spread_out(place, gap, points.size[pair], tolerance, chosen)
-    for i in range(kept):
-        # they ascend, so that none is overwritten before it is read
-        found[at + i] = found[at + chosen[i]]
+        least = min(least, out[3])
+    # the face: all points that are below the half-space's surface, or about as low as the lowest
+    flat = 0
+    for i in range(count):
+        lowest(places, body, numbers, found[at + i], out)
+        if out[3] <= max(least, 0.0) + FLAT * size:
+            gap[flat], face[flat] = out[3], i
+            place[flat, 0] = out[0] * along[0] + out[1] * along[1] + out[2] * along[2]
+            place[flat, 1] = out[0] * across[0] + out[1] * across[1] + out[2] * across[2]
+            flat += 1
+    if flat <= FEW_POINTS:
+        return count
+    number = spread_out(place[:flat], gap[:flat], BESIDE * size, chosen)
+    kept, next_flat, next_chosen = 0, 0, 0
+    for i in range(count):
+        wanted = True
+        if next_flat < flat and face[next_flat] == i:
+            wanted = next_chosen < number and chosen[next_chosen] == next_flat
+            next_flat += 1
+            if wanted:
+                next_chosen += 1
+        if wanted:
+            found[at + kept] = found[at + i]
+            kept += 1
     return kept

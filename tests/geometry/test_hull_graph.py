@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.geometry.hull_graph import neighbours, outermost
 from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape
-from mbvi.geometry.spread import FEW_POINTS, spread_out
+from mbvi.geometry.spread import BESIDE, FEW_POINTS, spread_out
 from mbvi.projection import project
 from mbvi.system import FreeBodies
 from support.comparisons import beside
@@ -62,10 +62,8 @@ def test_every_sunk_vertex_is_a_row_or_adds_nothing(seed, flat, depth):
         np.testing.assert_array_equal(rows.point, sunk)
         return
     assert set(map(tuple, rows.point)) <= set(map(tuple, sunk))
-    if flat and depth <= 1e-9:
-        # they touch together; of others the deepest and those that are next as the body tilts
-        for point in sunk:
-            assert beside(point[:2], rows.point[:, :2]) <= 0.2 * shape.bound
+    for point in sunk:
+        assert beside(point[:2], rows.point[:, :2]) <= 0.02 * shape.bound
 
 
 @given(seed=seeds, count=st.integers(9, 60))
@@ -74,12 +72,13 @@ def test_rows_left_out_change_the_projected_velocity_by_no_more_than_the_toleran
     rng = np.random.default_rng(seed)
     angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
     place = np.column_stack([np.cos(angle), np.sin(angle)])
-    chosen = np.empty(FEW_POINTS, np.int64)
-    number = spread_out(place, np.zeros(count), 1.0, 1e-9, chosen)
+    chosen = np.empty(count + 1, np.int64)
+    number = spread_out(place, np.zeros(count), BESIDE, chosen)
+    assert number < count or count <= 3 * FEW_POINTS
     # rates of the gaps: vertical speed and two angular velocities
     J = np.column_stack([np.ones(count), place[:, 1], -place[:, 0]])
     B = rng.normal(size=(3, 3))
     M, x = B @ B.T + 0.1 * np.eye(3), rng.normal(size=3) - np.array([2.0, 0.0, 0.0])
     few = project(x, M, J[chosen[:number]], 0.0).velocity
     turning = np.linalg.norm(few[1:])
-    assert (J @ few).min() >= -0.2 * turning - 1e-9
+    assert (J @ few).min() >= -0.01 * turning - 1e-9

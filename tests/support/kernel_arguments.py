@@ -407,7 +407,7 @@ def spread_below(rng):
     count = int(table.begin[pair + 1] - table.begin[pair])
     table.found[:count] = np.arange(table.begin[pair], table.begin[pair + 1])
     table.size[pair] = rng.choice([0.1, 10.0])
-    return kinematics.poses, table, pair, float(rng.choice([0.0, 0.5, 10.0])), 0, count
+    return kinematics.poses, table, pair, 0, count
 
 
 def points_within_(rng):

@@ -47,46 +47,9 @@ def polygons(rng):
     return *one, *other, 1.0, np.zeros((room, 2)), np.zeros((room, 2))
 
 
-def face(rng):
-    """Places and gaps of points, some of them on one face, and which are as low as the deepest."""
-    place = points(rng) if rng.random() < 0.5 else np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
-    gap = rng.normal(size=len(place)) * rng.choice([0.0, 1.0]) + rng.choice([0.0, 1.0], len(place))
-    return place, gap, gap <= gap.min() + 0.1
-
-
 def spread_out(rng):
-    place, gap, _ = face(rng)
-    return place, gap, 1.0, float(rng.choice([-1.0, 0.01, 2.0])), np.zeros(8, np.int64)
-
-
-def spread_corners(rng):
-    place, gap, low = face(rng)
-    return place, gap, low, int(gap.argmin()), 1e-12, np.zeros(8, np.int64)
-
-
-def outside(rng):
-    place, _, low = face(rng)
-    return place, low, *rng.integers(0, len(place), 2).tolist()
-
-
-def farthest(rng):
-    place, _, low = face(rng)
-    return place, low, int(rng.integers(0, len(place)))
-
-
-def descent(rng):
-    place, gap, _ = face(rng)
-    return place, gap, int(rng.integers(0, len(place))), 0.1, int(rng.integers(8))
-
-
-def add_next(rng):
-    place, gap, low = face(rng)
-    count = int(rng.integers(1, min(8, len(place)) + 1))
-    return place, gap, low, 0.1, np.resize(rng.permutation(len(place)), 8), count
-
-
-def move_corner(rng):
-    return rng.normal(size=(5, 2)), rng.normal(size=5), rng.normal(size=(5, 3)), 4, 1
+    place = points(rng) if rng.random() < 0.5 else np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+    return place, rng.normal(size=len(place)), float(rng.choice([0.0, 0.01, 0.1])), np.zeros(len(place) + 1, np.int64)
 
 
 def side_of_pair(rng):
@@ -204,12 +167,6 @@ PATCH_ARGUMENTS = {
     "_common_segment": segments,
     "common_polygon": polygons,
     "spread_out": spread_out,
-    "_corners": spread_corners,
-    "_outside": outside,
-    "_farthest": farthest,
-    "_descent": descent,
-    "_add_next": add_next,
-    "_move_corner": move_corner,
     "within_plane": lambda rng: (unit(rng), np.zeros(3), np.zeros(3)),
     "_gather": lambda rng: (
         rng.normal(size=(4, 3)), unit(rng), 0.0, *rng.normal(size=3).tolist(), np.zeros((2, 3)), int(rng.integers(3)),
