@@ -118,6 +118,8 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             marks = advance_gaps(step, drift).active
         else:
             there = nearby.all_at(step.q)
+            # what is not found there has the gap that the law leads to
+            marks = marks._replace(gap=advance_gaps(step, drift).active.gap)
             marks = renewed(marks, there, match_contacts(there, marks))
         sticking = _sticking(problem, applied, step)
         given = problem, applied, step, marks, before, floor, depth, projector, nearby

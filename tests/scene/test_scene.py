@@ -184,7 +184,7 @@ def test_a_mesh_becomes_its_convex_hull(tmp_path):
     [
         ("add_ellipsoid", {"radii": (0.2, 0.1, 0.1)}, 1),
         ("add_capsule", {"radius": 0.1, "length": 0.3}, 1),
-        ("add_cylinder", {"radius": 0.1, "length": 0.2}, 8),
+        ("add_cylinder", {"radius": 0.1, "length": 0.2}, 12),
     ],
 )
 def test_every_body_lands(add, arguments, points):
