@@ -133,6 +133,11 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             break
         owner = match_contacts(projected.near, marks)
         if (owner >= 0).all():
+            marks = marks._replace(gap=marks.gap + marks.jacobian @ projected.displacement)
+            if applied.ahead is not None:
+                there = nearby.all_at(projected.q)
+                same = match_contacts(there, marks)
+                marks.gap[same[same >= 0]] = there.gap[same >= 0]
             found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
             try:
                 return _with_tangent_velocity(*found)
@@ -260,7 +265,6 @@ def _with_tangent_velocity(
     rest_of_law = np.flatnonzero(unmatched)
     # the projection changed the gradients of closed contacts: that must not make them bounce
     near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
-    rows = rows._replace(gap=rows.gap + rows.jacobian @ projected.displacement)
     rows = concatenate([near, take(rows, unmatched)]) if unmatched.any() else near
     lower = -rows.restitution * rows.speeds(applied.v)
     # a gap that the projection left open may close until the next law: otherwise its body would fall freely
