@@ -2,49 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate, in_place_of, match_contacts, renewed, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import LinearGaps, Metric, Projector
-from ..projection.held_rows import FARTHEST, HARDLY
-from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
+from ..projection import LinearGaps, Projector
+from ..projection.raise_gaps import MOST_LINEARISATIONS
 from ..system.system import Array
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
 from .free_impulses import where_law_acts, with_momentum, without_percussions
-from .independent_groups import bounds_of_groups
+from .least_displacement import Displaced, SunkRows, displacement_of_groups, least_displacement
 from .nearby_rows import NearbyRows
 from .row_projection import project_rows, slip_rates
 from .step import Step, advance_gaps, closing_speeds
-
-# squares of lengths below this part of the largest are rounding
-_DEPENDENT = 1e-12
-
-
-class _Projected(NamedTuple):
-    """A projected configuration.
-
-    Attributes
-    ----------
-    q : ndarray, shape (nq,)
-        The configuration.
-    displacement : ndarray, shape (nv,)
-        Tangent vector to it from the configuration before the projection.
-    near : Rows
-        The rows there that took part in the last projection.
-    residual : float
-        Relative KKT residual of that projection.
-    """
-
-    q: Array
-    displacement: Array
-    near: Rows
-    residual: float
 
 
 def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step:
@@ -122,13 +94,13 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
             marks = marks._replace(gap=advance_gaps(step, drift).active.gap)
             marks = renewed(marks, there, match_contacts(there, marks))
         sticking = _sticking(problem, applied, step)
-        given = problem, applied, step, marks, before, floor, depth, projector, nearby
-        projected = _projected(*given, sticking)
+        sunken = SunkRows(problem, step.q, applied.motion.metric, marks, before, depth, projector, nearby)
+        projected = least_displacement(sunken, floor, sticking)
         if projected is None and sticking is not None:
             # a body that landed tilted cannot turn about contacts that are all held
-            projected = _projected(*given, None)
+            projected = least_displacement(sunken, floor)
         if projected is None:
-            projected = _projected_apart(*given)
+            projected = displacement_of_groups(sunken, floor)
         if projected is None:
             break
         owner = match_contacts(projected.near, marks)
@@ -247,7 +219,7 @@ def _with_tangent_velocity(
     applied: Applied,
     step: Step,
     marks: Rows,
-    projected: _Projected,
+    projected: Displaced,
     owner: Array,
     closed: Array,
     projector: Projector,
@@ -285,113 +257,6 @@ def _with_tangent_velocity(
     return with_momentum(bodies, step, place, before.q, before.v)
 
 
-def _projected(
-    problem: Problem,
-    applied: Applied,
-    step: Step,
-    marks: Rows,
-    before: Rows,
-    floor: Array,
-    depth: float,
-    projector: Projector,
-    nearby: NearbyRows,
-    sticking: Array | None,
-) -> _Projected | None:
-    """Return the nearest configuration in which no gap is below its lower bound; None if the iteration fails.
-
-    Parameters
-    ----------
-    step : Step
-        The step at whose configuration the projection starts.
-    marks : Rows
-        The rows of the law at the end of the step.
-    before : Rows
-        The active rows there.
-    floor : ndarray, shape (k,)
-        Lower bounds of their gaps; that of rows that become active during the projection is 0.
-    depth : float
-        The largest distance by which a gap must rise [m].
-    nearby : NearbyRows
-        The rows at the end of the step, as far as they are known.
-    sticking : ndarray of bool, shape (n,), or None
-        Rows of the law that are held along their tangents.
-
-    Notes
-    -----
-    The rows are taken again at the configuration of each projection. The iteration ends when no gap there is below its
-    lower bound, and those of all rows with a positive percussion equal it, to within the activation tolerance.
-    Equality matters: a contact whose gap remained open would not be active, and its body would fall.
-    """
-    system, tolerance = problem.system, problem.tolerance
-    moved = still = np.zeros(system.nv)
-    near, bound, metric = before, floor, applied.motion.metric
-    for i in range(MOST_LINEARISATIONS):
-        J = near.jacobian if sticking is None else _held(metric, near, sticking, match_contacts(near, marks))
-        lower = near.jacobian @ moved + bound - near.gap
-        # where linearisations alternate, each of the others adds to the displacement before
-        origin = still if 2 * i < MOST_LINEARISATIONS else moved
-        try:
-            moved, percussion, residual = projector.project(origin, metric, J, lower)
-        except ProjectionError:
-            return None
-        if sticking is not None and not _raises(metric, near.jacobian, moved, lower, tolerance):
-            return None
-        place, last = system.integrate(step.q, moved), near
-        near = nearby.at(place, NEARBY * depth)
-        owner, pushed = match_contacts(near, before), match_contacts(near, last)
-        bound = np.where(owner >= 0, floor[owner], 0.0)
-        excess = problem.constraints.levers(near.constraint) * (near.gap - bound)
-        pushed = (pushed >= 0) & (percussion[pushed] > 0.0)
-        if (excess >= -tolerance).all() and (excess[pushed] <= tolerance).all():
-            return _Projected(place, moved, near, residual)
-    return None
-
-
-def _projected_apart(
-    problem: Problem,
-    applied: Applied,
-    step: Step,
-    marks: Rows,
-    before: Rows,
-    floor: Array,
-    depth: float,
-    projector: Projector,
-    nearby: NearbyRows,
-) -> _Projected | None:
-    """Project independent groups of rows one by one, and of those that cannot be projected the joint limits.
-
-    The arguments are those of `_projected`, which has failed for all rows together. None if nothing can be projected.
-    """
-    moved, residual, some = np.zeros(problem.system.nv), 0.0, False
-    given, others = (problem, applied, step, marks, before), (depth, projector, nearby, None)
-    for bounds in bounds_of_groups(problem, before, floor):
-        tried = (_projected(*given, bound, *others) for bound in bounds)
-        found = next((one for one in tried if one is not None), None)
-        if found is not None:
-            # groups move different bodies
-            moved, residual, some = moved + found.displacement, max(residual, found.residual), True
-    if not some:
-        return None
-    place = problem.system.integrate(step.q, moved)
-    return _Projected(place, moved, nearby.at(place, NEARBY * depth), residual)
-
-
-def _raises(metric: Metric, J: Array | csr_array, moved: Array, lower: Array, tolerance: float) -> bool:
-    """Return whether a displacement that holds tangents raises gaps, and is not much longer than one that does not.
-
-    Held, the rows of two contacts of a ball in a groove oppose each other: to raise both takes a displacement that is
-    very long, or mere rounding.
-    """
-    if (J @ moved < lower - tolerance).any():
-        return False
-    if not isinstance(J, np.ndarray):
-        return True
-    squares = np.vecdot(J, metric.solve_rows(J))
-    some = (lower > 0.0) & (squares > 0.0)
-    least = (lower[some] ** 2 / squares[some]).max(initial=0.0)
-    return bool(moved @ metric.apply(moved) <= FARTHEST**2 * least)
-
-
 def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
     """Return which rows of the law stick, shape (k,); None if none does."""
     if step.slip is None:
@@ -399,30 +264,3 @@ def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
     percussion, _, after, _ = np.sqrt((step.slip * step.slip).sum(axis=2))
     sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.h * after <= problem.tolerance)
     return sticks if sticks.any() else None
-
-
-def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | csr_array:
-    """Return the gradients of rows along displacements that do not move sticking contacts along their tangents.
-
-    These are J P, where P projects onto such displacements in the metric. Gradients of which nothing is left become
-    zero. Many bodies are not held: their rows are sparse, and J P is not.
-
-    Parameters
-    ----------
-    metric : Metric
-        M.
-    near : Rows
-        The rows.
-    sticking : ndarray of bool, shape (n,)
-        Which rows of the law stick.
-    owner : ndarray of int, shape (k,)
-        For each row that of the law, -1 where there is none.
-    """
-    J, held = near.jacobian, np.flatnonzero((owner >= 0) & sticking[owner])
-    if near.tangents is None or not isinstance(J, np.ndarray) or not held.size:
-        return J
-    A = near.tangents.take(held).jacobian
-    solved = metric.solve_rows(A)
-    left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, HARDLY, hermitian=True) @ A
-    lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))
-    return np.where((lengths > _DEPENDENT * before)[:, None], left, 0.0)

@@ -9,7 +9,8 @@ from mbvi.constraints.rows import take
 from mbvi.projection import Projector
 from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
 from mbvi.schemes.closed_contacts import Applied
-from mbvi.schemes.position_projection import _held, _sticking
+from mbvi.schemes.least_displacement import _held
+from mbvi.schemes.position_projection import _sticking
 
 G = 9.81
 

@@ -7,7 +7,7 @@ import pytest
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.schemes import position_projection
+from mbvi.schemes import least_displacement, position_projection
 from support.paths import real_robot
 from support.robot_problems import OWN, path_of
 
@@ -86,14 +86,15 @@ def test_where_contacts_cannot_be_projected_others_and_limits_are(monkeypatch):
     lowest = rows.gap(0.0, q)[floor].min()
     for _, place, _, _ in parts:
         q[place + 2] -= lowest + 1e-3
-    tried, projected = [], position_projection._projected
+    tried, displacement = [], least_displacement.least_displacement
 
-    def contradicts(problem, applied, step, marks, before, floor, *rest):
-        raised = set(before.constraint[floor > np.minimum(before.gap, 0.0)].tolist())
+    def contradicts(sunken, floor, sticking=None):
+        raised = set(sunken.active.constraint[floor > np.minimum(sunken.active.gap, 0.0)].tolist())
         tried.append(raised)
-        return None if raised & stuck else projected(problem, applied, step, marks, before, floor, *rest)
+        return None if raised & stuck else displacement(sunken, floor, sticking)
 
-    monkeypatch.setattr(position_projection, "_projected", contradicts)
+    for module in (position_projection, least_displacement):
+        monkeypatch.setattr(module, "least_displacement", contradicts)
     monkeypatch.setattr(position_projection, "_settled", lambda *_: None)
     step = SCHEME.step(problem, 0.0, q, problem.v0, 1e-3, Projector())
     before, after = rows.gap(0.0, q), rows.gap(0.0, step.q)
