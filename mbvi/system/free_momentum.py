@@ -11,6 +11,7 @@ import numpy as np
 from ..compiled import kernel
 from .free_body_table import FreeBodyTable
 from .system import Array
+from .turning import write_rotation
 
 # pivots below this part of the largest moment of inertia are rounding, as of two balls about the line of their centres
 _SINGULAR = 1e-12
@@ -18,37 +19,27 @@ _SINGULAR = 1e-12
 _CANCELS = 1e-9
 
 
-@kernel("void(f8[::1], i8, f8[:,::1])")
-def write_rotation(q: Array, i: int, R: Array) -> None:
-    """Write the rotation matrix, shape (3, 3), of the quaternion (x, y, z, w) in q from entry i on."""
-    x, y, z, w = q[i], q[i + 1], q[i + 2], q[i + 3]
-    R[0, 0], R[1, 1], R[2, 2] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z), 1.0 - 2.0 * (x * x + y * y)
-    R[0, 1], R[1, 0] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
-    R[0, 2], R[2, 0] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
-    R[1, 2], R[2, 1] = 2.0 * (y * z - x * w), 2.0 * (y * z + x * w)
-
-
 @kernel("void(FreeBodyTable, i8, f8[::1], f8[::1], f8, f8[::1])")
 def add_spin(bodies: FreeBodyTable, b: int, q: Array, v: Array, factor: float, spin: Array) -> None:
     """Add a multiple of the angular momentum of body b about its centre, in the world, to `spin`, shape (3,)."""
     if not bodies.turns[b]:
         return
-    R, j, inertia = np.empty((3, 3)), bodies.v[b] + 3, bodies.inertia[b]
-    write_rotation(q, bodies.q[b] + 3, R)
+    C, j, inertia = np.empty((3, 3)), bodies.v[b] + 3, bodies.inertia[b]
+    write_rotation(q, bodies.q[b] + 3, C)
     for c in range(3):
         own = factor * (inertia[c, 0] * v[j] + inertia[c, 1] * v[j + 1] + inertia[c, 2] * v[j + 2])
         for d in range(3):
-            spin[d] += R[d, c] * own
+            spin[d] += C[c, d] * own
 
 
 @kernel("void(FreeBodyTable, i8, f8[::1], f8[::1], f8[::1])")
 def set_spin(bodies: FreeBodyTable, b: int, q: Array, spin: Array, v: Array) -> None:
     """Write the angular velocity of body b that has a given angular momentum in the world, shape (3,)."""
-    R, j, own = np.empty((3, 3)), bodies.v[b] + 3, np.zeros(3)
-    write_rotation(q, bodies.q[b] + 3, R)
+    C, j, own = np.empty((3, 3)), bodies.v[b] + 3, np.zeros(3)
+    write_rotation(q, bodies.q[b] + 3, C)
     for c in range(3):
         for d in range(3):
-            own[c] += R[d, c] * spin[d]
+            own[c] += C[c, d] * spin[d]
     for c in range(3):
         v[j + c] = (
             bodies.inverse[b, c, 0] * own[0] + bodies.inverse[b, c, 1] * own[1] + bodies.inverse[b, c, 2] * own[2]
@@ -176,7 +167,7 @@ def add_angular_momenta(
 @kernel("void(FreeBodyTable, i8[::1], f8[:,::1], f8[::1], f8[:,:,::1])")
 def write_inertias(bodies: FreeBodyTable, group: Array, centre: Array, q: Array, inertia: Array) -> None:
     """Write the inertia of each group about its centre in the world, shape (n, 3, 3); see `write_centres`."""
-    R, arm = np.empty((3, 3)), np.empty(3)
+    C, arm = np.empty((3, 3)), np.empty(3)
     for b in range(len(group)):
         for c in range(3):
             for d in range(3):
@@ -191,12 +182,12 @@ def write_inertias(bodies: FreeBodyTable, group: Array, centre: Array, q: Array,
             for d in range(3):
                 own[c, d] -= bodies.mass[b] * arm[c] * arm[d]
         if bodies.turns[b]:
-            write_rotation(q, i + 3, R)
+            write_rotation(q, i + 3, C)
             for c in range(3):
                 for d in range(3):
                     for k in range(3):
                         for i in range(3):
-                            own[c, d] += R[c, k] * bodies.inertia[b, k, i] * R[d, i]
+                            own[c, d] += C[k, c] * bodies.inertia[b, k, i] * C[i, d]
 
 
 @kernel("void(FreeBodyTable, i8[::1], b1[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1)")
@@ -218,7 +209,7 @@ def turn_groups(
     place : bool
         Whether it is q.
     """
-    R = np.empty((3, 3))
+    C = np.empty((3, 3))
     for b in range(len(group)):
         g, i = group[b], bodies.q[b]
         if not loose[g]:
@@ -227,10 +218,10 @@ def turn_groups(
         if place:
             j = i
         elif bodies.turns[b]:
-            write_rotation(q, i + 3, R)
+            write_rotation(q, i + 3, C)
             for c in range(3):
                 for d in range(3):
-                    out[j + 3 + c] += R[d, c] * turn[g, d]
+                    out[j + 3 + c] += C[c, d] * turn[g, d]
         out[j] += turn[g, 1] * z - turn[g, 2] * y
         out[j + 1] += turn[g, 2] * x - turn[g, 0] * z
         out[j + 2] += turn[g, 0] * y - turn[g, 1] * x

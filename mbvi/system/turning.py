@@ -96,6 +96,17 @@ def accelerations(v: Array, pull: Array, inertias: Array, inverses: Array, out: 
             out[j + 3 + k] = A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
 
 
+@kernel("void(f8[::1], i8, f8[:,::1])")
+def write_rotation(q: Array, i: int, axes: Array) -> None:
+    """Write the columns of the rotation of the quaternion (x, y, z, w) in q from entry i on: each a row of `axes`."""
+    x, y, z, w = q[i], q[i + 1], q[i + 2], q[i + 3]
+    axes[0, 0], axes[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
+    axes[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    axes[0, 1], axes[1, 0] = 2.0 * (x * y + z * w), 2.0 * (x * y - z * w)
+    axes[0, 2], axes[2, 0] = 2.0 * (x * z - y * w), 2.0 * (x * z + y * w)
+    axes[1, 2], axes[2, 1] = 2.0 * (y * z + x * w), 2.0 * (y * z - x * w)
+
+
 @kernel("void(f8[::1], i8[::1], f8[:,:,::1])")
 def placements(q: Array, bodies: Array, places: Array) -> None:
     """Write the poses of bodies.
@@ -110,15 +121,10 @@ def placements(q: Array, bodies: Array, places: Array) -> None:
         Receives the columns of the rotation, then the centre.
     """
     for k in range(len(bodies)):
-        i, place = 7 * (bodies[k] - 1), places[k]
-        x, y, z, w = q[i + 3], q[i + 4], q[i + 5], q[i + 6]
-        place[0, 0], place[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
-        place[2, 2] = 1.0 - 2.0 * (x * x + y * y)
-        place[0, 1], place[1, 0] = 2.0 * (x * y + z * w), 2.0 * (x * y - z * w)
-        place[0, 2], place[2, 0] = 2.0 * (x * z - y * w), 2.0 * (x * z + y * w)
-        place[1, 2], place[2, 1] = 2.0 * (y * z + x * w), 2.0 * (y * z - x * w)
+        i = 7 * (bodies[k] - 1)
+        write_rotation(q, i + 3, places[k])
         for c in range(3):
-            place[3, c] = q[i + c]
+            places[k, 3, c] = q[i + c]
 
 
 @kernel("void(f8[::1], i8, f8, f8[:,::1], f8[:,::1], i8, f8[::1], i8)")
