@@ -196,9 +196,9 @@ def _solve(packed: _Packed, targets: Array, fine: Array, known: Array, p: Array)
     An island of a mechanism among free bodies is solved to the target of these first, then the contacts of the
     mechanism to their own while the others stay, until both are reached.
     """
-    label, count = packed.islands()
-    mixed = np.zeros(count, bool)
+    mixed, label = np.zeros(0, bool), np.zeros(0, np.int64)
     if fine.any() and not fine.all():
+        label, count = packed.islands()
         of_mechanisms, of_bodies = np.zeros(count, bool), np.zeros(count, bool)
         of_mechanisms[label[fine & (label >= 0)]], of_bodies[label[~fine & (label >= 0)]] = True, True
         mixed = of_mechanisms & of_bodies

@@ -67,9 +67,10 @@ def residual_note(projector: Projector) -> list[str]:
     notes = []
     if projector.loosest > 0.0:
         notes.append(f"the accepted depth gave residuals of {projector.strictest:.1e} to {projector.loosest:.1e}")
-    if projector.friction.jams:
+    jams = projector.friction.jams
+    if jams:
         notes.append(
-            f"bodies jammed {projector.friction.jams} times: Coulomb's law was not solved with the restitution or the "
+            f"bodies jammed {jams} time{'s' * (jams != 1)}: Coulomb's law was not solved with the restitution or the "
             "correction of penetration that was asked for, and was solved without them"
         )
     return notes
