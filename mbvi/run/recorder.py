@@ -16,7 +16,6 @@ from ..results.trajectory import Trajectory
 from ..schemes import Scheme, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
-from ..schemes.stewart_trinkle import reach
 from ..system import independent_parts
 from .impact_rows import RecentPercussions, friction_of_impact, linked
 
@@ -246,7 +245,7 @@ class Recorder:
         if step.at_once is not None and last is not None:
             # an impact goes on in the next step, and its contact point moves with the body
             h = step.t - last.t
-            far += reach(self.problem, last.q, h * last.v) + h * float(np.abs(last.before).max(initial=0.0))
+            far += 2.0 * self.problem.constraints.travel(h * last.v) + h * float(np.abs(last.before).max(initial=0.0))
 
         def choose(rates: Array) -> tuple[int, float]:
             return _choose_rows(

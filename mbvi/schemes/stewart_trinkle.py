@@ -74,7 +74,7 @@ class StewartTrinkle(Scheme):
         projector.begin(v[lengths], free_motion.free[lengths])
         # rows to walls with a prescribed motion are linearised in the middle of the step
         rows = _at_earlier_time(
-            problem.constraints.active(t + 0.5 * h, q, reach(problem, q, h * free_motion.free)), 0.5 * h
+            problem.constraints.active(t + 0.5 * h, q, _reach(problem, q, h * free_motion.free)), 0.5 * h
         )
         # gradients of many turning bodies change within a step: contacts are then linearised again at its end
         turning = not isinstance(rows.jacobian, np.ndarray) and not lengths.all()
@@ -167,7 +167,7 @@ def _deeper_gaps(gap: Array, rows: Rows, at_end: Rows) -> Array:
     return gap
 
 
-def reach(problem: Problem, q: Array, displacement: Array) -> float:
+def _reach(problem: Problem, q: Array, displacement: Array) -> float:
     """Return twice the largest displacement of a body, or infinity where the system names no bodies."""
     system = problem.system
     bodies = np.arange(1, len(system.bodies))
