@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,7 +120,8 @@ class ClearanceCache:
     State lies in flat arrays, one row for each family that can be skipped: `envelope` and `travel` (n, nv), `clearance`
     (n,). Sets of families are masks with bit k for row k. Families have no such state: several sets may share them.
     `squares` (n, nv) are those of the envelope, for `travel`, and `turn_squares` those of angles only, for `bend`;
-    `knows_travel` is whether each family has an envelope.
+    `knows_travel` is whether each family has an envelope. While the compiled loop has the state, `reclaim` is the
+    function that takes it back; it is called where functions of the user query the constraints.
     """
 
     def __init__(self, system: System, numbered: Sequence[tuple[ConstraintFamily, int, float]]) -> None:
@@ -146,6 +147,7 @@ class ClearanceCache:
         # the entries to be queried for each mask; a run has few different masks
         self._plans: dict[int, list[_Entry]] = {}
         self._last: Array | None = None
+        self.reclaim: Callable[[], None] | None = None
 
     def travel(self, displacement: Array) -> float:
         """Return the largest displacement of a body in any family; see `AdmissibleSet.travel`.
@@ -164,13 +166,19 @@ class ClearanceCache:
 
     def forget(self) -> None:
         """Query every family, and measure every pair, at the next configuration."""
+        self._reclaim()
         self._clearance[:] = -np.inf
         for entry in self._entries:
             if entry.candidates is not None:
                 entry.candidates.forget()
 
+    def _reclaim(self) -> None:
+        if self.reclaim is not None:
+            self.reclaim()
+
     def save(self) -> _Saved:
         """Return the state, for `restore`."""
+        self._reclaim()
         entries = [
             (entry.idle, None if one is None else (one.clearance.copy(), one.index, one.any_empty))
             for entry in self._entries
@@ -180,6 +188,7 @@ class ClearanceCache:
 
     def restore(self, saved: _Saved) -> None:
         """Go back to a state that was saved, here or in the cache of a copy of the constraints."""
+        self._reclaim()
         self._last, self._always_query = saved.last, saved.always_query
         self._travel[:], self._clearance[:] = saved.travel, saved.clearance
         for entry, (idle, candidates) in zip(self._entries, saved.entries, strict=True):
@@ -232,6 +241,8 @@ class ClearanceCache:
         self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None
     ) -> list[Rows]:
         """Return the rows within the tolerance, family by family; see `AdmissibleSet.active`."""
+        if self.reclaim is not None:
+            self.reclaim()
         exhausted = self._consume(q, tolerance, origin, moved)
         found = []
         mask = exhausted | self._always_query

@@ -90,13 +90,21 @@ class MechanismState:
         if any(family.some_rest for family in self._set.families):
             return False
         cache, state = self._set.cache, self._clearances
+        if cache.reclaim is not None:
+            cache.reclaim()
         if not cache.lend(state.q, state.always, self._listed):
             return False
         for k, room in enumerate(self._candidates):
             candidates = cache.candidates(k)
             if candidates is not None:
                 room[: len(candidates.index)] = candidates.index
+        cache.reclaim = self.leave
         return True
+
+    @property
+    def entered(self) -> bool:
+        """Whether the arrays have the state, which a function of the user may have reclaimed."""
+        return bool(self._set.cache.reclaim == self.leave)
 
     @property
     def memory(self) -> list[Array]:
@@ -114,7 +122,10 @@ class MechanismState:
         return np.concatenate([np.zeros((0, self._set.system.nv)), *parts])
 
     def leave(self) -> None:
-        """Copy the state back to the caches."""
+        """Copy the state back to the caches, if the arrays have it."""
+        if not self.entered:
+            return
+        self._set.cache.reclaim = None
         self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+
 import numpy as np
 
 from ..constraints import Rows
@@ -15,11 +18,13 @@ from ..schemes import Centered, MoreauJean, Scheme, Step
 from ..schemes.contact_friction import friction_of
 from ..schemes.mechanism_steps import DONE, LawMemory, MechanismStep, Scales, room
 from ..schemes.nearby_rows import largest_reach
+from ..schemes.observer import contacts_of_step
 from ..schemes.step import STILL
 from ..system.joined import joined
 from ..system.mechanism import Mechanism
 from ..system.system import parts_of
-from .loop_scope import control_of, is_compiled, loop_of
+from .asked_forces import AskedForces
+from .loop_scope import asks_python, control_of, is_compiled, loop_of
 from .recorder import RECENT, Recorder
 from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
 from .tunnelling import TunnellingGuard
@@ -38,7 +43,7 @@ _NOTHING = np.zeros(0)
 
 
 class CompiledLoop:
-    """Steps of mechanisms and free bodies that need no Python.
+    """Steps of mechanisms and free bodies in kernels, which call functions of the user where these act.
 
     Parameters
     ----------
@@ -70,9 +75,10 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
         # counted from the start: a run begins as a shorter one does, to the last bit
-        self._begin = 0 if problem.system.single_mechanism else LONG
+        self._begin = 0 if len(parts_of(problem.system)) == 1 else LONG
         self._state = MechanismState(problem.constraints)
-        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state)
+        self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
@@ -97,10 +103,11 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
-        following, count, code = self._loop(
-            self._step, self._log, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
-            count, self._limit, STILL * problem.length,
-        )  # fmt: skip
+        with nullcontext() if self._asked is None else self._asking(done):
+            following, count, code = self._loop(
+                self._step, self._log, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
+                count, self._limit, STILL * problem.length,
+            )  # fmt: skip
         self.codes[code] += 1
         self._state.leave()
         self._projector.take_back(memory.percussion, memory.start, memory.size)
@@ -113,7 +120,33 @@ class CompiledLoop:
         if taken:
             self._replay(done, taken)
             state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
+        if self._asked is not None:
+            if taken:
+                self._pass_contacts(done, taken - 1)
+            self._asked.check()
         return state, done + taken, code in (DONE, FULL)
+
+    @contextmanager
+    def _asking(self, done: int) -> Iterator[None]:
+        """Let the kernel call functions of the user, and pass them the contacts of each step that it has taken."""
+        assert self._asked is not None
+        passed, taken = 0, self._log.taken
+
+        def pass_contacts() -> None:
+            nonlocal passed
+            if taken[0] > passed:
+                passed = taken.item(0)
+                self._pass_contacts(done, passed - 1)
+
+        taken[0], self._asked.before = 0, pass_contacts
+        with self._asked.interruptible():
+            yield
+
+    def _pass_contacts(self, done: int, j: int) -> None:
+        """Pass the contacts of step j of this call to the controls, for which they are looked up when these ask."""
+        observe, name = self._problem.system.observe, self._problem.constraints.name
+        if observe is not None:
+            observe(lambda: contacts_of_step(self._logged(done, j), self._h, name))
 
     def _record_contacts(self, contacts: ContactLog, done: int, taken: int) -> None:
         """Record the contacts of the steps of the last call."""
@@ -197,19 +230,24 @@ def logged_rows(log: LoopRecord, part: slice, t: float, none: Array) -> Step:
 
 
 def mechanism_step(
-    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState
-) -> MechanismStep:
-    """Return what steps a problem that the loop takes, with room for one step."""
+    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState,
+    asked: AskedForces | None,
+) -> MechanismStep:  # fmt: skip
+    """Return what steps a problem that the loop takes, with room for one step; `asked` is what acts by Python."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
-    control, acted = control_of(system)
+    control, acted = control_of(system) if asked is None else (asked.table, np.array([0, nq, 0, nv]))
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     projects = isinstance(scheme, Centered) and scheme.project_positions
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
-    late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts_of(system)])
+    # forces from outside act on all parts
+    parts = (system,) if system.loaded else parts_of(system)
+    late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
     late, reach = late if late.any() else late[:0], largest_reach(problem)
-    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects)
+    scales = Scales(
+        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects, system.loaded
+    )
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
@@ -223,9 +261,9 @@ def loop_record(
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
     width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
-        t, q, v, penetration, residual, np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64),
-        np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS), *guard.shares,
-        guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
+        t, q, v, penetration, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool),
+        np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
+        *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
     )  # fmt: skip
 
 
@@ -237,7 +275,7 @@ def compiled_loop(
     loop = loop_of(scheme)
     if loop is None or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or (not problem.system.single_mechanism and total <= LONG):
+    if projector.accepted is not None or (len(parts_of(problem.system)) > 1 and total <= LONG):
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:

@@ -31,11 +31,16 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
     if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
         return False
-    return _tables(system) is not None and can_be_compiled(problem.constraints)
+    return can_be_compiled(problem.constraints)
+
+
+def asks_python(system: System) -> bool:
+    """Return whether a function of the user acts on a system, which the loop calls."""
+    return system.loaded or _tables(system) is None
 
 
 def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
-    """Return the controls of mechanisms, and what they act on; None if the loop does not evaluate them."""
+    """Return the controls of mechanisms, and what they act on; None if kernels do not evaluate them."""
     found = []
     for part in located_parts(system):
         if part.system.controlled:
@@ -47,7 +52,7 @@ def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
 
 
 def control_of(system: System) -> tuple[ControlTable, Array]:
-    """Return the control of a system, and where what it knows begins and ends in q and in v."""
+    """Return the control of a system that does not ask Python, and where what it knows begins and ends in q and v."""
     tables, nq, nv = _tables(system) or [], system.nq, system.nv
     if not tables:
         return no_control(nv), np.array([0, nq, 0, nv])

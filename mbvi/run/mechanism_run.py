@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from copy import copy
 
 import numpy as np
@@ -16,9 +17,10 @@ from ..system.articulated import ArticulatedSystem, Control
 from ..system.mechanism import Mechanism
 from ..system.system import Array
 from .accuracy import projector_of
+from .asked_forces import AskedForces
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
 from .control_stability import failures_with_time
-from .loop_scope import loop_of
+from .loop_scope import asks_python, loop_of
 from .retaken import SolvedSteps
 from .start import admitted, closes_none, first_step
 from .step_loop import DONE, FULL
@@ -96,6 +98,8 @@ class MechanismRun:
         The problem that is run now, of which some may share the system and the constraints.
     q, v : ndarray, shapes (nq,) and (nv,)
         The present state; the same arrays always.
+    done : int
+        Number of the step that ended there.
     """
 
     def __init__(self, own: OwnProblem, scheme: Scheme, h: float, room: int) -> None:
@@ -106,7 +110,8 @@ class MechanismRun:
         self._solved = SolvedSteps(problem, scheme, self._guard)
         self.start(problem)
         problem.system.start()
-        self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state)
+        self._asked = AskedForces(problem.system, own.state) if asks_python(problem.system) else None
+        self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
         self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
         # the last step, or its place in the log
@@ -114,7 +119,7 @@ class MechanismRun:
 
     def start(self, problem: Problem) -> None:
         """Begin another run: nothing is known of its projections yet."""
-        self.problem, self._patience, self._since = problem, Patience(), 1
+        self.problem, self._patience, self._since, self.done = problem, Patience(), 1, 0
         self._made: Projector | None = None
 
     @property
@@ -144,13 +149,16 @@ class MechanismRun:
         """
         if self._since < first or not self._patience.waits():
             record, every, count = (self._log._replace(q=q, v=v), 1, first) if len(q) > 1 else (self._log, _NEVER, 0)
-            following, _, code = self._loop(
-                self._step, record, self.q, self.v, self.problem.t0, self._h, first,
-                min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
-            )  # fmt: skip
+            with nullcontext() if self._asked is None else self._asked.interruptible():
+                following, _, code = self._loop(
+                    self._step, record, self.q, self.v, self.problem.t0, self._h, first,
+                    min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
+                )  # fmt: skip
             if following > first:
                 self._last = following - 1 - first
-            taken, first = following - self._since, following
+            taken, first, self.done = following - self._since, following, following - 1
+            if self._asked is not None:
+                self._asked.check()
             if code == DONE and taken < CHUNK:
                 return first
             # `simulate` makes another attempt here
@@ -161,7 +169,7 @@ class MechanismRun:
         self._last = new = self._python_step(first)
         if len(q) > 1:
             q[first], v[first] = new.q, new.v
-        self._since = first + 1
+        self._since, self.done = first + 1, first
         return first + 1
 
     def last_step(self, t: float) -> Step:

@@ -14,7 +14,7 @@ from ..system.articulated import ArticulatedSystem, Control
 from ..system.controls import HeldTorque, LoopControl
 from ..system.system import Array
 from .default_scheme import time_stepping
-from .loop_scope import is_compiled
+from .loop_scope import asks_python, is_compiled
 from .mechanism_run import controlled_copy
 from .rollout_job import Job
 from .simulate import check_problem, checked_for
@@ -103,6 +103,8 @@ def rollout(
     if isinstance(chosen, EventDriven):
         raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
     acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
+    # a function of the user may have a memory of its own
+    threads = 1 if asks_python(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
     if not (acting.system.single_mechanism and is_compiled(acting, chosen) and job.run_compiled(threads)):
         job.run_by_simulate()

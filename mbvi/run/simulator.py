@@ -127,8 +127,12 @@ class Simulator:
             if n > _MOST_STEPS:
                 raise InputError(f"n must be at most {_MOST_STEPS} steps in one call; got {shown(n)}")
         end = self._done + n + 1
-        while self._done + 1 < end:
-            self._done = self._stepper.take(self._done + 1, end) - 1
+        try:
+            while self._stepper.done + 1 < end:
+                self._stepper.take(self._stepper.done + 1, end)
+        finally:
+            # an error leaves the steps before it
+            self._done = self._stepper.done
         return self.q, self.v
 
     @property
@@ -158,19 +162,18 @@ class _PythonStepper:
     def begin(self, problem: Problem) -> None:
         """Go to the initial state of a problem."""
         projector = projector_of(problem, self._scheme, None, None, None, self._h)[0]
-        self._t0, self._last = problem.t0, initial_step(problem, projector)
+        self._t0, self._last, self.done = problem.t0, initial_step(problem, projector), 0
         self._steps = steps_from(problem, self._scheme, self._h, projector, self._last)
         self.q[:], self.v[:] = self._last.q, self._last.v
 
-    def take(self, first: int, end: int) -> int:
-        """Take step `first`; return the number of the next."""
+    def take(self, first: int, end: int) -> None:
+        """Take step `first`."""
         # a step may be followed by others, where it was shortened
         last, enough = self._last, self._t0 + (first - 0.5e-6) * self._h
         while last.t < enough:
             last = next(self._steps)
         self._last = last
-        self.q[:], self.v[:] = last.q, last.v
-        return first + 1
+        self.q[:], self.v[:], self.done = last.q, last.v, first
 
     def last_step(self, t: float) -> Step:
         """Return the last step."""
@@ -191,9 +194,14 @@ class _CompiledStepper:
         self._run.start(self._own.problem.at(problem.q0, problem.v0, problem.t0))
         self._run.initial_step()
 
-    def take(self, first: int, end: int) -> int:
-        """Take some steps, at most up to `end` - 1; return the number of the next."""
-        return self._run.take(first, end, *self._none)
+    @property
+    def done(self) -> int:
+        """Number of the last step taken."""
+        return self._run.done
+
+    def take(self, first: int, end: int) -> None:
+        """Take some steps, at most up to `end` - 1."""
+        self._run.take(first, end, *self._none)
 
     def last_step(self, t: float) -> Step:
         """Return the last step, which ended at t, with what contacts need of its rows."""

@@ -27,8 +27,8 @@ PLAIN, ROUGH = 12, 27
 
 
 @record(
-    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
-    " f8[:,::1], f8[::1], f8"
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[::1], f8[:,::1], f8[::1], f8"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
@@ -37,6 +37,8 @@ class LoopRecord(NamedTuple):
     ----------
     t, q, v, penetration, residual : ndarray, shape (n, ...)
         Those of the recorder.
+    taken : ndarray of int, shape (1,)
+        How many steps this call has taken.
     begin : ndarray of int, shape (k + 1,)
         Where the rows of each step of this call begin in the log.
     event : ndarray of bool, shape (k,)
@@ -60,6 +62,7 @@ class LoopRecord(NamedTuple):
     v: Array
     penetration: Array
     residual: Array
+    taken: Array
     begin: Array
     event: Array
     number: Array
@@ -187,15 +190,15 @@ def run_paoli(
     """
     rows, memory, place = s.rows, s.memory, 0
     for i in range(first, end):
+        log.begin[i - first] = place
         if i - first == len(log.event):
-            log.begin[i - first] = place
             return i, count, FULL
         size = memory.size[0], memory.size[1], memory.size[2]
         for a in range(size[0]):
             log.before[a] = memory.percussion[a]
         for a in range(size[1]):
             log.before[MOST_ROWS + a] = memory.start[a]
-        t = t0 + (i - 1) * h
+        t, log.taken[0] = t0 + (i - 1) * h, i - first
         code = paoli_step(s, t, q, v, h)
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
@@ -208,9 +211,8 @@ def run_paoli(
                 memory.percussion[a] = log.before[a]
             for a in range(size[1]):
                 memory.start[a] = log.before[MOST_ROWS + a]
-            log.begin[i - first] = place
             return i, count, code
-        log.begin[i - first], log.event[i - first], log.penetration[count] = place, False, 0.0
+        log.event[i - first], log.penetration[count] = False, 0.0
         if m > 0:
             rates = s.rates[: 4 * m].reshape((4, m))
             log.event[i - first] = record_depth(

@@ -23,6 +23,7 @@ from .mechanism_steps import (
     DONE,
     UNSOLVED,
     MechanismStep,
+    act,
     apply_law,
     evaluate_effects,
     evaluate_forces,
@@ -211,13 +212,16 @@ def settle(
 def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
     """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
     late, w = s.scales.late, s.room.force_velocity
-    evaluate_forces(s, t, q, v, 2.0 * half)
+    # the gyroscopic torques of free bodies are those of the motion up to there
+    evaluate_forces(s, t, q, v, half if len(late) else 2.0 * half)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
         for k in range(len(v)):
             if not late[k]:
                 w[k] = v[k]
+        if s.scales.loaded:
+            act(s, t, q, w)
         evaluate_effects(s, q, v, w, 2.0 * half)
 
 

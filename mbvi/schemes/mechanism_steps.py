@@ -51,7 +51,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], f8, b1")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], f8, b1, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
 
@@ -71,6 +71,8 @@ class Scales(NamedTuple):
         Of `MoreauJean`.
     projects : bool
         `project_positions` of `Centered`.
+    loaded : bool
+        Whether forces from outside act.
     """
 
     tolerance: float
@@ -82,6 +84,7 @@ class Scales(NamedTuple):
     late: Array
     theta: float
     projects: bool
+    loaded: bool
 
 
 @record(

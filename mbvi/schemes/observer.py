@@ -29,12 +29,12 @@ def observer(problem: Problem) -> Callable[[Step, float], None] | None:
         return None
 
     def pass_on(step: Step, h: float) -> None:
-        observe(partial(_contacts_of_step, step, h, problem.constraints.name))
+        observe(partial(contacts_of_step, step, h, problem.constraints.name))
 
     return pass_on
 
 
-def _contacts_of_step(step: Step, h: float, name: Callable[[int], str]) -> tuple[Contact, ...]:
+def contacts_of_step(step: Step, h: float, name: Callable[[int], str]) -> tuple[Contact, ...]:
     """Return the contacts of a step of the length h [s]."""
     rows = step.active
     return contacts_of_rows(rows.constraint, step.percussion, rows.point, rows.normal, h, name, friction_of(step))

@@ -97,6 +97,14 @@ class ActuatedSystem(System):
             part.applied = total[where]
         return total
 
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        total = self._act(t, q, v)
+        # that of mechanisms is among their own
+        torque = self.inner.torque(t, q, v).copy()
+        for _, where in self._bodies:
+            torque[where] += total[where]
+        return torque
+
     def added_acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return what the loads add to the acceleration of bodies and spheres, shape (nv,); zero for mechanisms."""
         return self._accelerated(self._act(t, q, v), q)

@@ -227,8 +227,9 @@ class ArticulatedSystem(System):
             self._metric = TreeMetric(self._memory.mass, self._parent)
         return self._metric
 
-    def _torque(self, t: float, q: Array, v: Array) -> Array:
-        assert self.control is not None
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        if self.control is None:
+            return self.applied
         tau = self.control(t, q, v)
         if type(tau) is not np.ndarray or not tau.flags.carray or tau.dtype != np.float64:
             tau = plain_array(returned(tau, f"the control of {self.name}"))
@@ -239,7 +240,7 @@ class ArticulatedSystem(System):
         return tau if self.applied is self._zero else tau + self.applied
 
     def force(self, t: float, q: Array, v: Array) -> Array:
-        torque = self.applied if self.control is None else self._torque(t, q, v)
+        torque = self.torque(t, q, v)
         g = torque - pin.nonLinearEffects(self.model, self._data, q, v)
         return g - self.damping * v if self._damped else g
 
@@ -256,7 +257,7 @@ class ArticulatedSystem(System):
         """Return the free motion of v under forces at a velocity; `twice` is that of `advance_by`."""
         if q is not self._current:
             self._refresh(q)
-        torque = self.applied if self.control is None else self._torque(t, q, at)
+        torque = self.torque(t, q, at)
         effects = pin.nonLinearEffects(self.model, self._data, q, at)
         if not v.flags.carray:
             v = plain_array(v)
@@ -266,7 +267,7 @@ class ArticulatedSystem(System):
         return TreeFreeMotion(self._memory.mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        torque = self.applied if self.control is None else self._torque(t, q, v)
+        torque = self.torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
         # aba overwrites the data that `_refresh` computed

@@ -74,6 +74,9 @@ class BlockSystem(System):
     def metric(self, q: Array) -> BlockMetric:
         return BlockMetric([b.system.metric(q[b.q]) for b in self.blocks], self._slices)
 
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        return np.concatenate([b.system.torque(t, q[b.q], v[b.v]) for b in self.blocks])
+
     def force(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.force(t, q[b.q], v[b.v]) for b in self.blocks])
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from .actuated import ActuatedSystem
 from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
 from .bodies import FreeBodies, Spheres
@@ -23,21 +24,26 @@ _GRAVITY: dict[type, Callable[[Any], Array]] = {
 
 
 def can_be_joined(system: System) -> bool:
-    """Return whether a system consists of mechanisms, free bodies and spheres, on which nothing acts from outside."""
-    parts = parts_of(system)
+    """Return whether a system consists of mechanisms, free bodies and spheres."""
+    parts, loaded = parts_of(system), isinstance(system, ActuatedSystem)
+    if isinstance(system, ActuatedSystem):
+        system = system.inner
     if type(system) not in (BlockSystem, *_GRAVITY) or not all(type(part) in _GRAVITY for part in parts):
         return False
     first, *others = (_GRAVITY[type(part)](part) for part in parts)
     if any((gravity != first).any() for gravity in others):
         return False
-    return not any(part.applied is not None and part.applied.any() for part in parts)
+    # forces from outside are those of an `ActuatedSystem`
+    return loaded or not any(part.applied is not None and part.applied.any() for part in parts)
 
 
 def joined(system: System) -> ArticulatedSystem:
-    """Return one mechanism that moves as a system does of which `can_be_joined` is true, without its controls.
+    """Return one mechanism that moves as a system does of which `can_be_joined` is true, without controls and forces.
 
     A free body has a joint that moves its centre and then turns it, so that q, v and the retraction are its own.
     """
+    if isinstance(system, ActuatedSystem):
+        system = system.inner
     if isinstance(system, ArticulatedSystem):
         return system
     parts, model = parts_of(system), pin.Model()

@@ -137,6 +137,10 @@ class System:
         """Take the weight off some bodies, shape (n,) of bool, and give it back to the others."""
         raise NotImplementedError
 
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        """Return the generalised force of controls and of forces from outside at (t, q, v), shape (nv,) [N, N m]."""
+        return np.zeros(self.nv)
+
     def added_acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the acceleration of free bodies by loads from outside, shape (nv,)."""
         return np.zeros(self.nv)

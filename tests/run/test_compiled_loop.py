@@ -501,17 +501,9 @@ def test_a_file_and_a_bar_are_those_of_the_run(tmp_path, monkeypatch, capsys):
 # where there is no loop
 
 
-def controlled():
-    scene = mbvi.Scene(restitution=0.5)
-    scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.5), control=lambda t, q, v: np.zeros(len(v)))
-    return scene.build()
-
-
 REFUSED = {
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
-    "a control in Python": (controlled, mbvi.Paoli(), {}),
     "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.ActiveSet()}),
     "a short run of two mechanisms": (lambda: two_hoppers(0.5, 0.0), mbvi.Paoli(), {}),
 }

@@ -116,8 +116,15 @@ def test_other_systems_are_not_joined(case):
     assert not can_be_joined(REFUSED[case]())
 
 
-def test_a_scene_on_which_a_force_acts_is_not_joined():
+def test_a_scene_on_which_forces_act_is_joined_without_them():
     scene = mbvi.Scene()
     scene.add_box((1, 1, 1), 1.0, name="box")
+    alone = scene.build().system
     scene.add_force("box", lambda t, q, v: np.ones(6))
-    assert not can_be_joined(scene.build().system)
+    loaded = scene.build()
+    assert can_be_joined(loaded.system)
+    t, q, v = 0.0, loaded.q0, np.arange(6.0)
+    np.testing.assert_allclose(
+        joined(loaded.system).free_velocity(t, q, v, 0.1), alone.free_velocity(t, q, v, 0.1), atol=1e-14
+    )
+    assert np.abs(loaded.system.free_velocity(t, q, v, 0.1) - alone.free_velocity(t, q, v, 0.1)).max() > 0.05
