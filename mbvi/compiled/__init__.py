@@ -2,7 +2,7 @@
 
 from .addresses import call_address
 from .folder import cache_folder
-from .kernels import KERNELS, Kernel, calling_others, compile_all, kernel, plain_array, record, seconds_compiling
+from .kernels import KERNELS, Kernel, calling_others, compile_all, held, kernel, plain_array, record, seconds_compiling
 
 __all__ = [
     "KERNELS",
@@ -11,6 +11,7 @@ __all__ = [
     "call_address",
     "calling_others",
     "compile_all",
+    "held",
     "kernel",
     "plain_array",
     "record",

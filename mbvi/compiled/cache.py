@@ -30,7 +30,7 @@ from .records import RecordType, record_type
 
 _logger = logging.getLogger(__name__)
 
-_MARK = b"mbvi-4\n\0"
+_MARK = b"mbvi-5\n\0"
 _DIGEST = 32
 # files of a kernel that are kept: four of each version of mbvi, numba or Python
 _MOST_FILES = 40

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import cache
 from hashlib import sha256
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple, TypeVar, cast
@@ -185,6 +186,27 @@ def calling_others(function: Function, name: str, **others: Callable[..., Any]) 
     loops: Any = FunctionType(given.loops.__code__, {**given.loops.__globals__, **others}, name)
     loops.__module__, loops.__doc__ = given.__module__, given.__doc__
     return cast("Function", kernel(given.signature, given.nogil, given.apart)(loops))
+
+
+def held(record: Any) -> Any:
+    """Return what stands for a record in calls of kernels that are to be fast: an object that has its address.
+
+    Its arrays stay alive as long as the object; `replace` puts another one in the place of one of them.
+    """
+    # imported here for its weight: only runs need it
+    from .records import Held
+
+    kind: Any = type(record)
+    return Held(record, _type_of_record(kind))
+
+
+@cache
+def _type_of_record(kind: Any) -> Any:
+    from .cache import signature_of
+
+    found = _records_of([kind.__name__], vars(sys.modules[kind.__module__]))
+    (of,) = signature_of(f"void({kind.__name__})", found).args
+    return of
 
 
 def record(kernel_types: str) -> Callable[[Record], Record]:

@@ -6,9 +6,12 @@ arguments, which take time at each call and most of the time to compile.
 
 from __future__ import annotations
 
+from functools import cache
 from hashlib import sha256
+from struct import Struct
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models, register_default
@@ -17,6 +20,7 @@ from numba.core.pythonapi import NativeValue, unbox
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import lower_getattr_generic, typeof_impl
+from numba.np.numpy_support import as_dtype
 
 
 class RecordType(types.Type):
@@ -100,19 +104,106 @@ def _from_value(context: Any, builder: Any, given: Any, of: RecordType, record: 
 
 @unbox(RecordType)
 def _from_python(of: RecordType, record: Any, c: Any) -> Any:
-    """Write a record that Python gives to memory that lasts until the call ends."""
-    room = cgutils.alloca_once(c.builder, c.context.get_value_type(of).pointee)
+    """Take the address of a `Held` record, or write one that Python gives to memory that lasts until the call ends."""
+    pointer = c.context.get_value_type(of)
+    place = cgutils.alloca_once(c.builder, pointer)
     failed, cleanups = cgutils.alloca_once_value(c.builder, cgutils.false_bit), []
-    for k, field in enumerate(of.types):
-        native = c.unbox(field, c.pyapi.tuple_getitem(record, k))
-        with c.builder.if_then(native.is_error, likely=False):
-            c.builder.store(cgutils.true_bit, failed)
-        c.context.pack_value(c.builder, field, native.value, cgutils.gep_inbounds(c.builder, room, 0, k))
-        if native.cleanup is not None:
-            cleanups.append(native.cleanup)
+    address = c.pyapi.object_getattr_string(record, "memory_address")
+    with c.builder.if_else(cgutils.is_null(c.builder, address)) as (given, held):
+        with held:
+            c.builder.store(c.builder.inttoptr(c.pyapi.long_as_longlong(address), pointer), place)
+            c.pyapi.decref(address)
+        with given:
+            c.pyapi.err_clear()
+            room = cgutils.alloca_once(c.builder, pointer.pointee)
+            for k, field in enumerate(of.types):
+                native = c.unbox(field, c.pyapi.tuple_getitem(record, k))
+                with c.builder.if_then(native.is_error, likely=False):
+                    c.builder.store(cgutils.true_bit, failed)
+                c.context.pack_value(c.builder, field, native.value, cgutils.gep_inbounds(c.builder, room, 0, k))
+                if native.cleanup is not None:
+                    cleanups.append(native.cleanup)
+            c.builder.store(room, place)
 
     def cleanup() -> None:
         for each in reversed(cleanups):
             each()
 
-    return NativeValue(room, is_error=c.builder.load(failed), cleanup=cleanup if cleanups else None)
+    return NativeValue(c.builder.load(place), is_error=c.builder.load(failed), cleanup=cleanup if cleanups else None)
+
+
+class Held:
+    """A record in memory of its own: a kernel takes its address, and does not read all its fields at each call.
+
+    Parameters
+    ----------
+    record : NamedTuple
+        The record. Kernels write to its arrays; other fields keep their values.
+    of : RecordType
+        Its type.
+    """
+
+    __slots__ = ("_memory", "_numba_type_", "_values", "memory_address")
+
+    def __init__(self, record: Any, of: RecordType) -> None:
+        self._numba_type_, self._values = of, record
+        self._memory: Any = np.zeros(_layout(of)[0].size, np.uint8)
+        self.memory_address: int = _place_of(self._memory)
+        self._write()
+
+    def replace(self, **arrays: Any) -> None:
+        """Replace some arrays by others."""
+        self._values = self._values._replace(**arrays)
+        self._write()
+
+    def _write(self) -> None:
+        """Write all fields to the memory; records within are held on their own."""
+        layout, kinds = _layout(self._numba_type_)
+        fields = [
+            Held(value, kind) if isinstance(kind, RecordType) and not isinstance(value, Held) else value
+            for value, kind in zip(self._values, self._numba_type_.types, strict=True)
+        ]
+        self._values = self._numba_type_.kind(*fields)
+        numbers: list[Any] = []
+        for value, kind in zip(fields, kinds, strict=True):
+            _append(value, kind, numbers)
+        layout.pack_into(self._memory, 0, *numbers)
+
+
+def _place_of(array: Any) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
+    """Append a field as numba has it: an array is two pointers that stay null, five numbers and those of each axis."""
+    if isinstance(value, Held):
+        numbers.append(value.memory_address)
+    elif kind is None:
+        numbers.append(value)
+    elif isinstance(kind, list):
+        for each, its_kind in zip(value, kind, strict=True):
+            _append(each, its_kind, numbers)
+    else:
+        ndim, dtype, writes = kind
+        if value.ndim != ndim or value.dtype != dtype or not value.flags.c_contiguous or writes > value.flags.writeable:
+            raise TypeError(f"a record has an array of {value.dtype} with {value.ndim} axes; kernels take {kind}")
+        numbers += 0, 0, value.size, value.itemsize, _place_of(value), *value.shape, *value.strides
+
+
+@cache
+def _layout(of: RecordType) -> tuple[Struct, list[Any]]:
+    """Return the layout of a record, and of each field what `_append` takes: None of a number or a record."""
+    letters, kinds = zip(*(_field_layout(kind) for kind in of.types), strict=True)
+    return Struct("@" + "".join(letters)), list(kinds)
+
+
+def _field_layout(kind: Any) -> tuple[str, Any]:
+    if isinstance(kind, types.BaseTuple):
+        inner: Any = kind
+        letters, kinds = zip(*(_field_layout(each) for each in inner), strict=True)
+        return "".join(letters), list(kinds)
+    if isinstance(kind, types.Array):
+        return "q" * (5 + 2 * kind.ndim), (kind.ndim, as_dtype(kind.dtype), kind.mutable)
+    return "q" if isinstance(kind, RecordType) else {types.float64: "d", types.int64: "q", types.boolean: "?"}[
+        kind
+    ], None

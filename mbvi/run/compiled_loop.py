@@ -7,6 +7,7 @@ from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
+from ..compiled import held
 from ..constraints import Rows
 from ..constraints.mechanism_state import MechanismState, pairs_of_shapes, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
@@ -24,7 +25,7 @@ from ..system.joined import joined
 from ..system.mechanism import Mechanism
 from ..system.system import parts_of
 from .asked_forces import AskedForces
-from .loop_scope import asks_python, control_of, is_compiled, loop_of
+from .loop_scope import asks_python, control_of, is_compiled, is_one_mechanism, loop_of
 from .recorder import RECENT, Recorder
 from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
 from .tunnelling import TunnellingGuard
@@ -75,13 +76,14 @@ class CompiledLoop:
         self._problem, self._projector, self._recorder = problem, projector, recorder
         self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
         # counted from the start: a run begins as a shorter one does, to the last bit
-        self._begin = 0 if len(parts_of(problem.system)) == 1 else LONG
+        self._begin = 0 if is_one_mechanism(problem.system) else LONG
         self._state = MechanismState(problem.constraints)
         self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
         self._log = loop_record(problem, guard, *states)
+        self._held = held(self._step), held(self._log)
         self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
 
@@ -105,7 +107,7 @@ class CompiledLoop:
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
         with nullcontext() if self._asked is None else self._asking(done):
             following, count, code = self._loop(
-                self._step, self._log, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
+                *self._held, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
                 count, self._limit, STILL * problem.length,
             )  # fmt: skip
         self.codes[code] += 1
@@ -275,7 +277,7 @@ def compiled_loop(
     loop = loop_of(scheme)
     if loop is None or not is_compiled(problem, scheme) or projector.solver:
         return None
-    if projector.accepted is not None or (len(parts_of(problem.system)) > 1 and total <= LONG):
+    if projector.accepted is not None or (not is_one_mechanism(problem.system) and total <= LONG):
         return None
     mechanism = joined(problem.system).mechanism()
     if mechanism is None:

@@ -39,6 +39,12 @@ def asks_python(system: System) -> bool:
     return system.loaded or _tables(system) is None
 
 
+def is_one_mechanism(system: System) -> bool:
+    """Return whether a system is one mechanism, on which forces from outside may act."""
+    parts = parts_of(system)
+    return len(parts) == 1 and parts[0].single_mechanism
+
+
 def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
     """Return the controls of mechanisms, and what they act on; None if kernels do not evaluate them."""
     found = []

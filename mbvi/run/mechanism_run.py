@@ -7,6 +7,7 @@ from copy import copy
 
 import numpy as np
 
+from ..compiled import held
 from ..constraints import Rows
 from ..constraints.mechanism_state import MechanismState
 from ..problem import Problem
@@ -114,6 +115,9 @@ class MechanismRun:
         self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
         self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
+        self._held = held(self._step), held(self._log)
+        # where states are recorded
+        self._recorded = self._log.q, self._log.v
         # the last step, or its place in the log
         self._last: Step | int = 0
 
@@ -148,10 +152,13 @@ class MechanismRun:
         They are recorded in q and v, shapes (end, nq) and (end, nv), unless these have one row.
         """
         if self._since < first or not self._patience.waits():
-            record, every, count = (self._log._replace(q=q, v=v), 1, first) if len(q) > 1 else (self._log, _NEVER, 0)
+            every, count = (1, first) if len(q) > 1 else (_NEVER, 0)
+            if q is not self._recorded[0] or v is not self._recorded[1]:
+                self._recorded = q, v
+                self._held[1].replace(q=q, v=v)
             with nullcontext() if self._asked is None else self._asked.interruptible():
                 following, _, code = self._loop(
-                    self._step, record, self.q, self.v, self.problem.t0, self._h, first,
+                    *self._held, self.q, self.v, self.problem.t0, self._h, first,
                     min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
                 )  # fmt: skip
             if following > first:

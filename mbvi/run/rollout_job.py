@@ -192,9 +192,10 @@ class _Worker:
         if isinstance(self._control, HeldTorque):
             self._control.begin(i, self._problem.t0, job.h, job.at_end)
         self._begin(i)
-        job.q[i, 0], job.v[i, 0], done[0] = run.q, run.v, 1
+        q, v = job.q[i], job.v[i]
+        q[0], v[0], done[0] = run.q, run.v, 1
         while done[0] <= job.steps:
-            done[0] = run.take(done[0], job.steps + 1, job.q[i], job.v[i])
+            done[0] = run.take(done[0], job.steps + 1, q, v)
 
     def _begin(self, i: int) -> None:
         """Go to the initial state of a rollout, as one before did if it began at the same configuration."""
