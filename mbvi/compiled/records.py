@@ -151,6 +151,10 @@ class Held:
         self.memory_address: int = _place_of(self._memory)
         self._write()
 
+    def __getattr__(self, name: str) -> Any:
+        # where Python runs the kernels
+        return getattr(self._values, name)
+
     def replace(self, **arrays: Any) -> None:
         """Replace some arrays by others."""
         self._values = self._values._replace(**arrays)

@@ -56,6 +56,7 @@ def arguments_of_call(number, wanted, problem, scheme):
     with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(), pytest.raises(_Caught) as caught:
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         patched.setattr(compiled_loop, "LONG", 0)
+        patched.setattr(compiled_loop, "held", lambda record: record)
         loop = loop_scope.loop_of(scheme)
         patched.setattr(compiled_loop, "loop_of", lambda _: interpreted(loop, wanted, catch))
         mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
