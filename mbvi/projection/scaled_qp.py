@@ -18,8 +18,8 @@ from .sparse_whitening import row_lengths
 
 # a violation below this share of the sum of its terms, |J| |x| + |lower|, is rounding
 ROUNDING = 1e-13
-# residuals do not count the speed of a row that is open by so many times the largest of violated rows: where its gradient
-# is little more than rounding, that speed exceeds all others by 1e15
+# residuals do not count the speed of a row that is open by so many times the largest of violated rows: where its
+# gradient is little more than rounding, that speed exceeds all others by 1e15
 FAR = 1e3
 
 
