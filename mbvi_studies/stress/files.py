@@ -51,9 +51,12 @@ def read_cells(path: Path, budget: float) -> list[Cell]:
 
 
 def replaced(cells: Sequence[Cell], scenes: Sequence[StressScene], new: Sequence[Cell]) -> list[Cell]:
-    """Return cells with all those of some scenes replaced by new ones, columns and scenes in the order of a sweep."""
-    again = {scene.name for scene in scenes}
-    found = [*(cell for cell in cells if cell.scene not in again), *new]
+    """Return cells with those of some scenes replaced by new ones, columns and scenes in the order of a sweep.
+
+    Cells of engines that were not run again stay.
+    """
+    again, engines_run = {scene.name for scene in scenes}, {cell.scheme for cell in new}
+    found = [c for c in cells if c.scene not in again or not (c.own or c.scheme in engines_run)] + [*new]
     place = {scene.name: k for k, scene in enumerate(SCENES)}
     engines = {name: k for k, name in enumerate(dict.fromkeys(cell.scheme for cell in found if not cell.own))}
     return sorted(

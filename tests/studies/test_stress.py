@@ -20,6 +20,7 @@ from mbvi.geometry.shapes import Sphere
 from mbvi_studies.engines import PEERS
 from mbvi_studies.engines.bodies import Bodies, Body, NoModelError, Poses
 from mbvi_studies.engines.free_body import refuse
+from mbvi_studies.stress.files import replaced
 from mbvi_studies.stress.friction import FRICTION
 from mbvi_studies.stress.models import model_of
 from mbvi_studies.stress.peers import peer_cell, sweep_peer
@@ -310,6 +311,19 @@ def test_the_command_adds_the_engines_that_are_installed(tmp_path, monkeypatch):
     drawn = {name: (tmp_path / f"{name}.svg").read_text() for name in ("stress", "stress_engines")}
     assert "MuJoCo" in drawn["stress_engines"] and "default" in drawn["stress_engines"]
     assert "MuJoCo" not in drawn["stress"] and "Paoli" in drawn["stress"]
+
+
+def test_scenes_that_are_run_again_keep_the_cells_of_engines_that_are_not():
+    def of(scene, scheme, value):
+        return Cell(scene, scheme, 1e-3, value, "held", 1.0, "")
+
+    first, second = SCENES[:2]
+    engines = ("default", "MuJoCo 1", "Drake 1")
+    old = [of(scene.name, name, 1.0) for name in engines for scene in (first, second)]
+    new = [of(first.name, "default", 2.0), of(first.name, "Drake 1", 2.0)]
+    found = {(cell.scene, cell.scheme): cell.value for cell in replaced(old, [first], new)}
+    expected = dict.fromkeys(((scene.name, name) for name in engines for scene in (first, second)), 1.0)
+    assert found == expected | {(first.name, "default"): 2.0, (first.name, "Drake 1"): 2.0}
 
 
 def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):
