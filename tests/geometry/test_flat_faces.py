@@ -281,3 +281,13 @@ def test_gaps_that_are_linear_in_the_place_are_one_face(seed, count):
     assert not one_face(place, gap, size)
     line = np.column_stack([np.arange(9.0), 2.0 * np.arange(9.0)])
     assert one_face(line, 3.0 * line[:, 0], size) and not one_face(line, line[:, 0] ** 2, size)
+
+
+def test_a_disc_on_a_tilted_floor_that_moves_has_few_rows():
+    scene, n = mbvi.Scene(), np.array([0.6, 0.0, 0.8])
+    scene.add_halfspace(n, motion=mbvi.motion.Oscillation((0.0, 0.0, 0.01), 1.0))
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), n).toRotationMatrix()
+    scene.add_convex(disc(150, 0.04, 0.1).vertices, [0.0200001 * n], 1.0, rotations=[turn])
+    run = mbvi.simulate(scene.build(), mbvi.Centered(), step=1e-3, duration=0.1, record="contacts")
+    counts = [len(run.contacts(t)) for t in run.t[1:]]
+    assert max(counts) == FEW_POINTS
