@@ -9,7 +9,7 @@ import mbvi
 from mbvi.geometry.spread import FEW_POINTS
 from mbvi.projection.projector import Projector
 from mbvi.schemes.event_driven.integrator import EventDrivenIntegrator
-from mbvi.studies.published_robots import published_robot
+from mbvi_studies.published_robots import published_robot
 
 
 def largest(monkeypatch):
