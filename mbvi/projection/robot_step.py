@@ -61,7 +61,7 @@ def scale_rows(
         largest, most_terms, widest = max(largest, speed), max(most_terms, terms / length), max(widest, -d[a])
         if d[a] > 0.0:
             violated = max(violated, speed)
-    if not widest > FAR * violated:
+    if violated == 0.0 or not widest > FAR * violated:
         return largest, most_terms
     largest = most_terms = 0.0
     for a in range(m):

@@ -176,7 +176,9 @@ class ScaledQP:
     def largest(self) -> float:
         """The largest scaled speed, which residuals are relative to."""
         speeds = (np.abs(self._speed) + np.abs(self.lower)) / self.lengths / self.scale
-        return float(speeds[-self.d <= FAR * speeds[self.d > 0.0].max()].max())
+        violated = speeds[self.d > 0.0]
+        # an island of a larger problem may hold no violated row
+        return float(speeds[-self.d <= FAR * violated.max()].max() if violated.size else speeds.max())
 
     @property
     def tolerance(self) -> float:

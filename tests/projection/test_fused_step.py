@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi.projection import DenseMetric, Projector
 from mbvi.projection.fused_step import FusedStep
+from mbvi.projection.scaled_qp import ScaledQP
 from mbvi.projection.shared_percussions import least_norm
 from mbvi.projection.warm_start import LastPercussions
 from support.robot_problems import problem_of
@@ -94,6 +95,12 @@ def test_a_row_that_is_far_open_takes_no_digits_from_the_others(seed, kind, m, n
     found, p, residual = mbvi.project(x, M, np.vstack([J, far]), np.append(lower, -opening))
     assert p[-1] == 0.0 and residual <= 1e-9
     assert (found - w) @ M @ (found - w) <= 1e-18 * max(x @ M @ x, w @ M @ w)
+
+
+def test_where_no_row_is_violated_the_unit_of_residuals_is_the_largest_speed():
+    """As in islands of a heap whose bodies separate."""
+    x, lower = np.array([3.0, 0.5]), np.array([-1.0, 0.0])
+    assert ScaledQP(x, DenseMetric(np.eye(2)), np.eye(2), lower, 1e-9).largest == pytest.approx(4.0)
 
 
 @given(SEEDS, KINDS, st.integers(1, 12), st.integers(3, 10), st.floats(1e-3, 1.0))
