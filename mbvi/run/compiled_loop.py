@@ -9,6 +9,7 @@ import numpy as np
 
 from ..compiled import held
 from ..constraints import Rows
+from ..constraints.contact import Contact
 from ..constraints.mechanism_state import MechanismState, pairs_of_shapes, row_buffer
 from ..constraints.mechanism_tables import MOST_ROWS
 from ..constraints.tangents import Tangents
@@ -105,7 +106,7 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
-        with nullcontext() if self._asked is None else self._asking(done):
+        with nullcontext() if self._asked is None else self._asking():
             following, count, code = self._loop(
                 *self._held, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
                 count, self._limit, STILL * problem.length,
@@ -124,12 +125,12 @@ class CompiledLoop:
             state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
         if self._asked is not None:
             if taken:
-                self._pass_contacts(done, taken - 1)
+                self._pass_contacts(taken - 1)
             self._asked.check()
         return state, done + taken, code in (DONE, FULL)
 
     @contextmanager
-    def _asking(self, done: int) -> Iterator[None]:
+    def _asking(self) -> Iterator[None]:
         """Let the kernel call functions of the user, and pass them the contacts of each step that it has taken."""
         assert self._asked is not None
         passed, taken = 0, self._log.taken
@@ -138,17 +139,26 @@ class CompiledLoop:
             nonlocal passed
             if taken[0] > passed:
                 passed = taken.item(0)
-                self._pass_contacts(done, passed - 1)
+                self._pass_contacts(passed - 1)
 
         taken[0], self._asked.before = 0, pass_contacts
         with self._asked.interruptible():
             yield
 
-    def _pass_contacts(self, done: int, j: int) -> None:
+    def _pass_contacts(self, j: int) -> None:
         """Pass the contacts of step j of this call to the controls, for which they are looked up when these ask."""
-        observe, name = self._problem.system.observe, self._problem.constraints.name
-        if observe is not None:
-            observe(lambda: contacts_of_step(self._logged(done, j), self._h, name))
+        observe, constraints = self._problem.system.observe, self._problem.constraints
+        if observe is None:
+            return
+        part = slice(*self._log.begin[j : j + 2].tolist())
+        # copies, because a control may keep its state and look at contacts later
+        number, rows = self._log.number[part].copy(), self._log.rows[part].copy()
+
+        def contacts() -> tuple[Contact, ...]:
+            step = step_of_rows(number, rows, 0.0, constraints.empty.jacobian)
+            return contacts_of_step(step, self._h, constraints.name)
+
+        observe(contacts)
 
     def _record_contacts(self, contacts: ContactLog, done: int, taken: int) -> None:
         """Record the contacts of the steps of the last call."""
@@ -215,17 +225,21 @@ def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:
 
 
 def logged_rows(log: LoopRecord, part: slice, t: float, none: Array) -> Step:
-    """Return a step with some rows of a log, and with what recorders and contacts need of them; its state is left out.
+    """Return `step_of_rows` of some rows of a log, which are copied."""
+    return step_of_rows(log.number[part].copy(), log.rows[part].copy(), t, none)
+
+
+def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
+    """Return a step with rows of a log, and with what recorders and contacts need of them; its state is left out.
 
     `none` is a Jacobian without rows.
     """
-    rows = log.rows[part].copy()
     tangents = slip = None
     if rows.shape[1] == ROUGH:
         tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
         slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
     active = Rows(
-        log.number[part].copy(), rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
+        number, rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
         None, tangents,
     )  # fmt: skip
     return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)

@@ -16,20 +16,7 @@ SIMULATE = sys.modules["mbvi.run.simulate"]
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
-
-
-@pytest.fixture
-def loops(monkeypatch):
-    """The loops of the runs of a test; runs of several bodies take them from the start."""
-    made, build = [], SIMULATE.compiled_loop
-
-    def keep(*arguments):
-        made.append(build(*arguments))
-        return made[-1]
-
-    monkeypatch.setattr(SIMULATE, "compiled_loop", keep)
-    monkeypatch.setattr(compiled_loop, "LONG", 0)
-    return made
+pytestmark = pytest.mark.usefixtures("always")
 
 
 def scene_of(own=None, **options):
@@ -108,6 +95,30 @@ def test_a_control_sees_the_contacts_of_the_step_before(loops):
     np.testing.assert_allclose([t for t, _ in seen[1:]], run.t[1:], atol=1e-12)
     forces = [sum(contact.percussion for contact in run.contacts(t)) for t in run.t[:-1]]
     np.testing.assert_allclose([p for _, p in seen[2:]], forces[1:], atol=1e-15)
+    assert max(forces) > 0.1
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_control_may_look_at_contacts_after_the_run(friction, loops, monkeypatch):
+    """Its state keeps those of its own step, also where the log of the loop is written again."""
+    kept, at_once = [], []
+
+    def control(state):
+        kept.append(state)
+        if len(kept) % 2:
+            at_once.append((len(kept) - 1, [contact.percussion for contact in state.contacts]))
+
+    monkeypatch.setattr(compiled_loop, "CHUNK", 20)
+    scene = scene_of(friction=friction)
+    scene.add_control(control)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=STEP, duration=0.25, record="contacts", progress=False)
+    assert loops[0].codes[0] > 10
+    later = [[contact.percussion for contact in state.contacts] for state in kept]
+    assert [later[k] for k, _ in at_once] == [found for _, found in at_once]
+    forces = [sum(contact.percussion for contact in run.contacts(t)) for t in run.t]
+    # the control is called at the end of a step, and sees the contacts of the one before; again where that is retaken
+    before = [max(round(state.t / STEP) - 1, 0) for state in kept]
+    np.testing.assert_allclose([sum(one) for one in later], [forces[k] for k in before], atol=1e-14)
     assert max(forces) > 0.1
 
 

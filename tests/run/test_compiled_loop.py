@@ -58,25 +58,6 @@ def copied(problem):
     return pickle.loads(pickle.dumps(problem))
 
 
-@pytest.fixture
-def loops(monkeypatch):
-    """The loops of the runs of a test."""
-    made, build = [], SIMULATE.compiled_loop
-
-    def keep(*arguments):
-        made.append(build(*arguments))
-        return made[-1]
-
-    monkeypatch.setattr(SIMULATE, "compiled_loop", keep)
-    return made
-
-
-@pytest.fixture
-def always(monkeypatch):
-    """Short runs of several bodies take the loop too."""
-    monkeypatch.setattr(compiled_loop, "LONG", 0)
-
-
 def by_python(monkeypatch, problem, scheme, **options):
     """Run a copy of a problem without the loop."""
     with monkeypatch.context() as patched:

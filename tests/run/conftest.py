@@ -1,0 +1,28 @@
+"""The compiled loops of runs."""
+
+import sys
+
+import pytest
+
+from mbvi.run import compiled_loop
+
+
+@pytest.fixture
+def loops(monkeypatch):
+    """The loops of the runs of a test."""
+    # the package's `simulate` is the function
+    simulate, made = sys.modules["mbvi.run.simulate"], []
+    build = simulate.compiled_loop
+
+    def keep(*arguments):
+        made.append(build(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(simulate, "compiled_loop", keep)
+    return made
+
+
+@pytest.fixture
+def always(monkeypatch):
+    """Short runs of several bodies take the loop too."""
+    monkeypatch.setattr(compiled_loop, "LONG", 0)
