@@ -190,7 +190,10 @@ def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
     else:
         ndim, dtype, writes = kind
         if value.ndim != ndim or value.dtype != dtype or not value.flags.c_contiguous or writes > value.flags.writeable:
-            raise TypeError(f"a record has an array of {value.dtype} with {value.ndim} axes; kernels take {kind}")
+            raise TypeError(
+                f"a record has an array of {value.dtype} with {value.ndim} axes, or one with gaps or read-only; "
+                f"kernels take {dtype} with {ndim}, contiguous"
+            )
         numbers += 0, 0, value.size, value.itemsize, _place_of(value), *value.shape, *value.strides
 
 
@@ -208,6 +211,7 @@ def _field_layout(kind: Any) -> tuple[str, Any]:
         return "".join(letters), list(kinds)
     if isinstance(kind, types.Array):
         return "q" * (5 + 2 * kind.ndim), (kind.ndim, as_dtype(kind.dtype), kind.mutable)
-    return "q" if isinstance(kind, RecordType) else {types.float64: "d", types.int64: "q", types.boolean: "?"}[
-        kind
-    ], None
+    return ("q" if isinstance(kind, RecordType) else _LETTERS[kind]), None
+
+
+_LETTERS = {types.float64: "d", types.int64: "q", types.boolean: "?"}

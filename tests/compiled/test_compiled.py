@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.compiled import KERNELS, Kernel, call_address, calling_others, record
+from mbvi.compiled import KERNELS, Kernel, call_address, calling_others, held, record
 from mbvi.constraints import HalfSpaceContacts
 from mbvi.projection import Projector
 from support.kernel_arguments import ARGUMENTS, IF_ACCEPTED, accepted, arguments, equal, seeds, specified
@@ -138,6 +138,25 @@ def sum_of_outer(o):
 def test_a_record_may_hold_another_one():
     o = Outer(Two(np.ones(1), np.ones(1)), np.full(1, 2), 3.0)
     assert unlisted(sum_of_outer, "f8(Outer)")(o) == sum_of_outer(o) == 6.0
+
+
+def test_a_held_record_stands_for_it_and_its_arrays_may_be_replaced():
+    item, o = unlisted(sum_of_outer, "f8(Outer)"), Outer(Two(np.ones(1), np.ones(1)), np.full(1, 2), 3.0)
+    kept = held(o)
+    assert item(kept) == item(o) == sum_of_outer(kept) == 6.0
+    o.two.a[0] = 5.0
+    assert item(kept) == 10.0
+    kept.replace(b=np.full(4, 7))
+    assert item(kept) == sum_of_outer(kept) == 15.0
+
+
+@pytest.mark.parametrize("wrong", [np.ones(1), np.ones((1, 1), np.int64), np.ones(4, np.int64)[::2]])
+def test_a_held_record_refuses_arrays_that_kernels_would_misread(wrong):
+    two = Two(np.ones(1), np.ones(1))
+    with pytest.raises(TypeError, match="kernels take int64 with 1, contiguous"):
+        held(Outer(two, wrong, 3.0))
+    with pytest.raises(TypeError, match="kernels take int64 with 1, contiguous"):
+        held(Outer(two, np.full(1, 2), 3.0)).replace(b=wrong)
 
 
 def total_of_two(two):
