@@ -71,6 +71,8 @@ class AskedForces:
                 self._tau[:] = np.nan
             ctypes.memmove(torque, own_tau, self._size[1])
         except BaseException as error:
+            # a second interrupt waits
+            self._inside = False
             self._error = error
             self._tau[:] = np.nan
             ctypes.memmove(torque, self._places[2], self._size[1])

@@ -64,13 +64,13 @@ class Simulator:
         self._given, self._stepper = problem, _stepper(problem, chosen, h)
         self.q, self.v = self._stepper.q.view(), self._stepper.v.view()
         self.q.flags.writeable = self.v.flags.writeable = False
-        self._h, self._done, self._t0 = h, 0, problem.t0
+        self._h, self._t0 = h, problem.t0
         self.reset()
 
     @property
     def t(self) -> float:
         """Time [s]."""
-        return self._t0 + self._done * self._h
+        return self._t0 + self._stepper.done * self._h
 
     def reset(
         self, q: Array | Sequence[float] | None = None, v: Array | Sequence[float] | None = None, t: float | None = None
@@ -99,7 +99,7 @@ class Simulator:
         given = self._given
         start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
         self._stepper.begin(start)
-        self._t0, self._done = start.t0, 0
+        self._t0 = start.t0
         return self.q, self.v
 
     def step(self, n: int = 1) -> tuple[Array, Array]:
@@ -126,13 +126,9 @@ class Simulator:
             n = integer(n, "n", 1)
             if n > _MOST_STEPS:
                 raise InputError(f"n must be at most {_MOST_STEPS} steps in one call; got {shown(n)}")
-        end = self._done + n + 1
-        try:
-            while self._stepper.done + 1 < end:
-                self._stepper.take(self._stepper.done + 1, end)
-        finally:
-            # an error leaves the steps before it
-            self._done = self._stepper.done
+        last = self._stepper.done + n
+        while self._stepper.done < last:
+            self._stepper.take(last)
         return self.q, self.v
 
     @property
@@ -140,7 +136,7 @@ class Simulator:
         """The contacts with a percussion in the last step, as controls of a scene receive them."""
         step = self._stepper.last_step(self.t)
         rows = step.active
-        h = self._h if self._done else 0.0
+        h = self._h if self._stepper.done else 0.0
         return contacts_of_rows(
             rows.constraint,
             step.percussion,
@@ -166,14 +162,15 @@ class _PythonStepper:
         self._steps = steps_from(problem, self._scheme, self._h, projector, self._last)
         self.q[:], self.v[:] = self._last.q, self._last.v
 
-    def take(self, first: int, end: int) -> None:
-        """Take step `first`."""
+    def take(self, last: int) -> None:
+        """Take one step."""
+        first = self.done + 1
         # a step may be followed by others, where it was shortened
-        last, enough = self._last, self._t0 + (first - 0.5e-6) * self._h
-        while last.t < enough:
-            last = next(self._steps)
-        self._last = last
-        self.q[:], self.v[:], self.done = last.q, last.v, first
+        state, enough = self._last, self._t0 + (first - 0.5e-6) * self._h
+        while state.t < enough:
+            state = next(self._steps)
+        self._last = state
+        self.q[:], self.v[:], self.done = state.q, state.v, first
 
     def last_step(self, t: float) -> Step:
         """Return the last step."""
@@ -199,9 +196,9 @@ class _CompiledStepper:
         """Number of the last step taken."""
         return self._run.done
 
-    def take(self, first: int, end: int) -> None:
-        """Take some steps, at most up to `end` - 1."""
-        self._run.take(first, end, *self._none)
+    def take(self, last: int) -> None:
+        """Take some steps, at most up to number `last`."""
+        self._run.take(self.done + 1, last + 1, *self._none)
 
     def last_step(self, t: float) -> Step:
         """Return the last step, which ended at t, with what contacts need of its rows."""

@@ -104,7 +104,7 @@ class _Search:
                 settled = change @ metric.apply(change) <= _SETTLED**2 * (z @ metric.apply(z))
                 moved, place = z, system.integrate(q, z)
             else:
-                # where gradients nearly vanish, a linearisation asks for any number of turns
+                # where gradients nearly vanish, the displacement of a linearisation has no bound
                 turn = np.abs(z[~system.are_lengths()]).max(initial=0.0)
                 place = system.integrate(place, z * min(1.0, _MOST_TURN / turn) if turn > 0.0 else z)
                 metric = system.metric(place)

@@ -25,16 +25,14 @@ _GRAVITY: dict[type, Callable[[Any], Array]] = {
 
 def can_be_joined(system: System) -> bool:
     """Return whether a system consists of mechanisms, free bodies and spheres."""
-    parts, loaded = parts_of(system), isinstance(system, ActuatedSystem)
-    if isinstance(system, ActuatedSystem):
-        system = system.inner
-    if type(system) not in (BlockSystem, *_GRAVITY) or not all(type(part) in _GRAVITY for part in parts):
+    parts = parts_of(system)
+    if type(_unloaded(system)) not in (BlockSystem, *_GRAVITY) or not all(type(part) in _GRAVITY for part in parts):
         return False
     first, *others = (_GRAVITY[type(part)](part) for part in parts)
     if any((gravity != first).any() for gravity in others):
         return False
     # forces from outside are those of an `ActuatedSystem`
-    return loaded or not any(part.applied is not None and part.applied.any() for part in parts)
+    return system.loaded or not any(part.applied is not None and part.applied.any() for part in parts)
 
 
 def joined(system: System) -> ArticulatedSystem:
@@ -42,8 +40,7 @@ def joined(system: System) -> ArticulatedSystem:
 
     A free body has a joint that moves its centre and then turns it, so that q, v and the retraction are its own.
     """
-    if isinstance(system, ActuatedSystem):
-        system = system.inner
+    system = _unloaded(system)
     if isinstance(system, ArticulatedSystem):
         return system
     parts, model = parts_of(system), pin.Model()
@@ -58,6 +55,10 @@ def joined(system: System) -> ArticulatedSystem:
             for mass in part.masses:
                 _add_body(model, pin.JointModelTranslation(), pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3))))
     return ArticulatedSystem(model)
+
+
+def _unloaded(system: System) -> System:
+    return system.inner if isinstance(system, ActuatedSystem) else system
 
 
 def _add_body(model: pin.Model, joint: pin.JointModel, inertia: pin.Inertia) -> None:

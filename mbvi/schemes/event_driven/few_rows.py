@@ -29,9 +29,11 @@ def few_rows(rows: SmoothRows, t: float, q: Array, index: Array, closing: Array)
     """
     wanted = rows.bearing(t, q, index)
     new = np.flatnonzero(np.isin(index, closing) & ~wanted)
+    if not new.size:
+        return index[wanted]
+    points, _ = rows.points(t, q, index)
     for k in new.tolist():
         others = np.flatnonzero(wanted & (rows.number[index] == rows.number[index[k]]))
-        points, _ = rows.points(t, q, index)
         wanted[others[np.linalg.norm(points[others] - points[k], axis=1).argmin()]] = False
     wanted[new] = True
     return index[wanted]
