@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from ..system.system import System
 
 # time, and addresses of q, v and the torque
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+# the C functions below those of `signal`, which make enumerations of handlers: that takes as long as a step
+_C: Any = import_module("_signal")
 
 
 class AskedForces:
@@ -85,7 +88,7 @@ class AskedForces:
 
         An exception that is raised in a callback outside of these functions is printed and lost.
         """
-        before = signal.getsignal(signal.SIGINT)
+        before = _C.getsignal(signal.SIGINT)
         if not callable(before) or threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -97,11 +100,11 @@ class AskedForces:
             else:
                 self._interrupts.append(received)
 
-        signal.signal(signal.SIGINT, interrupt)
+        _C.signal(signal.SIGINT, interrupt)
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, before)
+            _C.signal(signal.SIGINT, before)
 
     def check(self) -> None:
         """Raise the error of a function of the user, or an interrupt that came during a kernel."""
