@@ -47,7 +47,9 @@ class _Library(JITCodeLibrary):
         if self._finalized:
             return super()._get_module_for_linking()
         module = self._final_module.clone()
-        for library in dict.fromkeys(each for each in self._linking_libraries if not each.apart):
+        # functions that a user's numba has compiled before are not ours, and none of them is apart
+        taken = (each for each in self._linking_libraries if not getattr(each, "apart", False))
+        for library in dict.fromkeys(taken):
             self._reload_init.update(library._reload_init)
             module.link_in(library._get_module_for_linking(), preserve=True)
         for function in module.functions:

@@ -5,6 +5,7 @@ import resource
 import threading
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
@@ -115,6 +116,16 @@ def test_arrays_of_a_record_that_a_kernel_returns_are_released():
         assert found(2.0) == 6.0
     # all of them together would be 320 MB
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000
+
+
+def sum_of_fill(x):
+    # an array type that no kernel of the package fills
+    return np.full((2, 3, 1, 1, 1), x).sum()
+
+
+def test_a_kernel_may_call_what_numba_has_compiled_for_a_user():
+    assert numba.njit(sum_of_fill)(2.0) == 12.0
+    assert unlisted(sum_of_fill, "f8(f8)")(2.0) == 12.0
 
 
 def test_a_record_with_other_fields_is_compiled_again(monkeypatch):
