@@ -8,7 +8,7 @@ import numpy as np
 
 import mbvi
 from mbvi import reference
-from mbvi.studies.chart.errors import fitted_order, worst_errors
+from mbvi_studies.chart.errors import fitted_order, worst_errors
 
 # no step is a dyadic multiple of another
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 8)

@@ -3,7 +3,7 @@
 python benchmarks/pile.py [--spheres 216 1000] [--boxes 200] [--depths 1e-2 1e-3] [--residuals 1e-5] [--step 2e-3]
     [--duration 1.5] [--meshes 20000 1000000] [--no-gas] [--no-peer]
 
-The piles are those of `mbvi chart piles` (mbvi/studies/chart/piles.py); e = 0, no friction. Times are CPU times of the
+The piles are those of `mbvi chart piles` (mbvi_studies/chart/piles.py); e = 0, no friction. Times are CPU times of the
 process: whole steps of `mbvi.simulate` with all it records, and the steps of MuJoCo alone. Depths are relative to the
 radius of spheres and the edge of boxes. MuJoCo runs with contacts as delivered and as stiff as its step permits.
 """
@@ -19,15 +19,15 @@ from dataclasses import replace
 import numpy as np
 
 import mbvi
-from mbvi.studies.chart.pile_runs import Cost, run_ours, run_peer
-from mbvi.studies.chart.piles import Pile, boxes, spheres
-from mbvi.studies.shipped import cube_of_spheres
+from mbvi_studies.chart.pile_runs import Cost, run_ours, run_peer
+from mbvi_studies.chart.piles import Pile, boxes, spheres
+from mbvi_studies.spheres import cube_of_spheres
 
 
 def rows(pile: Pile, asked: argparse.Namespace) -> Iterator[tuple[str, Cost]]:
     """Yield name and cost of each setting on a pile, those of MuJoCo first."""
     if not asked.no_peer:
-        from mbvi.studies.engines.piles_in_mujoco import variants
+        from mbvi_studies.engines.piles_in_mujoco import variants
 
         for variant in variants(pile):
             yield variant.line, run_peer(pile, variant, asked.step)

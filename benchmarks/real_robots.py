@@ -55,8 +55,8 @@ import mbvi  # noqa: E402
 from mbvi.compiled import compile_all  # noqa: E402
 from mbvi.constraints import AdmissibleSet  # noqa: E402
 from mbvi.projection import Projector  # noqa: E402
-from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
-from mbvi.studies.published_robots import PUBLISHED, published_robot  # noqa: E402
+from mbvi_studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
+from mbvi_studies.published_robots import PUBLISHED, published_robot  # noqa: E402
 
 TITLE = "## Published robots"
 HEIGHT = 0.02

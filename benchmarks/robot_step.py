@@ -29,7 +29,7 @@ A time is (n steps - 1 step) / (n - 1), which removes set-up and first call. It 
 the longer run would wait more often. Times are medians over the repeats; the ratio is that of runs next to each other.
 Each case runs once untimed before. Times of layers are wall-clock times of the fastest run. BLAS runs on one thread
 unless OPENBLAS_NUM_THREADS says otherwise. The Panda and Talos come with example-robot-data (`pip install mbvi[test]`).
-MuJoCo (`pip install mbvi[peers]`) is optional: without it mbvi's columns stand alone.
+MuJoCo (`pip install mbvi[studies]`) is optional: without it mbvi's columns stand alone.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ try:
 except ImportError:
     mujoco = None
 else:
-    from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot
+    from mbvi_studies.engines.robot_in_mujoco import MuJoCoRobot
 
 Array = np.ndarray
 

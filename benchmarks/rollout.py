@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 from robot_cases import CASES  # noqa: E402
 
 import mbvi  # noqa: E402
-from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
+from mbvi_studies.engines.robot_in_mujoco import MuJoCoRobot  # noqa: E402
 
 PAGE, TITLE = Path(__file__).parents[1] / "docs/benchmarks/performance.md", "## Rollouts"
 STEP, STEPS, SPREAD = 1e-3, 100, 0.05

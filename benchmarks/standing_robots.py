@@ -8,7 +8,7 @@ import numpy as np
 
 import mbvi
 from mbvi.constraints import AdmissibleSet
-from mbvi.studies.published_robots import published_robot
+from mbvi_studies.published_robots import published_robot
 
 Array = np.ndarray
 

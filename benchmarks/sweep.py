@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import mbvi
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 from mbvi.sweeps.batch import Done
 from mbvi.sweeps.cluster import local_client
 from mbvi.sweeps.points import points_of

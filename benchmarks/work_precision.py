@@ -16,7 +16,7 @@ import numpy as np
 import mbvi
 from mbvi import reference
 from mbvi.compiled import compile_all
-from mbvi.studies.chart.errors import errors
+from mbvi_studies.chart.errors import errors
 
 TARGETS = (1e-4, 1e-6, 1e-8)
 STEPS = (1.63e-2, 4.1e-3, 1.03e-3, 4.9e-4)

@@ -12,7 +12,7 @@ import pytest
 
 import mbvi
 from mbvi import packing, surfaces
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 from mbvi.sweeps.points import points_of, takes_rng
 from support.paths import EXAMPLES
 from support.repeated_runs import bytes_of, every_shape, short_run, simulate_elsewhere

@@ -354,7 +354,7 @@ def test_event_driven_says_where_it_makes_no_progress():
 @pytest.mark.parametrize("bad", [NAN, INF])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
 def test_a_control_that_is_not_finite_raises_at_its_step(scheme, bad, tmp_path):
-    from mbvi.studies.shipped import robot_path
+    from mbvi.shipped import robot_path
 
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1))

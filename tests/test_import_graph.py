@@ -1,29 +1,30 @@
-"""The import graph of mbvi: no circle between modules or rooms, and each room imports only from rooms below it."""
+"""The import graph: no circle of modules or rooms, rooms import only from rooms below, and studies stand on top."""
 
 import ast
 from functools import cache
-from pathlib import Path
 
 import pytest
 
-MBVI = Path(__file__).parents[1] / "mbvi"
+from support.paths import ROOT
 
-# the rooms of docs/developer/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package
+PACKAGES = ("mbvi", "mbvi_studies")
+
+# the rooms of docs/developer/architecture.md from the lowest floor up; "mbvi" is the __init__ of the package, and
+# mbvi_studies one room
 FLOORS = (
     "errors", "arguments", "compiled", "geometry", "projection", "system", "constraints", "impacts", "problem",
-    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "packing", "reference", "sweeps",
-    "mbvi", "studies", "cli",
+    "schemes", "schemes.event_driven", "scene", "results.replay", "results", "run", "packing", "reference", "shipped",
+    "sweeps", "mbvi", "cli", "mbvi_studies",
 )  # fmt: skip
 # these rooms are folders inside a room; all other folders belong to the room around them
 INNER = {"schemes.event_driven", "results.replay"}
 
 
 def modules():
-    """Each module of mbvi by its name without "mbvi.", the package itself as "mbvi"."""
-    for path in sorted(MBVI.rglob("*.py")):
-        parts = path.relative_to(MBVI).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        yield name or "mbvi", path
+    """Each module by its name without "mbvi."; the packages themselves are "mbvi" and "mbvi_studies"."""
+    for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts).removeprefix("mbvi."), path
 
 
 PATHS = dict(modules())
@@ -42,7 +43,7 @@ def is_type_checking(node):
 def imports(name, *, types):
     """The modules that a module imports, also inside functions, and for types alone if `types`."""
     path = PATHS[name]
-    package = ("mbvi", *path.relative_to(MBVI).parent.parts)
+    package = path.relative_to(ROOT).parent.parts
     nodes, found = [tree(name)], set()
     while nodes:
         node = nodes.pop()
@@ -60,7 +61,7 @@ def imports(name, *, types):
             # names of a package that are no modules come from its __init__
             targets = [t if t.removeprefix("mbvi.") in PATHS else base for t in targets]
         for target in targets:
-            if target.split(".")[0] == "mbvi":
+            if target.split(".")[0] in PACKAGES:
                 short = target.removeprefix("mbvi.")
                 # `import mbvi.a.b` of a name in a module ends at the module
                 while short not in PATHS and "." in short:

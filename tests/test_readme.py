@@ -76,7 +76,7 @@ PAGES = [
         *sorted((ROOT / "robots").glob("*/README.md")),
     )
 ]
-FOLDERS = ("mbvi", "tests", "docs", "examples", "benchmarks", "robots")
+FOLDERS = ("mbvi", "mbvi_studies", "tests", "docs", "examples", "benchmarks", "robots")
 
 
 def anchors(page):

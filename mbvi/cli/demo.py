@@ -15,7 +15,7 @@ def demo(
     out_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the run and its replay.")] = Path("out"),
 ) -> None:
     """Drop a quadruped on the floor and hit it with a ball. Write the replay."""
-    from ..studies.shipped import demo_problem
+    from ..shipped import demo_problem
 
     try:
         out_dir.mkdir(parents=True, exist_ok=True)

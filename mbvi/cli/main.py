@@ -10,17 +10,18 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from ..errors import DivergedError, MbviError, ProjectionError
-from .chart import chart
+from .commands import Commands
 from .demo import demo
 from .help_texts import examples
 from .play import replay
 from .run import run
 from .simulate import inspect, simulate
-from .stress import stress
 from .sweep import sweep
 from .versions import versions
 
-app = typer.Typer(help="Rigid multibody systems with impacts.", pretty_exceptions_enable=False, rich_markup_mode=None)
+app = typer.Typer(
+    cls=Commands, help="Rigid multibody systems with impacts.", pretty_exceptions_enable=False, rich_markup_mode=None
+)
 # a run that failed; anything else can be corrected in what was given
 _FAILED = (ProjectionError, DivergedError)
 
@@ -55,12 +56,6 @@ _COMMANDS: dict[Callable[..., None], tuple[str, ...]] = {
     ),
     inspect: ("mbvi inspect robot.urdf", "mbvi inspect arm.urdf --base fixed --srdf arm.srdf"),
     replay: ("mbvi replay run.h5", "mbvi replay run.h5 --html run.html --shapes collision"),
-    chart: (
-        "mbvi chart --list",
-        "mbvi chart --schemes paoli,event-driven --out out/chart",
-        "mbvi chart piles --peers --budget 60",
-    ),
-    stress: ("mbvi stress --list", "mbvi stress chain --step 1e-3 --step 1e-4"),
     sweep: (
         "mbvi sweep study.py --workers 4",
         "mbvi sweep --status study",

@@ -11,6 +11,7 @@ from ..compiled import kernel
 from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani, start_from
 from .metric import Array
 from .orthonormal_rows import solve_lower, solve_upper
+from .scaled_qp import FAR
 from .shared_percussions import share
 from .tree import advance_by, factor, is_damped, solve
 
@@ -37,12 +38,13 @@ def scale_rows(
     Returns
     -------
     largest : float
-        The largest scaled speed, the unit of residuals; -1 where a row has no length.
+        The largest scaled speed, the unit of residuals; -1 where a row has no length. Rows that are far open do not
+        count; see `FAR`.
     most_terms : float
-        The largest sum of the magnitudes of which a scaled violation is the sum.
+        The largest sum of the magnitudes of which a scaled violation of these rows is the sum.
     """
     m, n = J.shape
-    largest = most_terms = 0.0
+    largest = most_terms = violated = widest = 0.0
     for a in range(m):
         length = 0.0
         for k in range(n):
@@ -55,8 +57,20 @@ def scale_rows(
             W[a, k] /= length
             terms += abs(J[a, k] * x[k])
         lengths[a], d[a] = length, (lower[a] - table[1, a]) / length
-        largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / length)
-        most_terms = max(most_terms, terms / length)
+        speed = (abs(table[1, a]) + abs(lower[a])) / length
+        largest, most_terms, widest = max(largest, speed), max(most_terms, terms / length), max(widest, -d[a])
+        if d[a] > 0.0:
+            violated = max(violated, speed)
+    if not widest > FAR * violated:
+        return largest, most_terms
+    largest = most_terms = 0.0
+    for a in range(m):
+        if -d[a] <= FAR * violated:
+            terms = abs(lower[a])
+            for k in range(n):
+                terms += abs(J[a, k] * x[k])
+            largest = max(largest, (abs(table[1, a]) + abs(lower[a])) / lengths[a])
+            most_terms = max(most_terms, terms / lengths[a])
     return largest, most_terms
 
 

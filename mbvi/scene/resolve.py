@@ -11,14 +11,20 @@ from ..constraints import AdmissibleSet, ConstraintFamily, Rows
 from ..constraints.rows import take
 from ..errors import InadmissibleStartError, ProjectionError
 from ..problem import ACTIVATION
-from ..projection import Projector
+from ..projection import DenseMetric, Metric, Projector
 from ..system import System, located_parts
 from .model import Start
 
-# most linearisations of each of the two iterations
-_MOST = 60
-# the largest distance by which a linearisation raises the gap of a contact, in lengths of the scene
-_STEP = 0.1
+# most linearisations of each of the two iterations, and of those after which the least depth is no smaller
+_MOST, _MOST_IN_VAIN = 200, 30
+# in lengths of the scene, the distance by which a linearisation raises gaps of contacts at most: that of the first, and
+# the longest, with which links do not yet pass through each other. It doubles after a linearisation that gained at
+# least a part of it, and is halved after others
+_STEP, _LONGEST, _GAINED = 0.1, 1.0, 0.5
+# the largest angle by which a linearisation turns anything [rad]
+_MOST_TURN = 0.5
+# where rows contradict each other, what misses one of them, relative to what meets it, and in how many linearisations
+_YIELDING, _MOST_YIELDED = 1e-2, 20
 # residual of the projections, and the change of a displacement, relative to it, below which it is the nearest
 _RESIDUAL, _SETTLED = 1e-9, 1e-6
 # displacements of coordinates below this are rounding [m, rad]
@@ -57,36 +63,60 @@ class _Search:
 
     def __init__(self, system: System, constraints: AdmissibleSet, length: float) -> None:
         self._system, self._constraints = system, constraints
-        self._step, self._tolerance = _STEP * length, ACTIVATION * length
+        self._first, self._longest, self._tolerance = _STEP * length, _LONGEST * length, ACTIVATION * length
         self._projector = Projector(_RESIDUAL)
         self.worst = ""
 
     def from_(self, q: Array, anchored: bool) -> Array | None:
         """Return an admissible configuration, or None; `anchored` is whether displacements are those from q."""
         system, place, metric = self._system, q, self._system.metric(q)
-        moved, settled = np.zeros(system.nv), False
+        moved, settled, step, before, least, since = np.zeros(system.nv), False, self._first, np.inf, np.inf, 0
+        yielded = 0
         for k in range(_MOST):
-            rows = thinned(self._constraints.active(0.0, place, 2.0 * self._step))
-            deep = self._depth(rows) > self._tolerance
-            if not deep and (settled or not anchored or k == 0):
+            rows = thinned(self._constraints.active(0.0, place, 2.0 * step))
+            depth = self._depth(rows)
+            if depth <= self._tolerance and (settled or not anchored or k == 0):
                 return place
-            lever = self._constraints.levers(rows.constraint)
+            least, since = (depth, k) if depth < least else (least, since)
+            if k - since > _MOST_IN_VAIN:
+                return None
+            if k > 0:
+                gained = before - depth >= _GAINED * min(before, step)
+                step = min(2.0 * step, self._longest) if gained else max(0.5 * step, self._first)
+            before, lever = depth, self._constraints.levers(rows.constraint)
             # gaps of joint limits, which have no normal, are linear
-            lower = np.where(np.isnan(rows.normal[:, 0]), -rows.gap, np.minimum(-rows.gap, self._step / lever))
+            lower = np.where(np.isnan(rows.normal[:, 0]), -rows.gap, np.minimum(-rows.gap, step / lever))
+            if anchored:
+                lower += rows.jacobian @ moved
             try:
-                if anchored:
-                    lower += rows.jacobian @ moved
                 z = self._projector.project(np.zeros(system.nv), metric, rows.jacobian, lower).velocity
             except ProjectionError:
-                return None
+                # of a long step the rows may be too many, or contradict each other
+                if step > self._first:
+                    step = self._first
+                    continue
+                if anchored or yielded == _MOST_YIELDED:
+                    return None
+                yielded += 1
+                z = self._yielding(metric, rows.jacobian, lower)
             if anchored:
                 change = z - moved
                 settled = change @ metric.apply(change) <= _SETTLED**2 * (z @ metric.apply(z))
                 moved, place = z, system.integrate(q, z)
             else:
-                place = system.integrate(place, z)
+                # where gradients nearly vanish, a linearisation asks for any number of turns
+                turn = np.abs(z[~system.are_lengths()]).max(initial=0.0)
+                place = system.integrate(place, z * min(1.0, _MOST_TURN / turn) if turn > 0.0 else z)
                 metric = system.metric(place)
         return None if self._depth(self._constraints.active(0.0, place, 0.0)) > self._tolerance else place
+
+    def _yielding(self, metric: Metric, J: Array, lower: Array) -> Array:
+        """Return the displacement for rows that contradict each other: each may be missed, at a cost."""
+        m, n = J.shape
+        lengths = np.linalg.norm(metric.whiten(J.T), axis=0)
+        M, missed = np.eye(n + m), np.diag(_YIELDING * lengths)
+        M[:n, :n] = metric.dense()
+        return self._projector.project(np.zeros(n + m), DenseMetric(M), np.hstack([J, missed]), lower).velocity[:n]
 
     def _depth(self, rows: Rows) -> float:
         """Return how deep the deepest of some rows is, as a length [m]; 0 if there are none."""

@@ -49,7 +49,7 @@ def plot_sweep(ds: xr.Dataset, names: Sequence[str] | None = None) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise InputError("pictures need matplotlib: pip install matplotlib") from error
+        raise InputError("pictures need matplotlib: pip install 'mbvi[charts]'") from error
     varied = [name for name, values in table.parameters.items() if len(np.unique(values)) > 1] or list(table.parameters)
     if table.grid and len(varied) == 2:
         columns = min(len(table.quantities), 3)

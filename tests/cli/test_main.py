@@ -16,7 +16,7 @@ import pytest
 import mbvi
 from mbvi.cli.scheme_names import SchemeName
 from mbvi.cli.solver_names import SolverName
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 from support.paths import ROBOTS
 from support.programs import run
 
@@ -332,7 +332,7 @@ def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
         copy.parent.mkdir(exist_ok=True)
         shutil.copyfile(file, copy)
     work.mkdir()
-    program = "import mbvi, mbvi.studies.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
+    program = "import mbvi, mbvi.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
     program += "from mbvi.cli.main import main; main(['demo'])"
     environment = {**os.environ, "PYTHONPATH": str(site)}
     done = run([sys.executable, "-c", program], cwd=work, env=environment)
@@ -340,3 +340,9 @@ def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
     first = f"{site / 'mbvi/__init__.py'} {site / 'mbvi/robots/hopper/hopper.urdf'}"
     assert done.stdout.splitlines()[0] == first
     assert (work / "out/demo.html").is_file() and (work / "out/demo.h5").is_file()
+    program = (
+        "import mbvi_studies; print(mbvi_studies.__file__)\nfrom mbvi.cli.main import main; main(['chart', '--list'])"
+    )
+    done = run([sys.executable, "-c", program], cwd=work, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"{site / 'mbvi_studies/__init__.py'}\nproblems\n")

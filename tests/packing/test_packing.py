@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 import mbvi
 from mbvi import packing
-from mbvi.studies.shipped import cube_of_spheres
+from mbvi_studies.spheres import cube_of_spheres
 
 SIZES = {
     "constant": 0.05,

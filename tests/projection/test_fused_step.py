@@ -83,6 +83,19 @@ def test_the_kernel_answers_alone_and_as_proxqp(seed, kind, m, n, ratio):
     assert off @ M @ off <= max(1e-18 * (x @ M @ x), 2.0 * r * lengths @ (found.percussion + expected.percussion))
 
 
+@given(SEEDS, KINDS, st.integers(1, 40), SIZES, st.floats(3.0, 17.0))
+def test_a_row_that_is_far_open_takes_no_digits_from_the_others(seed, kind, m, n, digits):
+    """Two links that turn about the same axis have a pair whose gradient is rounding; its gap is open all the same."""
+    x, M, J, lower = projection(seed, kind, m, n, 1e2)
+    far = np.random.default_rng(seed).normal(size=n) * 10.0**-digits
+    w, _, _ = mbvi.project(x, M, J, lower)
+    # the answer must not reach the row
+    opening = max(1.0, -10.0 * min(far @ w, far @ x))
+    found, p, residual = mbvi.project(x, M, np.vstack([J, far]), np.append(lower, -opening))
+    assert p[-1] == 0.0 and residual <= 1e-9
+    assert (found - w) @ M @ (found - w) <= 1e-18 * max(x @ M @ x, w @ M @ w)
+
+
 @given(SEEDS, KINDS, st.integers(1, 12), st.integers(3, 10), st.floats(1e-3, 1.0))
 def test_rows_that_contradict_each_other_are_named_so_by_the_kernel(seed, kind, m, n, rate):
     x, M, J, lower = projection(seed, kind, m, n, 1e2)

@@ -11,7 +11,7 @@ import mbvi
 from mbvi.projection import AcceptedDepth, DiagonalMetric, Projector
 from mbvi.projection.scaled_qp import ScaledQP
 from mbvi.run.accuracy import smallest_size
-from mbvi.studies.chart import piles
+from mbvi_studies.chart import piles
 from support.paths import ROBOTS
 
 H = 2e-3

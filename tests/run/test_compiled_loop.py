@@ -19,7 +19,7 @@ from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, open_gaps, position_projection, stewart_trinkle
 from mbvi.schemes.step import NO_RATES
 from mbvi.schemes.stewart_trinkle_kernel import lower_to_the_end
-from mbvi.studies.published_robots import published_robot
+from mbvi_studies.published_robots import published_robot
 from support.loop_arguments import (
     among_boxes,
     arguments_of_call,

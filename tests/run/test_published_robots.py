@@ -11,7 +11,7 @@ import pytest
 import mbvi
 from mbvi.constraints import JointLimits, SignedDistances
 from mbvi.run.recorder import Recorder
-from mbvi.studies.published_robots import PUBLISHED, published_robot
+from mbvi_studies.published_robots import PUBLISHED, published_robot
 
 STEP, STEPS = 1e-3, 1000
 # part of a step's displacement by which an impact can sink in. Paoli's scheme takes a whole step before the law acts.
@@ -95,7 +95,7 @@ def test_energy_is_lost_only(fall):
 
 
 def test_without_the_files_an_error_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setattr("mbvi.studies.published_robots._FOLDER", tmp_path)
+    monkeypatch.setattr("mbvi_studies.published_robots._FOLDER", tmp_path)
     with pytest.raises(mbvi.InputError, match="Go2 comes with example-robot-data, which is not installed"):
         published_robot("go2", 0.02)
 

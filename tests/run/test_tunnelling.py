@@ -6,7 +6,7 @@ import pytest
 import mbvi
 from mbvi.constraints.signed_distance import SignedDistances
 from mbvi.geometry.sweep import may_pass
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 
 SCHEMES = [
     mbvi.Paoli(),

@@ -1,10 +1,13 @@
 """A start that overlaps is moved out of penetration by the least displacement in the kinetic metric."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
 import mbvi
 from support.paths import ROBOTS, real_robot
@@ -12,6 +15,12 @@ from support.paths import ROBOTS, real_robot
 MJCF = """<mujoco><option timestep="0.001"/><worldbody><geom name="ground" type="plane" size="5 5 .1"/>
 <body name="ball" pos="0 0 0.08"><freejoint/><geom type="sphere" size="0.1" density="1000"/>
 </body></worldbody></mujoco>"""
+
+# the trunk is three times its size deep
+LEG = """<mujoco><option timestep="0.001"/><worldbody><geom name="ground" type="plane" size="5 5 .1"/>
+<body name="trunk" pos="0 0 -0.3"><freejoint/><geom type="box" size="0.1 0.1 0.05" density="1000"/>
+<body name="leg" pos="0.15 0 0"><joint name="knee" type="hinge" axis="0 1 0" limited="true" range="-0.5 0.5"/>
+<geom type="capsule" fromto="0.02 0 0 0.02 0 -0.3" size="0.02" density="1000"/></body></body></worldbody></mujoco>"""
 
 
 def moved(problem):
@@ -71,8 +80,14 @@ def test_a_start_that_overlaps_nothing_stays_byte_for_byte():
         ("anymal_b_simple_description/robots/anymal.urdf", 0.54),
         ("solo_description/robots/solo12.urdf", 0.3),
         ("talos_data/robots/talos_full_v2.urdf", 1.0),
+        # two links turn about one axis: the gradient of their pair is rounding
+        ("hyq_description/robots/hyq_no_sensors.urdf", 0.5),
+        ("hyq_description/robots/hyq_no_sensors.urdf", 0.27),
+        # deeper than a scene's length
+        ("tiago_description/robots/tiago.urdf", -0.9),
+        ("talos_data/robots/talos_full_v2.urdf", 0.1),
     ],
-    ids=["anymal", "solo12", "talos"],
+    ids=["anymal", "solo12", "talos", "hyq", "hyq, deep", "tiago, deep", "talos, deep"],
 )
 def test_a_robot_that_stands_in_the_floor_is_moved_by_its_joints(robot, height):
     scene = mbvi.Scene()
@@ -81,11 +96,42 @@ def test_a_robot_that_stands_in_the_floor_is_moved_by_its_joints(robot, height):
     with pytest.raises(mbvi.InadmissibleStartError, match="resolve=True"):
         scene.build()
     problem = scene.build(resolve=True)
-    assert problem.constraints.active(0.0, problem.q0, problem.tolerance).gap.min() >= -problem.tolerance
+    assert problem.constraints.active(0.0, problem.q0, problem.tolerance).gap.min(initial=0.0) >= -problem.tolerance
     [line] = moved(problem)
     assert " rad" in line
     run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=5e-3)
     assert any("the start was moved out of penetration" in note for note in run.notes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("robot", ["hyq_description/robots/hyq_no_sensors.urdf", "go2_description/urdf/go2.urdf"])
+def test_a_robot_in_the_floor_with_joints_beyond_their_limits(robot, seed):
+    rng, file = np.random.default_rng(seed), real_robot(robot)
+    joints = {}
+    for joint in ElementTree.parse(file).iterfind("joint[@type='revolute']"):
+        bounds = joint.find("limit").attrib
+        lower, upper = float(bounds["lower"]), float(bounds["upper"])
+        joints[joint.get("name")] = 0.5 * (lower + upper) + 0.5 * (upper - lower) * rng.uniform(-1.15, 1.15)
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    tilt = Rotation.from_rotvec(0.5 * rng.normal(size=3)).as_matrix()
+    scene.add_urdf(file, position=(0, 0, rng.uniform(-0.3, 0.6)), rotation=tilt, joints=joints)
+    problem = scene.build(resolve=True)
+    assert problem.constraints.active(0.0, problem.q0, problem.tolerance).gap.min(initial=0.0) >= -problem.tolerance
+    model = problem.model()
+    assert (problem.q0[7:] >= model.lowerPositionLimit[7:] - 1e-6).all()
+    assert (problem.q0[7:] <= model.upperPositionLimit[7:] + 1e-6).all()
+
+
+def test_a_mjcf_deep_in_its_floor_with_a_joint_beyond_its_range(tmp_path):
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG)
+    scene = mbvi.Scene()
+    scene.add_mjcf(path, joints={"knee": 1.0})
+    problem = scene.build(resolve=True)
+    assert problem.constraints.active(0.0, problem.q0, problem.tolerance).gap.min(initial=0.0) >= -problem.tolerance
+    assert problem.q0[-1] <= 0.5 + 1e-6
+    assert moved(problem)
 
 
 def test_joints_beyond_their_limits_are_moved_to_them():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 
 LEGS = np.tile([0.0, 0.6, -1.2], 4)
 

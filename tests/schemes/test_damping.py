@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 import mbvi
 from mbvi.run.compiled_loop import LONG
 from mbvi.run.loop_scope import is_compiled
-from mbvi.studies.chart.errors import fitted_order
+from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot
 
 SCHEMES = [mbvi.Centered(), mbvi.Centered(project_positions=True)]

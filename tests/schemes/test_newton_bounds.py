@@ -9,8 +9,8 @@ import mbvi
 from mbvi import packing
 from mbvi.projection import Projector
 from mbvi.schemes.newton_bounds import newton_bounds
-from mbvi.studies.chart.errors import fitted_order, path_errors, worst_errors
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
+from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS
 
 H = 1e-3

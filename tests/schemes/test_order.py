@@ -6,8 +6,8 @@ from scipy.spatial import cKDTree
 
 import mbvi
 from mbvi import reference
-from mbvi.studies.chart.errors import errors, fitted_order, path_errors, worst_errors
-from mbvi.studies.chart.graphs import graph_distance
+from mbvi_studies.chart.errors import errors, fitted_order, path_errors, worst_errors
+from mbvi_studies.chart.graphs import graph_distance
 from support.orders import STEPS, runs
 from support.references import CASES, every_case
 

@@ -5,7 +5,7 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.studies.chart.errors import fitted_order, path_errors, worst_errors
+from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS, runs
 
 PAOLI, MOREAU, CENTERED, LIFTED, PLASTIC = (

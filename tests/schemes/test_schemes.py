@@ -6,7 +6,7 @@ import pytest
 import mbvi
 from mbvi import reference
 from mbvi.constraints.rows import match_contacts
-from mbvi.studies.chart.errors import fitted_order
+from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS
 
 G = 9.81

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.studies.shipped import cube_of_spheres, robot_path
+from mbvi.shipped import robot_path
+from mbvi_studies.spheres import cube_of_spheres
 
 H = 2e-3
 

@@ -11,20 +11,20 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.cli.chart import _tasks
 from mbvi.cli.scheme_names import SchemeName
-from mbvi.studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
-from mbvi.studies.chart.costs import ROUNDING, cost, slope, table
-from mbvi.studies.chart.errors import errors, fitted_order, sampled_errors
-from mbvi.studies.chart.picture import draw
-from mbvi.studies.chart.records import read_csv, write_csv
-from mbvi.studies.chart.sweep import Case, sweep
-from mbvi.studies.chart.workers import worker
-from mbvi.studies.engines import PEERS
-from mbvi.studies.engines.bodies import NoModelError, rotated
-from mbvi.studies.engines.free_body import alone, placed, points, posed
-from mbvi.studies.engines.measure import ModelError, check_free_motion, sweep_peer
-from mbvi.studies.engines.rig import RIGS, rig
+from mbvi_studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
+from mbvi_studies.chart.costs import ROUNDING, cost, slope, table
+from mbvi_studies.chart.errors import errors, fitted_order, sampled_errors
+from mbvi_studies.chart.picture import draw
+from mbvi_studies.chart.records import read_csv, write_csv
+from mbvi_studies.chart.sweep import Case, sweep
+from mbvi_studies.chart.workers import worker
+from mbvi_studies.commands.chart import _tasks
+from mbvi_studies.engines import PEERS
+from mbvi_studies.engines.bodies import NoModelError, rotated
+from mbvi_studies.engines.free_body import alone, placed, points, posed
+from mbvi_studies.engines.measure import ModelError, check_free_motion, sweep_peer
+from mbvi_studies.engines.rig import RIGS, rig
 from support.paths import DOCS
 
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 0.93, 8)
@@ -212,7 +212,7 @@ def test_a_rig_has_the_coordinates_of_its_case(name, rng):
 def test_mujoco_moves_as_we_do_in_free_flight():
     for name in RIGS:
         case, model = told(name)
-        coarse, fine = check_free_motion(case, model, import_module("mbvi.studies.engines.in_mujoco"))
+        coarse, fine = check_free_motion(case, model, import_module("mbvi_studies.engines.in_mujoco"))
         # Euler's method, and no more
         assert fine == pytest.approx(0.1 * coarse, rel=0.05)
 
@@ -223,7 +223,7 @@ def test_another_model_is_refused():
     case, model = told("tumbling body")
     other = dataclasses.replace(model, urdf=re.sub('iyy="(.*?)"', lambda m: f'iyy="{1.02 * float(m[1])}"', model.urdf))
     with pytest.raises(ModelError, match="not charted on tumbling body"):
-        check_free_motion(case, other, import_module("mbvi.studies.engines.in_mujoco"))
+        check_free_motion(case, other, import_module("mbvi_studies.engines.in_mujoco"))
 
 
 @pytest.mark.slow
@@ -277,7 +277,7 @@ def test_an_engine_is_looked_for_in_the_python_that_it_is_for():
 
 @needs_siconos
 def test_siconos_moves_as_we_do_in_free_flight():
-    engine = import_module("mbvi.studies.engines.in_siconos")
+    engine = import_module("mbvi_studies.engines.in_siconos")
     coarse, fine = check_free_motion(*told("bouncing ball"), engine)
     assert max(coarse, fine) < 1e-12
     coarse, fine = check_free_motion(*told("tumbling body"), engine)
@@ -299,7 +299,7 @@ def test_siconos_is_as_near_as_our_scheme_of_the_same_name(name):
 
 @needs_siconos
 def test_a_mechanism_is_not_run_in_siconos_and_said_to_be(command, monkeypatch):
-    monkeypatch.setattr("mbvi.studies.engines.PEERS", (SICONOS,))
+    monkeypatch.setattr("mbvi_studies.engines.PEERS", (SICONOS,))
     code, out, _ = command("chart", "double-pendulum", "--schemes", "event-driven", "--peers", "--out", "chart")
     assert code == 0 and "Siconos is not run on double pendulum: mechanisms with joints" in out
     assert {r.scheme for r in read_csv("chart.csv")} == {"EventDriven"}

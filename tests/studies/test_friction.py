@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.studies.chart import piles
-from mbvi.studies.chart.friction import ROUGH
-from mbvi.studies.chart.friction_picture import draw_friction, friction_summary, friction_table
-from mbvi.studies.chart.friction_runs import FrictionRecord, problem_of, run_other, run_ours, sweep_other, sweep_ours
-from mbvi.studies.chart.records import read_table, write_table
-from mbvi.studies.engines import PEERS
-from mbvi.studies.engines.friction_in_mujoco import VARIANTS
+from mbvi_studies.chart import piles
+from mbvi_studies.chart.friction import ROUGH
+from mbvi_studies.chart.friction_picture import draw_friction, friction_summary, friction_table
+from mbvi_studies.chart.friction_runs import FrictionRecord, problem_of, run_other, run_ours, sweep_other, sweep_ours
+from mbvi_studies.chart.records import read_table, write_table
+from mbvi_studies.engines import PEERS
+from mbvi_studies.engines.friction_in_mujoco import VARIANTS
 from support.paths import DOCS
 
 SHORT = ("launched-block", "spinning-tripod", "painleve-rod")
@@ -40,7 +40,7 @@ def test_the_start_of_a_scene_is_that_of_its_problem(name):
 @pytest.mark.parametrize("module", MODULES)
 @pytest.mark.parametrize("name", ROUGH)
 def test_other_engines_start_where_the_scene_does(module, name):
-    engine = pytest.importorskip(f"mbvi.studies.engines.{module}")
+    engine = pytest.importorskip(f"mbvi_studies.engines.{module}")
     rough = ROUGH[name]()
     made = engine.VARIANTS[0].make(rough, 1e-3)
     state = made.read()
@@ -57,7 +57,7 @@ def test_other_engines_start_where_the_scene_does(module, name):
 @pytest.mark.parametrize("name", SHORT)
 def test_other_engines_come_near_the_exact_solution(module, name):
     """All have the same mass, coefficient and shape: a wrong one is off by more than this."""
-    engine = pytest.importorskip(f"mbvi.studies.engines.{module}")
+    engine = pytest.importorskip(f"mbvi_studies.engines.{module}")
     best = min(run_other(ROUGH[name](), variant, 1e-3)[1] for variant in engine.VARIANTS)
     assert best < 0.01
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.studies.chart import piles
-from mbvi.studies.chart.pile_picture import draw_piles, pile_table
-from mbvi.studies.chart.pile_runs import PileRecord, run_ours, run_peer, sweep_ours, sweep_peer_piles
-from mbvi.studies.chart.records import read_table, write_table
-from mbvi.studies.engines import PEERS
-from mbvi.studies.engines.piles_in_mujoco import PileInMuJoCo, variants
+from mbvi_studies.chart import piles
+from mbvi_studies.chart.pile_picture import draw_piles, pile_table
+from mbvi_studies.chart.pile_runs import PileRecord, run_ours, run_peer, sweep_ours, sweep_peer_piles
+from mbvi_studies.chart.records import read_table, write_table
+from mbvi_studies.engines import PEERS
+from mbvi_studies.engines.piles_in_mujoco import PileInMuJoCo, variants
 from support.paths import DOCS
 
 MAKERS = {"spheres": piles.spheres, "boxes": piles.boxes, "mixed": piles.mixed}
@@ -56,7 +56,7 @@ def test_piles_of_the_picture_are_as_large_as_they_say():
 @pytest.mark.parametrize("module", [peer.piles for peer in PEERS if peer.piles and peer.installed])
 @pytest.mark.parametrize("name", MAKERS)
 def test_other_engines_run_the_same_pile(module, name):
-    engine = pytest.importorskip(f"mbvi.studies.engines.{module}")
+    engine = pytest.importorskip(f"mbvi_studies.engines.{module}")
     pile = MAKERS[name](12)
     made = engine.variants(pile)[0].make(pile, 1e-3)
     centres, turns = made.read()

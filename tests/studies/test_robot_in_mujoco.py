@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.studies.engines.robot_in_mujoco import MuJoCoRobot
+from mbvi_studies.engines.robot_in_mujoco import MuJoCoRobot
 from support.paths import ROBOTS
 
 

@@ -17,15 +17,16 @@ from typer.testing import CliRunner
 import mbvi
 from mbvi.cli.main import app
 from mbvi.geometry.shapes import Sphere
-from mbvi.studies.engines import PEERS
-from mbvi.studies.engines.bodies import Bodies, Body, NoModelError, Poses
-from mbvi.studies.engines.free_body import refuse
-from mbvi.studies.stress.friction import FRICTION
-from mbvi.studies.stress.models import model_of
-from mbvi.studies.stress.peers import peer_cell, sweep_peer
-from mbvi.studies.stress.scene import StressScene
-from mbvi.studies.stress.scenes import SCENES
-from mbvi.studies.stress.sweep import SCHEMES, Cell, cell
+from mbvi_studies.engines import PEERS
+from mbvi_studies.engines.bodies import Bodies, Body, NoModelError, Poses
+from mbvi_studies.engines.free_body import refuse
+from mbvi_studies.stress.files import replaced
+from mbvi_studies.stress.friction import FRICTION
+from mbvi_studies.stress.models import model_of
+from mbvi_studies.stress.peers import peer_cell, sweep_peer
+from mbvi_studies.stress.scene import StressScene
+from mbvi_studies.stress.scenes import SCENES
+from mbvi_studies.stress.sweep import SCHEMES, Cell, cell
 from support.paths import DOCS
 
 NAMES = {scene.name: scene for scene in SCENES}
@@ -173,7 +174,7 @@ def test_a_scene_is_given_to_other_engines_in_its_own_coordinates_or_not_at_all(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in LEFT_OUT and "ratio" not in n])
 def test_mujoco_moves_as_we_do_until_something_touches(name):
-    engine, off = import_module("mbvi.studies.engines.in_mujoco"), []
+    engine, off = import_module("mbvi_studies.engines.in_mujoco"), []
     for h in (1e-3, 1e-4):
         problem, model = modelled(name, 1e-3)
         peer = engine.Free(model, h)
@@ -223,7 +224,7 @@ def test_what_an_engine_cannot_be_given_is_not_run_and_its_other_process_counts(
             raise TimeoutError
 
     engine = SimpleNamespace(NAME="Engine 1", FAILURES=(RuntimeError,), Free=refused)
-    monkeypatch.setattr("mbvi.studies.stress.peers._engine", lambda module: engine)
+    monkeypatch.setattr("mbvi_studies.stress.peers._engine", lambda module: engine)
     found = peer_cell("none", "rocking block", 1e-3, 5.0)
     assert (found.verdict, found.said, found.value, found.setting) == ("not run", "no words for it", np.inf, "")
     engine.Free = Slow
@@ -262,7 +263,7 @@ def test_siconos_is_judged_as_we_are():
 
 @needs_siconos
 def test_siconos_keeps_the_energy_of_balls_that_meet_aslant():
-    engine, none = import_module("mbvi.studies.engines.in_siconos"), np.zeros((2, 3))
+    engine, none = import_module("mbvi_studies.engines.in_siconos"), np.zeros((2, 3))
     ball = Body(Sphere(0.1), 1.0, np.full(3, 0.004))
     model = Bodies((ball, ball), (), none[0], 1.0, None, None, 1.0)
     peer = engine.Free(model, 1e-3)
@@ -289,7 +290,7 @@ def test_an_engine_whose_process_dies_fails_once(monkeypatch):
 
         yield call
 
-    monkeypatch.setattr("mbvi.studies.stress.peers.worker", dying)
+    monkeypatch.setattr("mbvi_studies.stress.peers.worker", dying)
     scenes = [NAMES["rocking block"], NAMES["obtuse corner"]]
     found = list(sweep_peer(PEERS[0], scenes, (0.1, 0.01), 1.0))
     assert [c.verdict for c in found] == ["failed", 0, 0, 0] and found[0].said == "its process died"
@@ -298,7 +299,7 @@ def test_an_engine_whose_process_dies_fails_once(monkeypatch):
 
 def test_the_command_adds_the_engines_that_are_installed(tmp_path, monkeypatch):
     missing = PEERS[1]._replace(imported="no_such_package")
-    monkeypatch.setattr("mbvi.studies.engines.PEERS", (PEERS[0], missing))
+    monkeypatch.setattr("mbvi_studies.engines.PEERS", (PEERS[0], missing))
     asked = ["stress", "rocking", "stretch", "--step", "0.01", "--tolerance", "1e-6", "--peers", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, asked, catch_exceptions=False)
     assert result.exit_code == 0 and f"{missing.name} is not installed" in result.stdout
@@ -312,17 +313,30 @@ def test_the_command_adds_the_engines_that_are_installed(tmp_path, monkeypatch):
     assert "MuJoCo" not in drawn["stress"] and "Paoli" in drawn["stress"]
 
 
+def test_scenes_that_are_run_again_keep_the_cells_of_engines_that_are_not():
+    def of(scene, scheme, value):
+        return Cell(scene, scheme, 1e-3, value, "held", 1.0, "")
+
+    first, second = SCENES[:2]
+    engines = ("default", "MuJoCo 1", "Drake 1")
+    old = [of(scene.name, name, 1.0) for name in engines for scene in (first, second)]
+    new = [of(first.name, "default", 2.0), of(first.name, "Drake 1", 2.0)]
+    found = {(cell.scene, cell.scheme): cell.value for cell in replaced(old, [first], new)}
+    expected = dict.fromkeys(((scene.name, name) for name in engines for scene in (first, second)), 1.0)
+    assert found == expected | {(first.name, "default"): 2.0, (first.name, "Drake 1"): 2.0}
+
+
 def test_what_the_picture_needs_is_asked_before_the_sweep(tmp_path, monkeypatch):
     def start(*arguments):
         raise AssertionError("the sweep has begun")
 
-    monkeypatch.setattr("mbvi.studies.stress.sweep.sweep", start)
+    monkeypatch.setattr("mbvi_studies.stress.sweep.sweep", start)
     (tmp_path / "file").touch()
     found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path / "file/out")])
     assert isinstance(found.exception, mbvi.TrajectoryFileError)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     found = CliRunner().invoke(app, ["stress", "rocking", "--out", str(tmp_path)])
-    assert isinstance(found.exception, mbvi.InputError) and "pip install matplotlib" in str(found.exception)
+    assert isinstance(found.exception, mbvi.InputError) and 'pip install "mbvi[studies]"' in str(found.exception)
 
 
 def test_scenes_are_listed_and_unknown_ones_refused():

@@ -226,6 +226,9 @@ def solve_active_set(rng):
     if m > 1 and rng.random() < 0.2:
         # rows that contradict each other
         J[1], lower[:2] = -J[0], 1.0
+    elif rng.random() < 0.2:
+        # a row that is far open, because its gradient is little more than rounding
+        J[0], lower[0] = 1e-17 * J[0], -1.0
     W = np.ascontiguousarray(metric.whiten(J.T).T)
     last, table = percussions_before(rng, m), np.full((3, m), np.nan)
     return J, metric.solve_rows(J), W, x, lower, last, 0.0, np.full(n, np.nan), table

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.studies.chart.errors import RUNS
+from mbvi_studies.chart.errors import RUNS
 
 # nowhere dyadic multiples of one another [s]
 STEPS = 1e-2 * 10.0 ** -np.linspace(0.03, 1.23, 5)

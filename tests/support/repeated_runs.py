@@ -3,7 +3,7 @@
 import numpy as np
 
 import mbvi
-from mbvi.studies.shipped import robot_path
+from mbvi.shipped import robot_path
 
 # steps of each example that a copy takes
 FEW = 40

@@ -9,7 +9,7 @@ import mbvi
 from mbvi import reference
 from mbvi.schemes.event_driven.contact_rows import SmoothRows
 from mbvi.schemes.event_driven.runge_kutta import Flow
-from mbvi.studies.chart.errors import fitted_order
+from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot
 from support.programs import kill_writing
 from support.references import every_case

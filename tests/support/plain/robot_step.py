@@ -7,6 +7,7 @@ import numpy as np
 from mbvi.arguments import Array
 from mbvi.projection.goldfarb_idnani import LAST_DIGITS
 from mbvi.projection.robot_step import _MARGIN, ROUNDING
+from mbvi.projection.scaled_qp import FAR
 from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.shared_percussions import least_norm_plain
 from support.plain.tree import advance_plain, factor_plain, solve_plain
@@ -27,8 +28,10 @@ def solve_active_set_plain(
         return np.inf
     W /= lengths[:, None]
     (m, n), d = W.shape, violation / lengths
-    largest = ((np.abs(speed) + np.abs(lower)) / lengths).max()
-    enough = max(ROUNDING, LAST_DIGITS * (terms / lengths).max() / largest)
+    speeds = (np.abs(speed) + np.abs(lower)) / lengths
+    near = -d <= FAR * speeds[d > 0.0].max()
+    largest = speeds[near].max()
+    enough = max(ROUNDING, LAST_DIGITS * (terms / lengths)[near].max() / largest)
     most, z, slack, u = min(m, n) + 1, np.zeros(n), np.zeros(m), np.zeros(m)
     S, part, L, Q = np.zeros(most, int), np.zeros(most), np.zeros((most, most)), np.zeros((most, n))
     size, contradiction = goldfarb_idnani_plain(W, d, _MARGIN * enough * largest, 0, S, L, Q, part, z, slack)

@@ -1,0 +1,1 @@
+"""The commands `chart` and `stress`, which pyproject.toml names as entry points of `mbvi.commands`."""
