@@ -1,4 +1,4 @@
-"""Contacts of the pairs of shapes of one mechanism in one kernel, as `SignedDistances` finds them without Coal."""
+"""Contacts of the pairs of shapes of one mechanism in one kernel, as `SignedDistances` finds them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ MOST_CONTACTS = 512
 
 
 @record(
-    "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
-    " f8[::1], f8[::1], f8[::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
+    "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
+    " f8[::1], f8[::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
 )
 class PairShapes(NamedTuple):
     """What the kernel needs of pairs beside the fields of `Shapes`, and room.
@@ -34,7 +34,7 @@ class PairShapes(NamedTuple):
         The bodies whose placements the shapes need.
     places, rounded : ndarray, shape (b, 4, 3)
         Room for these, and for the same rounded.
-    unresolved, closed, others, unknown : ndarray of int, shape (n,)
+    unresolved, closed, others : ndarray of int, shape (n,)
         Room for pairs.
     axis : ndarray, shape (n, 3)
         As of `SeparatingAxes`.
@@ -42,7 +42,7 @@ class PairShapes(NamedTuple):
         As of `PrimitivePairs`.
     smooth, flat : ndarray of bool, shape (n,)
         Pairs with a continuous gradient, and those that can share more than one point.
-    bound, unit : ndarray, shape (n,)
+    bound : ndarray, shape (n,)
         As of `write_contacts`.
     grid : ndarray, shape (4,)
         Placements are rounded to multiples of 1 / this, row by row.
@@ -60,13 +60,11 @@ class PairShapes(NamedTuple):
     unresolved: Array
     closed: Array
     others: Array
-    unknown: Array
     axis: Array
     form: Array
     smooth: Array
     flat: Array
     bound: Array
-    unit: Array
     grid: Array
     mode: int
     distance: Array
@@ -107,7 +105,7 @@ def measured_in_closed_form(
 def measured_from_axes(
     places: Array, tables: tuple[Array, ...], pairs: PairShapes, tolerance: float, count: int
 ) -> int:
-    """Write the contacts of the first `count` of `others`; return how many, -1 without room or where Coal is needed."""
+    """Write the contacts of the first `count` of `others`; return how many, -1 without room."""
     shapes, chosen = Shapes(*tables), pairs.others[:count]
     distance, normal, middle, state = (
         pairs.distance[:count],
@@ -115,16 +113,10 @@ def measured_from_axes(
         pairs.middle[:count],
         pairs.state[:count],
     )
-    for i in range(count):
-        for c in range(3):
-            middle[i, c] = 0.0
-    if distances_from_axes(
-        places, tables, pairs.bound, chosen, pairs.axis, distance, normal, middle, state, pairs.unknown[:count]
-    ):
-        return -1
+    distances_from_axes(places, tables, pairs.bound, chosen, pairs.axis, distance, normal, middle, state)
     keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, normal)
     return write_contacts(
-        places, tables, pairs.bound, pairs.unit, pairs.flat, chosen, tolerance, distance, normal, middle, state,
+        places, tables, pairs.bound, pairs.flat, chosen, tolerance, distance, normal, middle, state,
         pairs.owner, pairs.gap, pairs.point, pairs.normals,
     )  # fmt: skip
 
