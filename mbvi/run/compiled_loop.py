@@ -18,7 +18,7 @@ from ..schemes.nearby_rows import largest_reach
 from ..schemes.step import STILL
 from ..system.joined import joined
 from ..system.mechanism import Mechanism
-from ..system.system import parts_of
+from ..system.system import independent_parts, parts_of
 from .loop_scope import control_of, is_compiled, loop_of
 from .recorder import RECENT, Recorder
 from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
@@ -209,7 +209,10 @@ def mechanism_step(
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
     late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts_of(system)])
     late, reach = late if late.any() else late[:0], largest_reach(problem)
-    scales = Scales(problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects)
+    scales = Scales(
+        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
+        theta, projects,
+    )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
