@@ -131,11 +131,11 @@ def spread_by_rounding(problem, scheme, t, q, v, step):
 
 
 def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=None):
-    """Compare single steps from the states of a run; yield those of the scheme, None where the loop leaves one to it.
+    """Compare single steps from states; yield those of the scheme, None where the loop leaves one to it.
 
-    Without a run there is a new one. States are disturbed by some `disturbance` [m or rad] in each coordinate. Where Coulomb's law may have several
-    answers, velocities may differ by `spread`, relative to the largest: by so much they differ from other starts, too;
-    or by a few times what rounding of the state makes of the scheme's own step.
+    The states are those of a run, given or new, each coordinate disturbed by some `disturbance` [m or rad]. Where
+    Coulomb's law may have several answers, velocities may differ by `spread`, relative to the largest: by so much they
+    differ from other starts, too; or by a few times what rounding of the state makes of the scheme's own step.
     """
     if run is None:
         with pytest.MonkeyPatch.context() as patched:
