@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..arguments import shown
 from ..constraints.rows import take
-from ..errors import InputError
+from ..errors import InputError, ProjectionError
 from ..impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
 from ..projection import Projector
 from ..schemes.observer import observer
@@ -56,7 +56,7 @@ class _State(NamedTuple):
     v: Array
     h: float
     step: Step | None = None
-    again: Callable[[], Step] | None = None
+    again: Callable[[], Step | None] | None = None
 
 
 def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
@@ -196,7 +196,7 @@ def _states(run: RunData) -> Iterator[_State]:
             t, q, v = step.t, step.q, step.v
         h = end - t
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
-        take = None if scheme is None else partial(scheme.step, problem, t, q, v, h, projector)
+        take = None if scheme is None else partial(_taken, scheme, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
         yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
@@ -205,6 +205,14 @@ def _states(run: RunData) -> Iterator[_State]:
 
 def _as_it_is(step: Step) -> Step:
     return step
+
+
+def _taken(scheme: Scheme, *arguments: Any) -> Step | None:
+    """Return a step, None if it cannot be solved: the run has then retaken it in parts, which its notes say."""
+    try:
+        return scheme.step(*arguments)
+    except ProjectionError:
+        return None
 
 
 class _Instants:

@@ -35,8 +35,10 @@ _LITTLE = 1e-3
 # percussion and jump that exceed those of the frictionless law so many times have no cause in forces and approaches;
 # the coupling of one contact exceeds it where mu |G_nt| > 0.9 G_nn
 _BEYOND = 10.0
-# speeds of approach and of slip that count as none, and errors of a second solution [largest change by the forces]
-_APPROACH, _STILL, _ERROR = 0.05, 1e-3, 1e-6
+# speeds of approach and of slip that count as none, errors of a second solution, which hold those of the velocities
+# of a run (1e-6 at each contact), and its least distance from that of the run; all relative to the largest change by
+# forces
+_APPROACH, _STILL, _ERROR, _OTHER = 0.05, 1e-3, 2e-5, 1e-4
 # directions in which a sticking contact may be held; most changes of the directions of slip, and angle at their end
 _DIRECTIONS, _TURNS, _TURNED = 16, 20, 1e-6
 
@@ -96,7 +98,7 @@ class Jumps:
 
     def add(
         self, t: float, before: Array, after: Array, metric: Metric, impulse: Array, away: float,
-        step: Callable[[], Step],
+        step: Callable[[], Step | None],
     ) -> None:  # fmt: skip
         """Look at a step that ends at t.
 
@@ -111,7 +113,7 @@ class Jumps:
         away : float
             Time from where the law acted to the end of the step [s].
         step : function
-            Takes the step again.
+            Takes the step again; returns None if it is not solved.
         """
         change, pushed = metric.whiten(metric.apply(after - before)), metric.whiten(impulse)
         changed, explained = self._norms(change), self._changed + self._norms(pushed - self._pushed)
@@ -120,7 +122,7 @@ class Jumps:
         if not sudden.any():
             return
         again = step()
-        if again.slip is None or not (again.percussion > 0.0).any():
+        if again is None or again.slip is None or not (again.percussion > 0.0).any():
             return
         active, rows = again.active, _whitened(metric, again.active)
         same = np.abs(after - again.v).max() <= 1e-6 * np.abs(after - before).max()
@@ -202,7 +204,7 @@ def _goes_on(contacts: _Contacts) -> bool:
         slip = other[:, 1:]
         if (across[slips] <= _TURNED * along[slips]).all():
             parts = held | (other[:, 0] >= np.minimum(after[:, 0], contacts.least) - _ERROR * unit)
-            return bool(parts.all() and np.abs(other - after).max() > _STILL * unit)
+            return bool(parts.all() and np.abs(other - after).max() > _OTHER * unit)
     return False
 
 

@@ -83,6 +83,18 @@ def test_no_spike_of_dragged_cubes_comes_without_a_name(ratio, scheme):
     assert all({"lower | floor", "lower | upper"} >= set(jump.constraints) for jump in jumps)
 
 
+@each_scheme
+@pytest.mark.parametrize("ratio", [1e3, 1e6])
+def test_the_spike_of_a_light_cube_below_a_heavy_one_is_named(ratio, scheme):
+    """Forces on the light cube hide all other speeds; some steps of such runs are retaken in parts."""
+    run = run_of(dragged_cubes(1.0, ratio), scheme, 0.45)
+    force = 1e-3 * pull(1.0, 1.0 + ratio)
+    sudden = np.flatnonzero(np.abs(np.diff(run.v, axis=0)).max(axis=1) > 0.1 * force)
+    times = np.array([jump.time for jump in run.diagnosis().jumps])
+    # the cubes begin to part a few steps before the first spike
+    assert np.abs(times - run.t[sudden[0] + 1]).min() < 3.5e-3
+
+
 @pytest.mark.parametrize("scheme", [mbvi.Paoli(), DEFAULT], ids=repr)
 @pytest.mark.parametrize("ratio", [0.1, 0.001])
 def test_cubes_that_slide_on_have_no_jump(ratio, scheme):
