@@ -248,6 +248,10 @@ class ConstraintFamily(ABC):
         nowhere = np.full((len(rows), 3), np.nan)
         return nowhere, nowhere
 
+    def bearing(self, t: float, q: Array, rows: Array) -> Array:
+        """Return of some rows that touch, ascending, which bear the load of all, shape (k,) of bool; by default all."""
+        return np.ones(len(rows), bool)
+
     def check_rows(self, t: float, q: Array, rows: Array) -> None:  # noqa: B027
         """Raise `InputError` if the gradients of some rows that are closed are wrong."""
 

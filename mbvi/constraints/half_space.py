@@ -14,6 +14,7 @@ import numpy as np
 
 from ..compiled import kernel
 from ..geometry.collinear import unique_along
+from ..geometry.flat_faces import ManyCorners
 from ..geometry.hull_graph import no_graph, stack_graphs
 from ..geometry.shape_table import indexed
 from ..geometry.shapes import HalfSpace, PlacedShape, graph_of
@@ -61,7 +62,7 @@ class _Selection:
 def points_within(
     places: Array, table: tuple[Array, ...], pairs: Array, tolerance: float, clearance: Array
 ) -> tuple[int, bool]:
-    """List the points of some pairs within a tolerance; of many on one shape those that `spread_out` chooses.
+    """List the points of some pairs within a tolerance; of many on one shape those that `spread_below` keeps.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def points_within(
     for i in range(len(pairs)):
         number, clearance[pairs[i]] = points_below(places, p, pairs[i], tolerance, count)
         any_empty = any_empty or number == 0
-        count += spread_below(places, p, pairs[i], count, number)
+        count += spread_below(places, p, pairs[i], tolerance, count, number)
     return count, any_empty
 
 
@@ -196,7 +197,7 @@ class HalfSpaceContacts(Pairs):
         self.names = tuple(names)
         # for a single mechanism `half_space_rows` computes gaps, points and gradients in one call
         self._one_mechanism = system.single_mechanism
-        numbers, graphs, begin = [np.zeros((0, 17))], [], [0]
+        numbers, graphs, begin, many = [np.zeros((0, 17))], [], [0], ManyCorners()
         for pair, (wall, placed) in enumerate(zip(walls, shapes, strict=True)):
             centres, half_axes, radius = placed.shape.support_points()
             points = centres @ placed.rotation.T + placed.position
@@ -211,6 +212,7 @@ class HalfSpaceContacts(Pairs):
             rest = np.tile([*wall.normal, radius, wall.offset + radius], (len(points), 1))
             numbers.append(np.concatenate([points, axes, rest], axis=1))
             graphs.append(graph)
+            many.add(placed, begin[-1], len(graph[1]) > 0)
             begin.append(begin[-1] + len(points))
         self._bodies, frame = np.unique(self._second_body, return_inverse=True)
         begin_of, count = np.array(begin, dtype=np.int64), begin[-1]
@@ -220,6 +222,7 @@ class HalfSpaceContacts(Pairs):
             np.concatenate(numbers),
             *stack_graphs(graphs),
             np.array([s.shape.bound for s in shapes]),
+            *many.stacked(),
             begin_of[:-1].copy(),
             np.empty(count + 1, np.int64),
             np.zeros(count, bool),
@@ -284,6 +287,18 @@ class HalfSpaceContacts(Pairs):
         numbers = self._table.numbers[points]
         bias = self.system.point_bias(q, v, self._second_body[self.owner[points]], numbers[:, :3].copy())
         return np.where(numbers[:, 3:12].any(axis=1), np.nan, np.vecdot(bias, numbers[:, 12:15]))
+
+    def bearing(self, t: float, q: Array, points: Array) -> Array:
+        """Return which of some points that touch `spread_below` keeps, shape (k,) of bool."""
+        owner, kept, places = self.owner[points], np.ones(len(points), bool), self._placements(q)
+        for pair in np.flatnonzero(np.bincount(owner) > FEW_POINTS).tolist():
+            own = owner == pair
+            count = int(np.count_nonzero(own))
+            self._table.found[:count] = points[own]
+            # none of them is above the half-space
+            count = spread_below(places, self._table, pair, 0.0, 0, count)
+            kept[own] = np.isin(points[own], self._table.found[:count])
+        return kept
 
     def _point_contacts(self, q: Array, selection: _Selection, places: Array | None = None) -> Contacts:
         """Return a contact for each point of a selection, whatever its gap."""

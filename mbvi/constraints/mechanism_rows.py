@@ -106,7 +106,7 @@ def half_space_contacts(
         pair = family.candidates[i]
         count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
         any_empty = any_empty or count == 0
-        count = spread_below(poses, points, pair, 0, count)
+        count = spread_below(poses, points, pair, tolerance, 0, count)
         if rows.size[0] + count > MOST_ROWS:
             return TOO_MANY, True
         for j in range(count):

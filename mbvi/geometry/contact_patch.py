@@ -14,11 +14,12 @@ from ..compiled import kernel
 from .convex_polygon import common_polygon, convex_hull
 from .features import leave, near_corners, near_vertices
 from .separating_axis import Shapes
-from .spread import BESIDE, FEW_POINTS, spread_out
+from .spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 from .vectors import dot, within_plane
 
-# points gathered of one shape at most
-MOST_GATHERED = 96
+# points gathered of one shape at most; a flat face has no more corners, because Coal's hulls have no more neighbours of
+# a vertex, and Qhull divides a face into triangles with one vertex in common
+MOST_GATHERED = 208
 # how far below the nearest point others are gathered, beyond the tolerance, relative to the radius of the smaller shape
 DEPTH = 1e-3
 # corners nearer to each other than this part of the radius are one
@@ -64,7 +65,10 @@ def _outline(
 
 @kernel("i8(f8[:,::1], f8[::1], f8[:,::1], i8, f8, f8)")
 def _few(common: Array, gap: Array, point: Array, count: int, tolerance: float, bound: float) -> int:
-    """Keep few of many corners of a region: of those within the tolerance the ones that `spread_out` chooses."""
+    """Keep few of many corners of a region: of those within the tolerance that two flat faces share `few_corners`.
+
+    Of others those that `spread_out` chooses.
+    """
     if count <= FEW_POINTS:
         return count
     chosen, near = np.empty(count + 1, np.int64), 0
@@ -75,7 +79,11 @@ def _few(common: Array, gap: Array, point: Array, count: int, tolerance: float, 
                     chosen[near] = i
                     near += 1
         elif near > FEW_POINTS:
-            near = spread_out(common[:near], gap[:near], BESIDE * bound, chosen)
+            if one_face(common[:near], gap[:near], bound):
+                low = max(gap[:near].min(), 0.0) + FLAT * bound
+                near = few_corners(common[:near], gap[:near], low, chosen)
+            else:
+                near = spread_out(common[:near], gap[:near], BESIDE * bound, chosen)
         for i in range(near):
             k = chosen[i]
             gap[i], common[i, 0], common[i, 1] = gap[k], common[k, 0], common[k, 1]

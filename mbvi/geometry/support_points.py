@@ -15,14 +15,17 @@ import numpy as np
 from ..arguments import Array
 from ..compiled import kernel, record
 from .hull_graph import connected, outermost
-from .spread import BESIDE, FEW_POINTS, FLAT, spread_out
+from .spread import BESIDE, FEW_POINTS, FLAT, few_corners, spread_out
 from .vectors import within_plane
 
 # a rim tilted by less than this angle is level: all of its points are lowest, and the first axis gives one [rad]
 _LEVEL = 1e-9
 
 
-@record("i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], b1[::1], f8[::1]")
+@record(
+    "i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1],"
+    " i8[::1], b1[::1], f8[::1]"
+)
 class Points(NamedTuple):
     """The support points of all pairs of a shape and a half-space, as kernels take them.
 
@@ -38,6 +41,16 @@ class Points(NamedTuple):
         Which points are neighbours on hulls of many vertices.
     size : ndarray, shape (n,)
         Bounding radius of the shape of each pair [m].
+    width : ndarray, shape (n,)
+        Half the width of the hull of each pair across its longest axis [m].
+    faces : ndarray of int, shape (n + 1,)
+        The first flat face of each pair, as of `flat_faces`.
+    face : ndarray of int, shape (f + 1,)
+        Where the corners of each face begin.
+    corner : ndarray of int, shape (c,)
+        The points that are corners of faces, ascending in each.
+    facing : ndarray, shape (f, 3)
+        Normals of the faces in their bodies.
     start : ndarray of int, shape (n,)
         The lowest point of each pair at the last call; written by kernels.
     found : ndarray of int, shape (k + 1,)
@@ -54,6 +67,11 @@ class Points(NamedTuple):
     first: Array
     neighbour: Array
     size: Array
+    width: Array
+    faces: Array
+    face: Array
+    corner: Array
+    facing: Array
     start: Array
     found: Array
     taken: Array
@@ -176,9 +194,78 @@ def points_below(places: Array, points: Points, pair: int, tolerance: float, at:
     return count, least
 
 
-@kernel("i8(f8[:,:,::1], Points, i8, i8, i8)")
-def spread_below(places: Array, points: Points, pair: int, at: int, count: int) -> int:
-    """Keep few of the points that `points_below` has listed, if they touch a half-space together; see `spread_out`.
+@kernel("b1(f8[:,::1], Points, i8, f8)")
+def stays_above(place: Array, points: Points, k: int, tilt: float) -> bool:
+    """Return whether a vertex stays above one of its neighbours on a hull that is tilted by a slope of at most `tilt`.
+
+    `place`, shape (4, 3), is the placement of the body. The neighbour may stay above another one, and so on, but the
+    last of them does not: as long as that one is above the half-space, so is the vertex.
+    """
+    n = points.numbers
+    x = place[0, 0] * n[k, 12] + place[0, 1] * n[k, 13] + place[0, 2] * n[k, 14]
+    y = place[1, 0] * n[k, 12] + place[1, 1] * n[k, 13] + place[1, 2] * n[k, 14]
+    z = place[2, 0] * n[k, 12] + place[2, 1] * n[k, 13] + place[2, 2] * n[k, 14]
+    for i in range(points.first[k], points.first[k + 1]):
+        j = points.neighbour[i]
+        u, v, w = n[k, 0] - n[j, 0], n[k, 1] - n[j, 1], n[k, 2] - n[j, 2]
+        height = u * x + v * y + w * z
+        if height > 0.0 and height * height > tilt * tilt * (u * u + v * v + w * w - height * height):
+            return True
+    return False
+
+
+@kernel("void(Points, i8, i8, f8[::1], f8, b1[::1])")
+def few_of_each_face(points: Points, pair: int, at: int, gap: Array, low: float, wanted: Array) -> None:
+    """Keep of the points of each flat face those that `few_corners` chooses.
+
+    Parameters
+    ----------
+    points, pair, at
+        As of `spread_below`.
+    gap : ndarray, shape (k,)
+        Gaps of the points from place `at` of `found` on [m].
+    low : float
+        The gap up to which points count as touching [m].
+    wanted : ndarray of bool, shape (k,)
+        Which of them are kept.
+    """
+    place, own, index = np.empty((len(gap), 2)), np.empty(len(gap)), np.empty(len(gap), np.int64)
+    along, across, chosen, size = np.empty(3), np.empty(3), np.empty(FEW_POINTS, np.int64), points.size[pair]
+    for f in range(points.faces[pair], points.faces[pair + 1]):
+        j, end, number, least = points.face[f], points.face[f + 1], 0, np.inf
+        within_plane(points.facing[f], along, across)
+        for i in range(len(gap)):
+            k = points.found[at + i]
+            # both ascend
+            while j < end and points.corner[j] < k:
+                j += 1
+            if wanted[i] and j < end and points.corner[j] == k:
+                n, place[number, 0], place[number, 1] = points.numbers[k], 0.0, 0.0
+                for c in range(3):
+                    place[number, 0] += n[c] * along[c]
+                    place[number, 1] += n[c] * across[c]
+                index[number], own[number], least = i, gap[i], min(least, gap[i])
+                number += 1
+        if number <= FEW_POINTS:
+            continue
+        touching = max(low, least + FLAT * size)
+        kept = few_corners(place[:number], own[:number], touching, chosen)
+        for i in range(number):
+            wanted[index[i]] = False
+        for i in range(kept):
+            wanted[index[chosen[i]]] = True
+
+
+@kernel("i8(f8[:,:,::1], Points, i8, f8, i8, i8)")
+def spread_below(places: Array, points: Points, pair: int, tolerance: float, at: int, count: int) -> int:
+    """Keep few of the points that `points_below` has listed within a tolerance, if there are more than `FEW_POINTS`.
+
+    Points that touch are those below the surface of the half-space, or about as low as the lowest one.
+
+    - A point above these is left out if it stays above a neighbour however the hull turns, unless a point of the hull
+      moves farther than the tolerance.
+    - Of each flat face of the hull at most `FEW_POINTS` corners are kept.
+    - Of points of several faces that touch together those are kept that `spread_out` chooses.
 
     They are the `count` ones from place `at` of `found` on, of which the kept ones are moved to the front. Returns how
     many are kept.
@@ -187,33 +274,31 @@ def spread_below(places: Array, points: Points, pair: int, at: int, count: int) 
         return count
     found, body, numbers, size = points.found, points.body[pair], points.numbers, points.size[pair]
     out, along, across, least = points.out, np.empty(3), np.empty(3), np.inf
-    place, gap = np.empty((count, 2)), np.empty(count)
-    face, chosen = np.empty(count, np.int64), np.empty(count + 1, np.int64)
+    place, gap, wanted = np.empty((count, 2)), np.empty(count), np.ones(count, np.bool_)
     within_plane(numbers[found[at], 12:15], along, across)
     for i in range(count):
         lowest(places, body, numbers, found[at + i], out)
-        least = min(least, out[3])
-    # the face: all points that are below the half-space's surface, or about as low as the lowest
-    flat = 0
+        gap[i], least = out[3], min(least, out[3])
+        place[i, 0] = out[0] * along[0] + out[1] * along[1] + out[2] * along[2]
+        place[i, 1] = out[0] * across[0] + out[1] * across[1] + out[2] * across[2]
+    low, tilt = max(least, 0.0) + FLAT * size, (tolerance - min(least, 0.0)) / points.width[pair]
     for i in range(count):
-        lowest(places, body, numbers, found[at + i], out)
-        if out[3] <= max(least, 0.0) + FLAT * size:
-            gap[flat], face[flat] = out[3], i
-            place[flat, 0] = out[0] * along[0] + out[1] * along[1] + out[2] * along[2]
-            place[flat, 1] = out[0] * across[0] + out[1] * across[1] + out[2] * across[2]
+        wanted[i] = gap[i] <= low or not stays_above(places[body], points, found[at + i], tilt)
+    few_of_each_face(points, pair, at, gap, low, wanted)
+    face, chosen, flat = np.empty(count, np.int64), np.empty(count + 1, np.int64), 0
+    for i in range(count):
+        if wanted[i] and gap[i] <= low:
+            # the next place is not behind this one
+            gap[flat], face[flat], place[flat, 0], place[flat, 1] = gap[i], i, place[i, 0], place[i, 1]
             flat += 1
-    if flat <= FEW_POINTS:
-        return count
-    number = spread_out(place[:flat], gap[:flat], BESIDE * size, chosen)
-    kept, next_flat, next_chosen = 0, 0, 0
+    if flat > FEW_POINTS:
+        for i in range(flat):
+            wanted[face[i]] = False
+        for i in range(spread_out(place[:flat], gap[:flat], BESIDE * size, chosen)):
+            wanted[face[chosen[i]]] = True
+    kept = 0
     for i in range(count):
-        wanted = True
-        if next_flat < flat and face[next_flat] == i:
-            wanted = next_chosen < number and chosen[next_chosen] == next_flat
-            next_flat += 1
-            if wanted:
-                next_chosen += 1
-        if wanted:
+        if wanted[i]:
             found[at + kept] = found[at + i]
             kept += 1
     return kept

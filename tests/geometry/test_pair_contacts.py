@@ -124,7 +124,10 @@ def test_overlapping_hulls_keep_their_deepest_point(seed):
 @pytest.mark.parametrize("tilt", [1e-3, 1e-2, 0.05])
 @pytest.mark.parametrize("heading", [0.2, 0.4, 0.6, 1.0])
 def test_of_many_corners_the_sunk_ones_are_kept(tilt, heading):
-    """A tilted wheel is sunk with part of its rim: rows above the table must not stand for corners below."""
+    """A tilted wheel is sunk with part of its rim: rows above the table must not stand for corners below.
+
+    Eight rows are those of its face: on an arc of 180 degrees with corners anywhere they leave 0.05 of the radius.
+    """
     angle = np.sort(np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 60))
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
     contacts = pair(Box((6.0, 6.0, 1.0)), prism(rim, 0.5))
@@ -133,10 +136,10 @@ def test_of_many_corners_the_sunk_ones_are_kept(tilt, heading):
     found = contacts.contacts(0.0, q, 1e-9)
     corners = np.column_stack([rim, np.zeros(len(rim))]) @ turn.T + q[7:10] - [0.0, 0.0, 0.5]
     sunk = corners[corners[:, 2] < 0.0]
-    assert 8 < len(sunk) < 60 and len(found.gap) < len(sunk)
+    assert 8 < len(sunk) < 60 and len(found.gap) == 8
     assert found.gap.min() == pytest.approx(sunk[:, 2].min(), abs=1e-9)
     for corner in sunk:
-        assert beside(corner[:2], found.point[:, :2]) <= 0.0115
+        assert beside(corner[:2], found.point[:, :2]) <= 0.05
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-6])

@@ -417,7 +417,18 @@ def spread_below(rng):
     count = int(table.begin[pair + 1] - table.begin[pair])
     table.found[:count] = np.arange(table.begin[pair], table.begin[pair + 1])
     table.size[pair] = rng.choice([0.1, 10.0])
-    return kinematics.poses, table, pair, 0, count
+    return kinematics.poses, table, pair, float(rng.choice([0.0, 0.1, 10.0])), 0, count
+
+
+def stays_above(rng):
+    poses, table, pair, _, _, _ = spread_below(rng)
+    place = np.ascontiguousarray(poses[table.body[pair]])
+    return place, table, int(rng.integers(table.begin[pair], table.begin[pair + 1])), float(rng.choice([0.0, 1.0]))
+
+
+def few_of_each_face(rng):
+    _, table, pair, _, at, count = spread_below(rng)
+    return table, pair, at, rng.choice([0.0, 1.0]) * rng.normal(size=count), 0.1, rng.random(count) < 0.8
 
 
 def points_within_(rng):
@@ -1070,6 +1081,8 @@ ARGUMENTS = {
     "half_space_rows": half_space_rows,
     "points_below": points_below,
     "spread_below": spread_below,
+    "stays_above": stays_above,
+    "few_of_each_face": few_of_each_face,
     "points_within": points_within_,
     "each_point_below": points_below,
     "few_points_within": few_points_within,

@@ -52,6 +52,20 @@ def spread_out(rng):
     return place, rng.normal(size=len(place)), float(rng.choice([0.0, 0.01, 0.1])), np.zeros(len(place) + 1, np.int64)
 
 
+def face(rng):
+    """Places and gaps of points of a face, and the gap up to which some of them count as touching."""
+    place = points(rng) if rng.random() < 0.5 else np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+    gap = rng.choice([0.0, 1.0]) * place @ rng.normal(size=2) + rng.choice([0.0, 1e-3]) * rng.normal(size=len(place))
+    return place, gap, float(np.quantile(gap, rng.choice([0.0, 0.3, 1.0])))
+
+
+def grow(rng):
+    place, gap, low = face(rng)
+    corner = np.zeros(8, np.int64)
+    corner[0] = gap.argmin()
+    return place, gap, low, float(rng.choice([1e-9, 0.1])), corner, 1, int(rng.choice([3, 8]))
+
+
 def side_of_pair(rng):
     """Where one shape of a pair is, the tables of both, the pair, the side, and the points of that shape."""
     axes, places = axes_of(rng)
@@ -160,6 +174,11 @@ PATCH_ARGUMENTS = {
     "_common_segment": segments,
     "common_polygon": polygons,
     "spread_out": spread_out,
+    "_farthest": lambda rng: (*face(rng), 0),
+    "_outside": lambda rng: (*face(rng), 0, 1),
+    "_grow": grow,
+    "few_corners": lambda rng: (*face(rng), np.zeros(8, np.int64)),
+    "one_face": lambda rng: (*face(rng)[:2], 1.0),
     "within_plane": lambda rng: (unit(rng), np.zeros(3), np.zeros(3)),
     "_gather": lambda rng: (
         rng.normal(size=(4, 3)), unit(rng), 0.0, *rng.normal(size=3).tolist(), np.zeros((2, 3)), int(rng.integers(3)),

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...projection import FreeMotion, Metric
 from ...system.system import Array
+from .few_rows import few_rows, held_rows
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
 from .release_events import STAYS, complementarity
@@ -23,7 +24,10 @@ _MOST_SINGLE = 10_000
 
 
 def touching_rows(state: MotionState, known: Array) -> Array:
-    """Return the rows that touch, among all near rows and those `known` to take part in the event."""
+    """Return the rows that touch, among all near rows and those `known` to take part in the event.
+
+    Of many points of one shape few are returned; `state.all_touching` receives all of them.
+    """
     near = state.closing.within(state.t, state.q, 10 * state.touching)
     near = np.union1d(near, known) if known.size else near
     gaps = state.rows.gaps(state.t, state.q, near) * state.rows.lever[near]
@@ -35,7 +39,10 @@ def touching_rows(state: MotionState, known: Array) -> Array:
     if opening.any():
         J = state.rows.gradients(state.t, state.q, near[opening])
         opening[opening] = J @ state.v > certain_rates(J, state.v, state.slow(near[opening]))
-    return near[~opening]
+    state.all_touching = near[~opening]
+    # at the start all rows are known, but none closes
+    closing = np.setdiff1d(known, state.closed) if len(known) <= len(state.closed) + 1 else NO_ROWS
+    return few_rows(state.rows, state.t, state.q, state.all_touching, closing)
 
 
 def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent]:
@@ -53,7 +60,7 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     ImpactEvent
         The impact, if there is one.
     """
-    was_closed, state.closed = np.isin(touching, state.closed), NO_ROWS
+    was_closed, state.closed, state.held = np.isin(touching, state.closed), NO_ROWS, NO_ROWS
     if not touching.size:
         return
     state.rows.check(state.t, state.q, touching)
@@ -71,6 +78,7 @@ def change_contacts(state: MotionState, touching: Array) -> Iterator[ImpactEvent
     forces, opening = complementarity(state.flow, state.projector, state.t, state.q, state.v, rest)
     # a contact that other contacts keep closed without its own force stays closed too: it cannot open on its own
     state.closed = rest[(forces > 0.0) | (opening <= STAYS)]
+    state.held = held_rows(state.rows, state.t, state.q, state.all_touching, state.closed)
 
 
 def _impact(

@@ -116,6 +116,10 @@ class SmoothRows:
         rates = [self.gradients(t, move(q, k * s * v), index) @ v for k in (-2.0, -1.0, 1.0, 2.0)]
         return np.asarray((rates[0] - 8 * rates[1] + 8 * rates[2] - rates[3]) / (12 * s))
 
+    def bearing(self, t: float, q: Array, index: Array) -> Array:
+        """Return of some rows that touch, ascending, which bear the load of all, shape (k,) of bool."""
+        return self._each(index, lambda family, rows: family.bearing(t, q, rows), np.zeros(0, bool))
+
     def check(self, t: float, q: Array, index: Array) -> None:
         """Compare the gradients of some closed rows with differences, where a user gave them."""
         for family, rows in self._split(index):

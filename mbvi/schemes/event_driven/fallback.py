@@ -7,11 +7,14 @@ from collections.abc import Generator, Iterator
 import numpy as np
 
 from ...constraints.rows import take
+from ...errors import ProjectionError
 from ...projection import FreeMotion
+from ...projection.raise_gaps import MOST_LINEARISATIONS
 from ...system.system import Array
 from ..paoli import Paoli
 from ..step import closes, still_rates
 from .contact_changes import change_contacts, touching_rows
+from .few_rows import few_rows
 from .impact_event import ImpactEvent
 from .motion_state import NO_ROWS, MotionState, certain_rates
 from .runge_kutta import DEGREE, RungeKuttaStep
@@ -48,12 +51,31 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
         active = yield from _paoli_step(state, h, end)
         if not np.isin(active, jumping).any():
             break
-    inside = np.flatnonzero(state.rows.gaps(state.t, state.q, state.rows.all) < 0.0)
-    if inside.size:
-        state.depth = state.close_gaps(inside)
+    state.depth = _move_out(state)
+    if state.depth > 0.0:
         yield _straight(state.t, 0.0, state.q, state.v, state.q)
     state.closing.forget()
     yield from change_contacts(state, touching_rows(state, NO_ROWS))
+
+
+def _move_out(state: MotionState) -> float:
+    """Move the configuration out of penetration by the smallest displacement; return the deepest penetration before."""
+    rows, depth, still = state.rows, 0.0, np.zeros(state.system.nv)
+    for _ in range(MOST_LINEARISATIONS):
+        gap = rows.gaps(state.t, state.q, rows.all)
+        inside = np.flatnonzero(gap < 0.0)
+        depth = max(depth, -float(gap.min(initial=0.0)))
+        if (gap[inside] >= -rows.rounding[inside]).all():
+            break
+        inside = few_rows(rows, state.t, state.q, inside, NO_ROWS)
+        J, metric = rows.gradients(state.t, state.q, inside), state.system.metric(state.q)
+        try:
+            out = state.projector.project(still, metric, J, -gap[inside]).velocity
+        except ProjectionError:
+            # bodies that are wedged in stay as they are
+            break
+        state.q = state.system.integrate(state.q, out)
+    return depth
 
 
 def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKuttaStep | ImpactEvent, None, Array]:

@@ -119,7 +119,7 @@ class EventDrivenIntegrator(MotionState):
         if not error <= 1.0:
             return None, factor if np.isfinite(error) else _LEAST_FACTOR, 1.0, NO_ROWS
         step = self.flow.with_dense_output(step, self.closed)
-        share, first = self.closing.first(step, self.closed)
+        share, first = self.closing.first(step, np.concatenate([self.closed, self.held]))
         release = first_release(self.flow, self.projector, step, self.closed, share)
         if release < share:
             share, first = release, NO_ROWS

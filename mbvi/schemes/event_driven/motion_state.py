@@ -38,6 +38,10 @@ class MotionState:
         Time [s], configuration and velocity.
     closed : ndarray of int, shape (k,)
         The rows that are kept closed.
+    held : ndarray of int, shape (k,)
+        Rows that touch and cannot close because of those; see `held_rows`.
+    all_touching : ndarray of int, shape (k,)
+        All rows that touched at the last event; few of them may take part in it.
     event_rows : ndarray of int, shape (k,)
         The rows of the last event.
     impact_time : float
@@ -62,7 +66,8 @@ class MotionState:
         self.rows = SmoothRows(problem.constraints, self.t, self.q, problem.length)
         self.flow, self.closing = Flow(problem, self.rows), ClosingEvents(self.system, self.rows)
         self.observed = ContactObserver(problem, self.rows)
-        self.closed, self.touching = NO_ROWS, min(problem.tolerance, _TOUCHING * tolerance * problem.length)
+        self.closed = self.held = self.all_touching = NO_ROWS
+        self.touching = min(problem.tolerance, _TOUCHING * tolerance * problem.length)
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
         self.depth, self.residual, self.fallbacks = 0.0, 0.0, 0
         self.fallback: Step | None = None

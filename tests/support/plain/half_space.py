@@ -35,7 +35,7 @@ def half_space_rows_plain(
     for pair in pairs.tolist():
         number, clearance[pair] = points_below_plain(poses, p, pair, tolerance, count)
         any_empty |= number == 0
-        count += spread_below.loops(poses, p, pair, count, number)
+        count += spread_below.loops(poses, p, pair, tolerance, count, number)
     if not np.array_equal(p.found[:count], index):
         return count, bool(any_empty), False
     owners = np.array([p.body[owner], owner]).T
