@@ -342,6 +342,15 @@ def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
     assert share == 1.0 if scene is not two_hoppers else share > 0.9
 
 
+@pytest.mark.usefixtures("always")
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", SEVERAL)
+def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu):
+    """Rows that join the law of free bodies act where it does, also those of spheres among each other."""
+    steps = list(steps_that_agree(scene(0.0, mu), SCHEMES[-1], 150, 1e-6, SPREAD))
+    assert np.mean([step is not None for step in steps]) > 0.9
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("always")
 @each_scheme
