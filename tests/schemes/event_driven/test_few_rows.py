@@ -4,12 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
-from mbvi.studies.published_robots import published_robot
 
 import mbvi
 from mbvi.geometry.spread import FEW_POINTS
 from mbvi.projection.projector import Projector
 from mbvi.schemes.event_driven.integrator import EventDrivenIntegrator
+from mbvi_studies.published_robots import published_robot
 
 
 def largest(monkeypatch):
