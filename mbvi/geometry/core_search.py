@@ -23,6 +23,8 @@ from .vectors import cross, dot, normalise
 
 # active sets that are tried, and turns within one
 _MOST_SETS, _MOST_TURNS = 200, 40
+# steps that lead near the maximum between cores that are apart, and how near it is near, as a part of the distance
+_MOST_APPROACHES, _NEARLY = 20, 0.99
 # rounding of heights relative to the largest point of D, of barycentric coordinates, and of areas squared
 _ROUNDING, _BEYOND, _ON_A_LINE = 4e-15, 1e-12, 1e-24
 # corners of the polygons that stand for circles
@@ -215,6 +217,39 @@ def turn_to(world: Array, shapes: Shapes, pair: int, n: Array, to: Array, active
     return blocked
 
 
+@kernel("void(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1])")
+def approach(world: Array, shapes: Shapes, pair: int, n: Array, active: Array) -> None:
+    """Turn n about to the maximum if the cores are apart: between hulls of many vertices `ascend` takes short turns.
+
+    By Gilbert's method: a point of D moves towards the origin, on the way to the lowest point along its direction.
+    """
+    near, to = np.empty(3), np.empty(3)
+    lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 0)
+    for c in range(3):
+        near[c] = active[0, c]
+    best = dot(near, n)
+    for _ in range(_MOST_APPROACHES):
+        for c in range(3):
+            to[c] = near[c]
+        far = normalise(to)
+        if not far > 0.0:
+            break
+        lowest_difference(world, shapes, pair, to[0], to[1], to[2], CORNERS, active, 0)
+        low = back = square = 0.0
+        for c in range(3):
+            step = active[0, c] - near[c]
+            low, back, square = low + active[0, c] * to[c], back - near[c] * step, square + step * step
+        if low > best:
+            best = low
+            for c in range(3):
+                n[c] = to[c]
+        if low > _NEARLY * far or not square > 0.0:
+            break
+        part = min(max(back / square, 0.0), 1.0)
+        for c in range(3):
+            near[c] += part * (active[0, c] - near[c])
+
+
 @kernel("i8(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1], f8[::1])")
 def ascend(world: Array, shapes: Shapes, pair: int, n: Array, active: Array, share: Array) -> int:
     """Turn n to a local maximum of d; return the number of active points there, 0 if none was found."""
@@ -282,7 +317,9 @@ def search_cores(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Arr
     active, share, before, count = np.empty((4, 6)), np.empty(3), np.empty(3), 0
     before[0] = np.nan
     for turn in range(_MOST_SEARCHES):
-        if turn > 0:
+        if turn == 0:
+            approach(world, shapes, pair, n, active)
+        else:
             for c in range(3):
                 n[c] = before[c] + _ASIDE[c]
             normalise(n)

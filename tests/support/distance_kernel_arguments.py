@@ -320,6 +320,7 @@ DISTANCE_ARGUMENTS = {
         np.zeros(3),
     ),
     "turn_to": turn_to,
+    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 6))),
     "ascend": lambda rng: (*pair_of(rng), np.zeros((4, 6)), np.zeros(3)),
     "write_midpoint": lambda rng: (
         *pair_of(rng),
