@@ -296,10 +296,10 @@ def _within_a_run(wanted):
 
 
 def may_pass(rng, seed):
-    constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
+    mechanism, constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
     # at the first two no pair is farther apart than it travels, at the last some are
     scale = 10.0 ** rng.uniform(0.0, 3.0)
-    return constraints, scale * v, scale * w, log, 1e-9
+    return mechanism, constraints, scale * v, scale * w, log, 1e-9
 
 
 def write_gradients(rng, seed):
@@ -309,8 +309,14 @@ def write_gradients(rng, seed):
     return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0]))
 
 
+def _near(seed):
+    """A mechanism, the tables of its shapes, and its pairs."""
+    mechanism, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return mechanism, constraints.shapes, constraints.near
+
+
 def clearance_of(rng, seed):
-    constraints = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)[0]
+    _, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return constraints, int(rng.integers(len(constraints.pairs.clearance)))
 
 
@@ -318,6 +324,12 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "place_bodies": lambda rng, seed: _near(seed)[::2],
+    "is_beyond": lambda rng, seed: (
+        *_near(seed)[1:],
+        int(rng.integers(len(_near(seed)[2].bound))),
+        float(rng.choice([0.0, 0.1, 1.0])),
+    ),
     "write_gradients": write_gradients,
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
