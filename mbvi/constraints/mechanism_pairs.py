@@ -23,7 +23,7 @@ MOST_CONTACTS = 512
 
 @record(
     "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
-    " f8[::1], f8[::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
+    " f8[::1], f8[::1], i8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
 )
 class PairShapes(NamedTuple):
     """What the kernel needs of pairs beside the fields of `Shapes`, and room.
@@ -48,6 +48,8 @@ class PairShapes(NamedTuple):
         Placements are rounded to multiples of 1 / this, row by row.
     mode : int
         `AS_THEY_ARE`, `ROUNDED`, or `LEFT_TO_PYTHON`.
+    bounds : ndarray, shape (n,)
+        Room for what `separated` writes.
     distance, normal, middle, state : ndarray, shapes (n,), (n, 3), (n, 3) and (n,)
         Room for results of `distances_from_axes`.
     owner, gap, point, normals : ndarray, shapes (MOST_CONTACTS,) and (MOST_CONTACTS, 3)
@@ -67,6 +69,7 @@ class PairShapes(NamedTuple):
     bound: Array
     grid: Array
     mode: int
+    bounds: Array
     distance: Array
     normal: Array
     middle: Array
@@ -121,6 +124,34 @@ def measured_from_axes(
     )  # fmt: skip
 
 
+@kernel("void(Mechanism, PairShapes)")
+def place_bodies(mechanism: Mechanism, pairs: PairShapes) -> None:
+    """Write where the bodies of the shapes are."""
+    places, poses = pairs.places, mechanism.poses
+    for b in range(len(pairs.bodies)):
+        for r in range(4):
+            for c in range(3):
+                places[b, r, c] = poses[pairs.bodies[b], r, c]
+
+
+@kernel("b1(Tuple(Shapes), PairShapes, i8, f8)")
+def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance: float) -> bool:
+    """Return whether a pair is farther apart than a distance [m] where `place_bodies` has placed the bodies.
+
+    The axis that separates it is kept, so that the next time most need one evaluation.
+    """
+    places, chosen, shapes = pairs.places, pairs.others[:1], Shapes(*tables)
+    chosen[0] = pair
+    if separated(places, tables, pairs.axis, chosen, distance, pairs.bounds, pairs.unresolved) == 0:
+        return True
+    distances_from_axes(
+        places, tables, pairs.bound, chosen, pairs.axis, pairs.distance[:1], pairs.normal[:1], pairs.middle[:1],
+        pairs.state[:1],
+    )  # fmt: skip
+    keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, pairs.normal[:1])
+    return pairs.distance[0] > distance
+
+
 @kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")
 def pair_contacts(
     mechanism: Mechanism, tables: tuple[Array, ...], pairs: PairShapes, family: PairFamily, tolerance: float,
@@ -144,11 +175,8 @@ def pair_contacts(
     count = family.listed[0]
     if count == 0:
         return FOUND, False
-    places, poses = pairs.places, mechanism.poses
-    for b in range(len(pairs.bodies)):
-        for r in range(4):
-            for c in range(3):
-                places[b, r, c] = poses[pairs.bodies[b], r, c]
+    place_bodies(mechanism, pairs)
+    places = pairs.places
     left = separated(
         places, tables, pairs.axis, family.candidates[:count], tolerance, family.clearance, pairs.unresolved
     )

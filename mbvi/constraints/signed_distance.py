@@ -100,7 +100,7 @@ class SignedDistances(Pairs):
         contacts: Any = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
         fields: Any = (
             np.array(axes.bodies, dtype=np.int64), *rooms, unresolved, closed, others, axes.axis,
-            self._closed.form, self.smooth, self._flat, self._bound, self._grid.ravel(), mode, *found,
+            self._closed.form, self.smooth, self._flat, self._bound, self._grid.ravel(), mode, self._bounds, *found,
             *contacts,
         )  # fmt: skip
         return axes.tables, PairShapes(*fields)

@@ -308,10 +308,10 @@ def _within_a_run(wanted):
 
 
 def may_pass(rng, seed):
-    constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
+    mechanism, constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
     # at the first two no pair is farther apart than it travels, at the last some are
     scale = 10.0 ** rng.uniform(0.0, 3.0)
-    return constraints, scale * v, scale * w, log, 1e-9
+    return mechanism, constraints, scale * v, scale * w, log, 1e-9
 
 
 def write_gradients(rng, seed):
@@ -347,8 +347,14 @@ def project_moving(rng, seed):
     return s, J, A, W, x, lower, w, table
 
 
+def _near(seed):
+    """A mechanism, the tables of its shapes, and its pairs."""
+    mechanism, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return mechanism, constraints.shapes, constraints.near
+
+
 def clearance_of(rng, seed):
-    constraints = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)[0]
+    _, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return constraints, int(rng.integers(len(constraints.pairs.clearance)))
 
 
@@ -356,6 +362,12 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "place_bodies": lambda rng, seed: _near(seed)[::2],
+    "is_beyond": lambda rng, seed: (
+        *_near(seed)[1:],
+        int(rng.integers(len(_near(seed)[2].bound))),
+        float(rng.choice([0.0, 0.1, 1.0])),
+    ),
     "write_gradients": write_gradients,
     "displacement_of_groups": displacement_of_groups,
     "independent_groups": independent_groups,
