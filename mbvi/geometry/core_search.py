@@ -318,7 +318,9 @@ def search_cores(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Arr
     before[0] = np.nan
     for turn in range(_MOST_SEARCHES):
         if turn == 0:
-            approach(world, shapes, pair, n, active)
+            # Newton's method, which comes before it for curved cores, has led as near
+            if not is_curved(shapes, pair):
+                approach(world, shapes, pair, n, active)
         else:
             for c in range(3):
                 n[c] = before[c] + _ASIDE[c]

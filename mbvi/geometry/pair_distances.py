@@ -27,6 +27,8 @@ _LEVEL = 1e-8
 _EQUAL, _EQUAL_CURVED = 1e-12, 1e-6
 # radii of discs are taken too small by this part
 _MARGIN = 1e-3
+# better directions that are followed one after the other
+_MOST_BETTER = 50
 
 
 @kernel("Tuple((i8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8, f8[::1], f8[::1], f8[:,::1])")
@@ -149,7 +151,7 @@ def distances_from_axes(
             first_axis(world, shapes, pair, n)
             found, apart, sure = _maximum(world, shapes, pair, n, bound[pair], nearest, gaps, corners, flat, count)
             proved = widest_angle(world, shapes, pair, n, -apart - balls) <= sure
-        while True:
+        for _ in range(_MOST_BETTER):
             state[i], distance[i] = found, apart
             for c in range(3):
                 normal[i, c], middle[i, c] = n[c], nearest[c]

@@ -36,6 +36,8 @@ _MARGIN = 1e-3
 _PARALLEL = 1e-9
 # triangles that wait: each halving adds one, and after some eighty halvings a triangle is as small as rounding
 _MOST_WAITING = 256
+# triangles that are looked at: where more are needed a depth is not proved, and may not be the least
+_MOST_TRIANGLES = 20_000
 # part of the points' distance from the origin that counts beside heights
 _SAME_HEIGHT = 1e-3
 # rounding of h relative to its largest value
@@ -216,7 +218,7 @@ def farthest_point(world: Array, shapes: Shapes, pair: int, triangle: Array, cor
 def better_direction(
     world: Array, shapes: Shapes, pair: int, n: Array, depth: float, sure: float, tolerance: float
 ) -> bool:
-    """Look for a direction that separates two cores better; return False if it is proved that there is none.
+    """Look for a direction that separates two cores better; return False if there is none, which is proved in most cases.
 
     Parameters
     ----------
@@ -248,7 +250,9 @@ def better_direction(
                 for c in range(3):
                     n[c] = waiting[octant, 0, j, c]
                 return True
-    while count > 0:
+    for _ in range(_MOST_TRIANGLES):
+        if count == 0:
+            return False
         last = waiting[count - 1]
         known = sure > 0.0
         for j in range(3):
