@@ -1,4 +1,4 @@
-"""Time of a step by layer: Pinocchio, Coal, compiled kernels, and the rest, which is Python and numpy."""
+"""Time of a step by layer: Pinocchio, compiled kernels, and the rest, which is Python and numpy."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ import pinocchio as pin
 
 import mbvi
 from mbvi.compiled import kernel as compiled
-from mbvi.geometry.coal_distance import CoalDistances
 
-LAYERS = ("Pinocchio", "Coal", "kernels", "Python")
+LAYERS = ("Pinocchio", "kernels", "Python")
 
 _PINOCCHIO = (
     *("integrate", "difference", "crba", "nonLinearEffects", "rnea", "aba", "forwardKinematics"),
@@ -97,8 +96,6 @@ def _timed(watch: Stopwatch) -> Iterator[None]:
     """Time the calls into each layer while the context lasts."""
     compiled.compile_all()
     owners = [(pin, "Pinocchio", name) for name in _PINOCCHIO]
-    # including the Python code that passes shapes and results
-    owners += [(CoalDistances, "Coal", "approximate"), (CoalDistances, "Coal", "measure")]
     with ExitStack() as stack:
         for owner, layer, name in owners:
             stack.enter_context(mock.patch.object(owner, name, watch.wrap(layer, getattr(owner, name))))

@@ -1,4 +1,4 @@
-"""Contacts of the pairs of shapes of one mechanism in one kernel, as `SignedDistances` finds them without Coal."""
+"""Contacts of the pairs of shapes of one mechanism in one kernel, as `SignedDistances` finds them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ MOST_CONTACTS = 512
 
 
 @record(
-    "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
-    " f8[::1], f8[::1], f8[::1], i8, f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
+    "i8[::1], f8[:,:,::1], f8[:,:,::1], i8[::1], i8[::1], i8[::1], f8[:,::1], i8[::1], b1[::1], b1[::1],"
+    " f8[::1], f8[::1], i8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1]"
 )
 class PairShapes(NamedTuple):
     """What the kernel needs of pairs beside the fields of `Shapes`, and room.
@@ -34,7 +34,7 @@ class PairShapes(NamedTuple):
         The bodies whose placements the shapes need.
     places, rounded : ndarray, shape (b, 4, 3)
         Room for these, and for the same rounded.
-    unresolved, closed, others, unknown : ndarray of int, shape (n,)
+    unresolved, closed, others : ndarray of int, shape (n,)
         Room for pairs.
     axis : ndarray, shape (n, 3)
         As of `SeparatingAxes`.
@@ -42,12 +42,14 @@ class PairShapes(NamedTuple):
         As of `PrimitivePairs`.
     smooth, flat : ndarray of bool, shape (n,)
         Pairs with a continuous gradient, and those that can share more than one point.
-    bound, unit : ndarray, shape (n,)
+    bound : ndarray, shape (n,)
         As of `write_contacts`.
     grid : ndarray, shape (4,)
         Placements are rounded to multiples of 1 / this, row by row.
     mode : int
         `AS_THEY_ARE`, `ROUNDED`, or `LEFT_TO_PYTHON`.
+    bounds : ndarray, shape (n,)
+        Room for what `separated` writes.
     distance, normal, middle, state : ndarray, shapes (n,), (n, 3), (n, 3) and (n,)
         Room for results of `distances_from_axes`.
     owner, gap, point, normals : ndarray, shapes (MOST_CONTACTS,) and (MOST_CONTACTS, 3)
@@ -60,15 +62,14 @@ class PairShapes(NamedTuple):
     unresolved: Array
     closed: Array
     others: Array
-    unknown: Array
     axis: Array
     form: Array
     smooth: Array
     flat: Array
     bound: Array
-    unit: Array
     grid: Array
     mode: int
+    bounds: Array
     distance: Array
     normal: Array
     middle: Array
@@ -107,7 +108,7 @@ def measured_in_closed_form(
 def measured_from_axes(
     places: Array, tables: tuple[Array, ...], pairs: PairShapes, tolerance: float, count: int
 ) -> int:
-    """Write the contacts of the first `count` of `others`; return how many, -1 without room or where Coal is needed."""
+    """Write the contacts of the first `count` of `others`; return how many, -1 without room."""
     shapes, chosen = Shapes(*tables), pairs.others[:count]
     distance, normal, middle, state = (
         pairs.distance[:count],
@@ -115,18 +116,40 @@ def measured_from_axes(
         pairs.middle[:count],
         pairs.state[:count],
     )
-    for i in range(count):
-        for c in range(3):
-            middle[i, c] = 0.0
-    if distances_from_axes(
-        places, tables, pairs.bound, chosen, pairs.axis, distance, normal, middle, state, pairs.unknown[:count]
-    ):
-        return -1
+    distances_from_axes(places, tables, pairs.bound, chosen, pairs.axis, distance, normal, middle, state)
     keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, normal)
     return write_contacts(
-        places, tables, pairs.bound, pairs.unit, pairs.flat, chosen, tolerance, distance, normal, middle, state,
+        places, tables, pairs.bound, pairs.flat, chosen, tolerance, distance, normal, middle, state,
         pairs.owner, pairs.gap, pairs.point, pairs.normals,
     )  # fmt: skip
+
+
+@kernel("void(Mechanism, PairShapes)")
+def place_bodies(mechanism: Mechanism, pairs: PairShapes) -> None:
+    """Write where the bodies of the shapes are."""
+    places, poses = pairs.places, mechanism.poses
+    for b in range(len(pairs.bodies)):
+        for r in range(4):
+            for c in range(3):
+                places[b, r, c] = poses[pairs.bodies[b], r, c]
+
+
+@kernel("b1(Tuple(Shapes), PairShapes, i8, f8)")
+def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance: float) -> bool:
+    """Return whether a pair is farther apart than a distance [m] where `place_bodies` has placed the bodies.
+
+    The axis that separates it is kept, so that the next time most need one evaluation.
+    """
+    places, chosen, shapes = pairs.places, pairs.others[:1], Shapes(*tables)
+    chosen[0] = pair
+    if separated(places, tables, pairs.axis, chosen, distance, pairs.bounds, pairs.unresolved) == 0:
+        return True
+    distances_from_axes(
+        places, tables, pairs.bound, chosen, pairs.axis, pairs.distance[:1], pairs.normal[:1], pairs.middle[:1],
+        pairs.state[:1],
+    )  # fmt: skip
+    keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, pairs.normal[:1])
+    return pairs.distance[0] > distance
 
 
 @kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")
@@ -152,11 +175,8 @@ def pair_contacts(
     count = family.listed[0]
     if count == 0:
         return FOUND, False
-    places, poses = pairs.places, mechanism.poses
-    for b in range(len(pairs.bodies)):
-        for r in range(4):
-            for c in range(3):
-                places[b, r, c] = poses[pairs.bodies[b], r, c]
+    place_bodies(mechanism, pairs)
+    places = pairs.places
     left = separated(
         places, tables, pairs.axis, family.candidates[:count], tolerance, family.clearance, pairs.unresolved
     )

@@ -144,11 +144,11 @@ def append_tangents(columns: Array, support: Array, family: PairFamily, begin: i
 
 @kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
 def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
-    """Write the gradients of row a for where the mechanism is placed, if it is a contact of a half-space or of a pair.
+    """Write the gradients of row a for where the mechanism is placed, unless it is a joint limit.
 
     Its point, normal and tangents are as they stand.
     """
-    for family in (constraints.walls, constraints.pairs):
+    for family in (constraints.walls, constraints.pairs, constraints.touching):
         pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
         if 0 <= pair < len(family.number):
             first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]

@@ -8,7 +8,7 @@ from ..compiled import kernel, record
 from .rows import Array
 
 # most rows that the kernel finds; more are left to Python
-MOST_ROWS = 128
+MOST_ROWS = 400
 # what a family is
 LIMITS, HALF_SPACES, PAIRS, BALLS = range(4)
 # what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured

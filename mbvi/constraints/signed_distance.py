@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.coal_distance import CoalDistances
 from ..geometry.collinear import keep_one_of_each_line
 from ..geometry.pair_contacts import write_contacts
-from ..geometry.pair_distances import distances_from_axes, distances_from_normals
+from ..geometry.pair_distances import distances_from_axes
 from ..geometry.primitive_pairs import NONE, PrimitivePairs
-from ..geometry.refined_distance import FAILED
 from ..geometry.separating_axis import SeparatingAxes, carry_axes
 from ..geometry.shape_table import ShapeTable
 from ..system import System
@@ -72,7 +70,8 @@ class SignedDistances(Pairs):
         # during a query that knows them, the placements
         self._placed: Array | None = None
         self._closed = PrimitivePairs(table, sides)
-        self._coal = CoalDistances(table, self._axes)
+        # of each pair the bounding radius of the smaller shape [m]
+        self._bound = np.minimum(*table.bound[sides.T])
         self._flat = ~np.logical_or(*table.smooth[sides.T])
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
@@ -93,15 +92,15 @@ class SignedDistances(Pairs):
 
     def loop_tables(self) -> tuple[tuple[Array, ...], PairShapes]:
         """Return the shapes, and what else the compiled loop needs of the pairs; both share the axes."""
-        n, axes, sizes = self.size, self._axes, self._coal
+        n, axes = self.size, self._axes
         rooms: Any = np.zeros((2, len(axes.bodies), 4, 3))
-        unresolved, closed, others, unknown, state = np.zeros((5, n), np.int64)
+        unresolved, closed, others, state = np.zeros((4, n), np.int64)
         mode = LEFT_TO_PYTHON if self._planar else ROUNDED if self._at_rest else AS_THEY_ARE
         found: Any = np.zeros(n), *np.zeros((2, n, 3)), state
         contacts: Any = np.zeros(MOST_CONTACTS, np.int64), np.zeros(MOST_CONTACTS), *np.zeros((2, MOST_CONTACTS, 3))
         fields: Any = (
-            np.array(axes.bodies, dtype=np.int64), *rooms, unresolved, closed, others, unknown, axes.axis,
-            self._closed.form, self.smooth, self._flat, sizes.bound, sizes.unit, self._grid.ravel(), mode, *found,
+            np.array(axes.bodies, dtype=np.int64), *rooms, unresolved, closed, others, axes.axis,
+            self._closed.form, self.smooth, self._flat, self._bound, self._grid.ravel(), mode, self._bounds, *found,
             *contacts,
         )  # fmt: skip
         return axes.tables, PairShapes(*fields)
@@ -114,7 +113,7 @@ class SignedDistances(Pairs):
     def describe_paths(self) -> str:
         """Return in words how many pairs take which path."""
         closed = np.count_nonzero(self._closed.form)
-        ways = (closed, "in closed form"), (self.size - closed, "by search from the last axis, or by Coal")
+        ways = (closed, "in closed form"), (self.size - closed, "by search from the last axis")
         return ", ".join(f"{n} {way}" for n, way in ways if n)
 
     def describe(self) -> str:
@@ -206,23 +205,16 @@ class SignedDistances(Pairs):
 
     def _search(self, places: Array, pairs: Array, tolerance: float, rough: bool) -> Contacts:
         """Return the contacts of some pairs that have no closed form."""
-        axes, sizes, n = self._axes, self._coal, len(pairs)
-        distance, normal, middle = np.empty(n), np.empty((n, 3)), np.zeros((n, 3))
-        state, unknown = np.empty(n, np.int64), np.empty(n, np.int64)
-        shared, found = (places, axes.tables, sizes.bound), (distance, normal, middle, state)
-        failed = distances_from_axes(*shared, pairs, axes.axis, *found, unknown)
-        if failed:
-            unknown = unknown[:failed]
-            for i in unknown.tolist():
-                distance[i] = sizes.approximate(places, pairs.item(i), normal[i])
-            failed = distances_from_normals(*shared, pairs, unknown, tolerance if rough else np.inf, *found)
-        for i in (state == FAILED).nonzero()[0].tolist() if failed else ():
-            distance[i], normal[i], middle[i], state[i] = sizes.measure(places, pairs.item(i))
+        axes, n = self._axes, len(pairs)
+        normal = np.empty((n, 3))
+        found = np.empty(n), normal, np.empty((n, 3)), np.empty(n, np.int64)
+        shared = places, axes.tables, self._bound
+        distances_from_axes(*shared, pairs, axes.axis, *found)
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:
             rows = np.empty(room, np.int64), np.empty(room), np.empty((room, 3)), np.empty((room, 3))
-            total = write_contacts(*shared, sizes.unit, self._flat, pairs, tolerance, *found, *rows)
+            total = write_contacts(*shared, self._flat, pairs, tolerance, *found, *rows)
             if total >= 0:
                 contacts = Contacts(*(part[:total] for part in rows))
                 return self._one_of_each_line(contacts) if self._planar and total > n else contacts

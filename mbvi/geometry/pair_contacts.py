@@ -8,7 +8,7 @@ from ..arguments import Array
 from ..compiled import kernel
 from .contact_patch import DEPTH, MOST_GATHERED, shared_region
 from .features import facing
-from .refined_distance import COAL, FLAT
+from .refined_distance import FLAT
 from .separating_axis import Shapes, pair_separation, place_pair
 
 # lengths are relative to the bounding radius of the smaller shape
@@ -16,22 +16,16 @@ from .separating_axis import Shapes, pair_separation, place_pair
 _CORNER = 1e-6
 # a face normal replaces the normal within the angle of this cosine, if the distance differs by no more than the second
 _SAME_FACE, _EQUAL = np.cos(1e-3), 1e-8
-# bounds of the error of Coal's normal: the first where shapes just touch, the second where they are far apart [rad],
-# and Coal's tolerance
-_ERROR_TOUCHING, _ERROR_APART, _FINE = 0.3, 1e-5, 1e-9
 
 
-@kernel("void(f8[:,:,::1], Shapes, i8, f8, f8, f8, i8, f8[::1])")
-def _choose_normal(
-    world: Array, shapes: Shapes, pair: int, distance: float, bound: float, unit: float, state: int, n: Array
-) -> None:
+@kernel("void(f8[:,:,::1], Shapes, i8, f8, f8, f8[::1])")
+def _choose_normal(world: Array, shapes: Shapes, pair: int, distance: float, bound: float, n: Array) -> None:
     """Replace the normal of a pair by that of a face, if the separation along it is the distance.
 
     Where two faces touch, rounding decides which of their normals n is. The face of the first shape goes first, by a
-    margin far above rounding: rows are steady, and do not depend on earlier calls. Coal's own normal is replaced by
-    that of the nearest face within the error of Coal, which grows as the distance vanishes.
+    margin far above rounding: rows are steady, and do not depend on earlier calls.
     """
-    found, chosen, along, closest = np.empty((2, 3)), -1, np.empty(2), _SAME_FACE
+    found, chosen, along = np.empty((2, 3)), -1, np.empty(2)
     # climbs to the outermost points of both
     pair_separation(world, shapes, pair, n)
     for side in range(2):
@@ -42,13 +36,9 @@ def _choose_normal(
         for c in range(3):
             n[c] *= sign
             found[side, c] *= sign
-    if state == COAL:
-        closest = np.cos(min(_ERROR_TOUCHING, _FINE * unit / max(abs(distance), 1e-300) + _ERROR_APART))
     for side in range(2):
-        if along[side] > closest:
-            if state == COAL:
-                closest, chosen = along[side], side
-            elif chosen < 0 and pair_separation(world, shapes, pair, found[side]) >= distance - _EQUAL * bound:
+        if chosen < 0 and along[side] > _SAME_FACE:
+            if pair_separation(world, shapes, pair, found[side]) >= distance - _EQUAL * bound:
                 chosen = side
     if chosen >= 0:
         for c in range(3):
@@ -68,12 +58,12 @@ def _middle_of(gap: Array, point: Array, count: int, tolerance: float, middle: A
 
 
 @kernel(
-    "i8(f8[:,:,::1], Tuple(Shapes), f8[::1], f8[::1], b1[::1], i8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1],"
+    "i8(f8[:,:,::1], Tuple(Shapes), f8[::1], b1[::1], i8[::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1],"
     " i8[::1], f8[::1], f8[:,::1], f8[:,::1])",
     apart=True,
 )
 def write_contacts(
-    places: Array, tables: tuple[Array, ...], bound: Array, unit: Array, flat_pair: Array, pairs: Array,
+    places: Array, tables: tuple[Array, ...], bound: Array, flat_pair: Array, pairs: Array,
     tolerance: float, distance: Array, normal: Array, middle: Array, state: Array, owner: Array, gap: Array,
     point: Array, normals: Array,
 ) -> int:  # fmt: skip
@@ -83,8 +73,8 @@ def write_contacts(
     ----------
     places, tables, pairs
         As of `pair_distances`.
-    bound, unit : ndarray, shape (n,)
-        Of each pair the bounding radius of the smaller shape, and the unit in which Coal measures it [m].
+    bound : ndarray, shape (n,)
+        Of each pair the bounding radius of the smaller shape [m].
     flat_pair : ndarray of bool, shape (n,)
         Whether the two shapes of a pair can share more than one point.
     tolerance : float
@@ -108,7 +98,7 @@ def write_contacts(
         if near or level:
             place_pair(places, shapes, pair, world)
         if near:
-            _choose_normal(world, shapes, pair, distance[i], bound[pair], unit[pair], state[i], normal[i])
+            _choose_normal(world, shapes, pair, distance[i], bound[pair], normal[i])
         if level or (near and flat_pair[pair]):
             depth = max(tolerance - distance[i], 0.0) + DEPTH * bound[pair]
             number = shared_region(world, shapes, pair, distance[i], depth, bound[pair], normal[i], gaps, corners)
@@ -116,7 +106,7 @@ def write_contacts(
                 # no point is deeper than the penetration depth: what exceeds it is rounding
                 gaps[j] = max(gaps[j], distance[i])
                 deepest = min(deepest, gaps[j])
-        if level:
+        if level and number > 0:
             # any point of the shared region is as near; its middle moves steadily
             _middle_of(gaps, corners, number, deepest + _CORNER * bound[pair], middle[i])
         # where edges cross, the deepest point may be none of the corners: it is a row of its own

@@ -29,7 +29,7 @@ from .kinks import (
     turn_onto,
 )
 from .normal_search import Separation, climb, gradient, separation_along
-from .separating_axis import SeparatingAxes, Shapes, place_pair
+from .separating_axis import Shapes
 from .vectors import dot, normalise
 
 # active sets that are tried before the search fails, and kinks that are tried for the first set
@@ -43,8 +43,6 @@ _MOST_SEARCHES = 6
 _ROUNDED = 2.0**20
 # results: no maximum was found; one with unique nearest points; one without, as of parallel faces or edges
 FAILED, UNIQUE, FLAT = 0, 1, 2
-# stands for a distance and a normal that are Coal's own
-COAL = 3
 
 
 @kernel("f8[:,::1](f8[:,:,::1], Shapes, i8, i8, f8[::1])")
@@ -280,32 +278,3 @@ def refine_pair(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Arra
             n[c] = rounded[c]
         normalise(n)
     return FAILED, 0.0
-
-
-def refined(axes: SeparatingAxes, places: Array, pair: int, normal: Array) -> tuple[int, float, Array]:
-    """Refine the signed distance of a pair of shapes, starting from an approximate normal.
-
-    Parameters
-    ----------
-    axes : SeparatingAxes
-        The shapes and pairs.
-    places : ndarray, shape (b, 4, 3)
-        Placements of the bodies `axes.bodies`.
-    pair : int
-        The pair.
-    normal : ndarray, shape (3,)
-        The approximate unit normal from the first to the second; receives the refined one.
-
-    Returns
-    -------
-    result : int
-        `UNIQUE`; `FLAT`, then the point is meaningless; `FAILED`, then distance, point and normal are.
-    distance : float
-        Signed distance [m].
-    point : ndarray, shape (3,)
-        The point midway between the surfaces [m].
-    """
-    nearest, world = np.empty(3), np.empty((2, 4, 3))
-    place_pair(places, axes.shapes, pair, world)
-    result, distance = refine_pair(world, axes.shapes, pair, normal, nearest)
-    return result, distance, nearest

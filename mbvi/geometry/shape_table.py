@@ -86,7 +86,7 @@ class Shapes(NamedTuple):
     taken : ndarray of bool, shape (k,)
         False for every point, between calls of kernels.
     inside : ndarray, shape (s, 4)
-        Centre and radius of a ball inside each hull, in its frame; the radius is 0 for other shapes [m].
+        Centre and radius of a ball inside each shape without its own ball, in its frame [m].
     """
 
     frame: Array
@@ -131,8 +131,6 @@ class ShapeTable:
         Which shapes touch others in one point only.
     unit : float
         A power of two about as large as the shapes [m].
-    geometries : dict
-        Coal geometries by shape and unit; those that are missing are added.
     """
 
     def __init__(self, placed: Sequence[PlacedShape]) -> None:
@@ -144,13 +142,12 @@ class ShapeTable:
         self.bound, self.inner = (np.array([getattr(s.shape, a) for s in placed]) for a in ("bound", "inner"))
         self.smooth = np.array([s.shape.smooth for s in placed], dtype=bool)
         self.unit = length_unit(self.bound.tolist())
-        self.geometries: dict[Any, Any] = {}
 
     def __len__(self) -> int:
         return len(self.placed)
 
     def __reduce__(self) -> tuple[type, tuple[tuple[PlacedShape, ...]]]:
-        # Coal's geometries cannot be pickled
+        # the arrays are made again
         return type(self), (self.placed,)
 
     def name(self, first: int, second: int) -> str:
@@ -173,8 +170,11 @@ class ShapeTable:
     def _balls(self) -> Array:
         """The last field of `Shapes`."""
         balls = [
-            (*s.shape.vertices.mean(axis=0), s.shape.inner) if isinstance(s.shape, Hull) else (0.0,) * 4
-            for s in self.placed
+            (
+                *(s.shape.vertices.mean(axis=0) if isinstance(s.shape, Hull) else np.zeros(3)),
+                s.shape.inner - support.ball,
+            )
+            for s, support in zip(self.placed, self._supports, strict=True)
         ]
         return np.array(balls, dtype=float).reshape(-1, 4)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compiled import kernel
 from .metric import Array
-from .orthonormal_rows import append_row
+from .orthonormal_rows import append_row, inner
 from .tree import solve
 
 # displacements whose squared slip is below this part of the largest are not held: a body that stands on slightly
@@ -16,8 +16,12 @@ HARDLY = 1e-4
 FARTHEST = 100.0
 # a tangent of which less than this is left by others depends on them, and a basis without less than that is exact
 _DEPENDENT, _EXACT = 1e-4, 1e-13
-# rows of which a smaller part of the squared length is left are not known to rounding
-_LEAST = 1e-8
+# a row of which a smaller part of the squared length is left is rounding
+_LEAST = 1e-12
+# most sweeps of `diagonalise`; about six suffice
+_SWEEPS = 50
+# entries off the diagonal below this, relative to the diagonal, are rounding
+_ROUNDING = 2.0**-52
 
 
 @kernel("void(f8[:,::1], b1[::1], b1[::1], i8, f8[:,::1], f8[:,::1])")
@@ -43,11 +47,73 @@ def turn_basis(W: Array, near: Array, sticks: Array, size: int, L: Array, Q: Arr
             Q[c, k] = Q[half + c, k]
 
 
+@kernel("void(f8[:,::1], f8[:,::1])")
+def diagonalise(A: Array, V: Array) -> None:
+    """Turn a symmetric matrix into a diagonal one; write eigenvectors into the columns of V.
+
+    Both have shape (n, n). These are Jacobi's rotations.
+    """
+    n = len(A)
+    for i in range(n):
+        for j in range(n):
+            V[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_SWEEPS):
+        turned = False
+        for i in range(n - 1):
+            for j in range(i + 1, n):
+                off = A[i, j]
+                if abs(off) <= _ROUNDING * np.sqrt(abs(A[i, i] * A[j, j])):
+                    A[i, j] = A[j, i] = 0.0
+                    continue
+                turned, ratio = True, 0.5 * (A[j, j] - A[i, i]) / off
+                t = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + np.sqrt(1.0 + ratio * ratio))
+                c = 1.0 / np.sqrt(1.0 + t * t)
+                s = t * c
+                for k in range(n):
+                    a, b = A[k, i], A[k, j]
+                    A[k, i], A[k, j] = c * a - s * b, s * a + c * b
+                    a, b = V[k, i], V[k, j]
+                    V[k, i], V[k, j] = c * a - s * b, s * a + c * b
+                for k in range(n):
+                    a, b = A[i, k], A[j, k]
+                    A[i, k], A[j, k] = c * a - s * b, s * a + c * b
+        if not turned:
+            return
+
+
+@kernel("i8(f8[:,::1], b1[::1], b1[::1], f8[:,::1])")
+def strongest_tangents(W: Array, near: Array, sticks: Array, Q: Array) -> int:
+    """Write an orthonormal basis of the displacements that are held; return its size.
+
+    The arguments are those of `held_tangents`, which knows the basis with less work where no displacement is near
+    `HARDLY`.
+    """
+    m, n = W.shape
+    count, size, largest, rows = 0, 0, 0.0, np.empty((m, n))
+    for i in range(m):
+        if i % 3 > 0 and near[i // 3] and sticks[i // 3]:
+            rows[count] = W[i]
+            count += 1
+    G, V = np.empty((count, count)), np.empty((count, count))
+    for i in range(count):
+        for j in range(count):
+            G[i, j] = inner(rows[i], rows[j])
+    diagonalise(G, V)
+    for c in range(count):
+        largest = max(largest, G[c, c])
+    for c in range(count):
+        if G[c, c] > HARDLY * largest:
+            for k in range(n):
+                Q[size, k] = 0.0
+                for i in range(count):
+                    Q[size, k] += V[i, c] * rows[i, k] / np.sqrt(G[c, c])
+            size += 1
+    return size
+
+
 @kernel("i8(f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1])")
 def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> int:
     """Write an orthonormal basis of the displacements that are held; return its size.
-
-    It is -1 where it is not certain on which side of `HARDLY` some displacement lies.
 
     Parameters
     ----------
@@ -80,9 +146,9 @@ def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> i
                 column[i] -= L[i, j] * column[j]
             column[i] /= L[i, i]
             inverse += column[i] * column[i]
-    # written so that a NaN is refused too
+    # on which side of `HARDLY` each displacement lies is not certain; written so that a NaN counts
     if size > 0 and not (squares * inverse * HARDLY < 1.0 and lost < HARDLY * largest):
-        return -1
+        return strongest_tangents(W, near, sticks, Q)
     if lost > _EXACT * _EXACT * squares:
         turn_basis(W, near, sticks, size, L, Q)
     return size
@@ -92,7 +158,7 @@ def held_tangents(W: Array, near: Array, sticks: Array, L: Array, Q: Array) -> i
 def hold_rows(
     L: Array, parent: Array, W: Array, near: Array, size: int, Q: Array, J: Array, A: Array, left: Array
 ) -> int:
-    """Write normal rows without their parts along a basis; return how many, or -1 where hardly anything is left of one.
+    """Write normal rows without their parts along a basis; return how many. Those of which nothing is left are zero.
 
     Parameters
     ----------
@@ -123,11 +189,11 @@ def hold_rows(
         after = 0.0
         for k in range(n):
             after += row[k] * row[k]
-        # written so that a NaN is refused too
-        if not after > _LEAST * before:
-            return -1
         for k in range(n):
+            # written so that a NaN stays
+            row[k] = 0.0 if after <= _LEAST * before else row[k]
             J[count, k] = 0.0
+        for k in range(n):
             for i in range(k, n):
                 J[count, k] += L[i, k] * row[i]
         count += 1

@@ -8,6 +8,15 @@ from ..compiled import kernel
 from .metric import Array
 
 
+@kernel("f8(f8[::1], f8[::1])")
+def inner(x: Array, y: Array) -> float:
+    """Return the scalar product of two vectors."""
+    total = 0.0
+    for k in range(len(x)):
+        total += x[k] * y[k]
+    return total
+
+
 @kernel("f8(f8[::1], i8, f8, f8[:,::1], f8[:,::1])")
 def append_row(row: Array, size: int, least: float, L: Array, Q: Array) -> float:
     """Write the factors with one more row; return the length of its part across the others.

@@ -20,6 +20,8 @@ ROUNDING = 1e-13
 # part of the residual that the active set is found to
 _MARGIN = 0.5
 _REFINEMENTS = 2
+# rows contradict each other if a sum of theirs vanishes to the first part, and demands this part of their bounds
+_VANISHES, _DEMANDS = 1e-12, 1e-6
 
 
 @kernel("UniTuple(f8, 2)(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
@@ -137,6 +139,28 @@ def first_set(W: Array, d: Array, last: Array, S: Array, L: Array, Q: Array, par
     return size
 
 
+@kernel("f8(f8[:,::1], f8[::1], i8[::1], i8, f8[::1])")
+def least_violation(W: Array, d: Array, S: Array, size: int, u: Array) -> float:
+    """Return the least violation that some row has at every z, if percussions prove that there is one; 0 otherwise.
+
+    If W_S' u = 0 and d_S . u > 0 for u >= 0, no z has W z >= d (Farkas' lemma). The arguments are those of
+    `goldfarb_idnani`, whose u becomes huge where rows contradict each other to within their rounding.
+    """
+    largest = most = demanded = bounds = total = 0.0
+    for k in range(W.shape[1]):
+        left = terms = 0.0
+        for i in range(size):
+            left += u[i] * W[S[i], k]
+            terms += abs(u[i] * W[S[i], k])
+        largest, most = max(largest, abs(left)), max(most, terms)
+    for i in range(size):
+        demanded += u[i] * d[S[i]]
+        bounds += u[i] * abs(d[S[i]])
+        total += u[i]
+    contradict = largest <= _VANISHES * most and demanded > _DEMANDS * bounds
+    return demanded / total if contradict else 0.0
+
+
 @kernel("f8(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[::1], f8[:,::1])", apart=True)
 def solve_active_set(
     J: Array, A: Array, W: Array, x: Array, lower: Array, last: Array, limit: float, w: Array, table: Array
@@ -218,7 +242,8 @@ def solve_active_set(
                 table[0, a] = max(table[0, a], 0.0)
             return residual
         if not shared:
-            return np.inf
+            violation = least_violation(W, d, S, size, part)
+            return -violation / largest if violation > 0.0 else np.inf
         shared = False
 
 

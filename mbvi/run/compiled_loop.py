@@ -24,7 +24,7 @@ from ..schemes.observer import contacts_of_step
 from ..schemes.step import STILL
 from ..system.joined import joined
 from ..system.mechanism import Mechanism
-from ..system.system import parts_of
+from ..system.system import independent_parts, parts_of
 from .asked_forces import AskedForces
 from .loop_scope import asks_python, control_of, is_compiled, is_one_mechanism, loop_of
 from .recorder import RECENT, Recorder
@@ -262,8 +262,9 @@ def mechanism_step(
     late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
     late, reach = late if late.any() else late[:0], largest_reach(problem)
     scales = Scales(
-        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, theta, projects, system.loaded
-    )
+        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
+        theta, projects, system.loaded,
+    )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(
         mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,

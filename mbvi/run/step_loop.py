@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import calling_others, kernel, record
+from ..constraints.mechanism_pairs import is_beyond, place_bodies
 from ..constraints.mechanism_rows import MechanismConstraints
 from ..constraints.mechanism_tables import MOST_ROWS, PAIRS
 from ..schemes.centered_kernel import centered_step
 from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
 from ..schemes.stewart_trinkle_kernel import stewart_trinkle_step
+from ..system.mechanism import Mechanism, place
 from .recorder import record_depth
 from .tunnelling import RUNAWAY
 
@@ -95,14 +97,16 @@ def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
                     to[19 + 2 * r + c] = s.slip[(r * m + a) * 2 + c]
 
 
-@kernel("b1(MechanismConstraints, f8[::1], f8[::1], LoopRecord, f8)")
-def may_pass(constraints: MechanismConstraints, v: Array, w: Array, log: LoopRecord, limit: float) -> bool:
+@kernel("b1(Mechanism, MechanismConstraints, f8[::1], f8[::1], LoopRecord, f8)")
+def may_pass(
+    mechanism: Mechanism, constraints: MechanismConstraints, v: Array, w: Array, log: LoopRecord, limit: float
+) -> bool:
     """Return whether a body may pass through another in a step, or a velocity runs away; see `TunnellingGuard`.
 
     Parameters
     ----------
-    constraints : MechanismConstraints
-        After the step.
+    mechanism, constraints : Mechanism and MechanismConstraints
+        After the step; the mechanism may be placed where the constraints were queried last.
     v, w : ndarray, shape (nv,)
         Velocities before and after the step.
     log : LoopRecord
@@ -127,14 +131,24 @@ def may_pass(constraints: MechanismConstraints, v: Array, w: Array, log: LoopRec
         return not fastest < log.slow_speed
     if travel < 1.0:
         return False
+    placed = False
     for i in range(pairs):
         travel = 0.0
         for k in range(n):
             travel += log.shares[k, i] * max(abs(v[k]), abs(w[k]))
+        if travel < 1.0:
+            continue
         # a pair that is farther apart than it travels, there and back, does not pass
-        if travel >= 1.0 and (
-            log.thickness[i] == np.inf or not 2.0 * travel * log.thickness[i] < clearance_of(constraints, i)
-        ):
+        far = 2.0 * travel * log.thickness[i]
+        if far < clearance_of(constraints, i):
+            continue
+        if far == np.inf:
+            return True
+        if not placed:
+            place(mechanism, constraints.cache.q)
+            place_bodies(mechanism, constraints.near)
+            placed = True
+        if not is_beyond(constraints.shapes, constraints.near, i, far):
             return True
     return False
 
@@ -203,7 +217,7 @@ def run_paoli(
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
             code = FULL
-        if code == DONE and may_pass(s.constraints, v, s.v, log, limit):
+        if code == DONE and may_pass(s.mechanism, s.constraints, v, s.v, log, limit):
             code = SWIFT
         if code != DONE:
             memory.size[0], memory.size[1], memory.size[2] = size

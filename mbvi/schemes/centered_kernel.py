@@ -8,7 +8,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows, write_gradients
 from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
-from ..projection.closed_contacts import find_sunk, is_closed, stays_sunk
+from ..projection.closed_contacts import find_sunk
 from ..projection.fused_step import FEW
 from ..projection.raise_gaps import largest_bend, largest_travel
 from ..projection.settle_positions import PROJECTED, UNDECIDED, settle_positions
@@ -17,9 +17,7 @@ from ..system.free_momentum import keep_momentum_of_rows
 from ..system.mechanism import place
 from ..system.pinocchio_address import retract, tangent
 from ..system.system import Array
-from .frictional_settle import settle_with_friction
 from .mechanism_steps import (
-    BOUNCES,
     DONE,
     UNSOLVED,
     MechanismStep,
@@ -29,9 +27,10 @@ from .mechanism_steps import (
     evaluate_forces,
     move_freely,
 )
+from .settle_kernel import project_positions
 from .step import joins, margin_of, write_closing_speeds
 
-# what `settle` returns beside codes of a step: bodies have moved too far for linear gaps
+# what `settle` returns beside codes of a step: it takes searches
 FAR = -1
 
 
@@ -139,13 +138,14 @@ def settle(
             rates[r, a] = s.rates[r * k + i] if near[a] else 0.0
         i += near[a]
     number, point, J, lever = known.number[:m], known.point[:m], known.J[:m], known.lever[:m]
-    gap, e, end, settled = known.gap[:m], known.e[:m], room.gap[:m], room.settled[:m]
+    # copies: searches start from the rows as they are
+    gap, e, end, settled = known.gap[:m].copy(), known.e[:m].copy(), room.gap[:m], room.settled[:m]
     depth = find_sunk(
         number, point, J, gap, lever, e, v, s.v, displacement, law, rates, h, half, scales.tolerance, room.closed[:m],
         end, room.bound[:m], settled,
     )  # fmt: skip
     if depth < 0.0:
-        return BOUNCES
+        return FAR
     if depth == 0.0:
         i = 0
         for a in range(m):
@@ -171,14 +171,15 @@ def settle(
         reach, margin, 0.0 if m <= FEW else 1e-3 * scales.residual,
     )  # fmt: skip
     if code == UNDECIDED:
-        return BOUNCES
+        return FAR
     same, i, s.middle.size[0] = True, 0, 0
     for a in range(m):
         same = same and law[a] == near[a]
         if law[a]:
             # rows that no projection moved are those of the law
             copy_row(s.rows, i, s.middle) if near[a] and code != PROJECTED else copy_row(known, a, s.middle)
-            s.middle.gap[s.middle.size[0] - 1] = gap[a]
+            last = s.middle.size[0] - 1
+            s.middle.gap[last], s.middle.e[last] = gap[a], e[a]
         i += near[a]
     k, i, s.rows.size[0] = s.middle.size[0], 0, 0
     for a in range(k):
@@ -277,80 +278,18 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     for k in range(n):
         drift[k] = half * s.v[k]
     retract(s.mechanism.calls, middle, drift, s.q)
-    if bounces and some_closed(s, middle, v, h):
-        return BOUNCES
-    if projects and not frictional and not bounces:
-        if len(opened) == 0:
-            for a in range(count):
-                room.opened[a] = 0.0
+    if not projects:
+        for a in range(count):
+            s.rows.gap[a] += half * s.rates[2 * count + a]
+        return DONE
+    room.margin[0] = margin
+    if len(opened) == 0:
+        for a in range(count):
+            room.opened[a] = 0.0
+    if not frictional and not bounces:
         if not move_freely(s, v, h, True, room.free):
             return UNSOLVED
         code = settle(s, end, middle, v, h, near, room.free, margin)
         if code != FAR:
             return code
-    if projects and not bounces:
-        return settle_with_friction(s, v, h, near, margin)
-    for a in range(count):
-        s.rows.gap[a] += half * s.rates[2 * count + a]
-    return DONE
-
-
-@kernel("b1(MechanismStep, f8[::1], f8)")
-def some_stay_sunk(s: MechanismStep, v: Array, h: float) -> bool:
-    """Return whether a row at the end of the step may stay sunk; `v`, shape (nv,), is the velocity before it."""
-    ahead, tolerance = s.ahead, s.scales.tolerance
-    if active_rows(s.mechanism, s.constraints, s.q[:0], s.room.drift, s.q, tolerance, ahead) != FOUND:
-        return True
-    for a in range(ahead.size[0]):
-        rise = fall = 0.0
-        for j in range(len(v)):
-            rise += h * ahead.lever[a] * ahead.J[a, j] * s.v[j]
-            fall += h * ahead.lever[a] * ahead.J[a, j] * v[j]
-        if stays_sunk(-ahead.lever[a] * ahead.gap[a], rise, fall, ahead.e[a], tolerance):
-            return True
-    return False
-
-
-@kernel("b1(MechanismStep, f8[::1], f8[::1], f8)")
-def some_closed(s: MechanismStep, middle: Array, v: Array, h: float) -> bool:
-    """Return whether a contact may be closed after a law with contacts that bounce; see `project_positions`.
-
-    `middle`, shape (nq,), is where the law was applied, and `v`, shape (nv,), the velocity before it.
-    """
-    rows, k, scales, rises, bears, deepest = s.rows, s.rows.size[0], s.scales, False, False, 0.0
-    for a in range(k):
-        rise, fall = h * rows.lever[a] * s.rates[2 * k + a], h * rows.lever[a] * s.rates[3 * k + a]
-        depth = -rows.lever[a] * (rows.gap[a] + 0.5 * h * s.rates[2 * k + a])
-        if is_closed(s.rates[a], rise, scales.tolerance) or (a > 0 and rows.number[a] < rows.number[a - 1]):
-            return True
-        if stays_sunk(depth, rise, fall, rows.e[a], scales.tolerance):
-            return True
-        bears, deepest = bears or s.rates[a] > 0.0, max(deepest, depth)
-        rises = rises or (rise > scales.tolerance and rows.e[a] < 1.0 and s.rates[a] > 0.0)
-    if (bears or deepest > scales.tolerance) and some_stay_sunk(s, v, h):
-        return True
-    if not rises:
-        return False
-    # the lowest gap of each contact after a whole step at the velocity after the law
-    ahead, drift, owner, order = s.ahead, s.room.drift, s.room.owner, s.room.order[:k]
-    for j in range(len(drift)):
-        drift[j] = h * s.v[j]
-    retract(s.mechanism.calls, middle, drift, s.room.end)
-    if active_rows(s.mechanism, s.constraints, middle[:0], drift, s.room.end, scales.tolerance, ahead) != FOUND:
-        return True
-    m = ahead.size[0]
-    for a in range(k):
-        order[a] = a
-    mutual_nearest(ahead.number[:m], ahead.point[:m], rows.number[:k], rows.point[:k], order, owner[:m])
-    for i in range(m):
-        a = owner[i]
-        if (
-            a >= 0
-            and h * rows.lever[a] * s.rates[2 * k + a] > scales.tolerance
-            and rows.e[a] < 1.0
-            and s.rates[a] > 0.0
-        ):
-            # where the law was applied its gap was
-            if rows.lever[a] * ahead.gap[i] <= rows.lever[a] * rows.gap[a] + scales.tolerance:
-                return True
-    return False
+    return project_positions(s, v, h, near, bounces)

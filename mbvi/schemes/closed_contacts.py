@@ -15,9 +15,9 @@ from ..system.system import Array
 from .step import Step, advance_gaps
 
 # two rows whose kinetic angle has a cosine below this are independent
-_INDEPENDENT = 1e-9
+INDEPENDENT = 1e-9
 # a contact moves within a step by less than this part of the scene's length
-_SAME_CONTACT = 0.1
+SAME_CONTACT = 0.1
 
 
 class Applied(NamedTuple):
@@ -70,7 +70,7 @@ def closed_contacts(problem: Problem, applied: Applied, step: Step) -> Array:
         owner, lowest = match_contacts(ahead, rows), np.full(len(rise), np.inf)
         # not another contact of the same pair, such as the edge of a box that sinks while the other rises
         apart = np.linalg.norm(ahead.point - rows.point[owner], axis=1)
-        known = (owner >= 0) & ~(apart > _SAME_CONTACT * problem.length)
+        known = (owner >= 0) & ~(apart > SAME_CONTACT * problem.length)
         np.minimum.at(lowest, owner[known], ahead.gap[known])
         closed |= rises & (lever * lowest <= gap + problem.tolerance)
     if closed.any() and not closed.all():
@@ -110,12 +110,12 @@ def _coupled(metric: Metric, J: Array | csr_array, some: Array, others: Array) -
     if isinstance(J, np.ndarray):
         lengths = np.sqrt(np.vecdot(J, metric.solve_rows(J)))
         cosines = np.abs(J[some] @ metric.solve_rows(J[others]).T)
-        return np.asarray((cosines > _INDEPENDENT * lengths[some][:, None] * lengths[others]).any(axis=1))
+        return np.asarray((cosines > INDEPENDENT * lengths[some][:, None] * lengths[others]).any(axis=1))
     U = metric.whiten_rows(J)
     lengths = np.sqrt((U * U).sum(axis=1))
     unit = diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ U
     # nonzero only for rows on the same bodies
     cosines = abs(unit[some] @ unit[others].T).tocoo()
     found = np.zeros(int(some.sum()), bool)
-    found[cosines.coords[0][cosines.data > _INDEPENDENT]] = True
+    found[cosines.coords[0][cosines.data > INDEPENDENT]] = True
     return found

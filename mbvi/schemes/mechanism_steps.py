@@ -27,8 +27,8 @@ from ..system.pinocchio_address import nonlinear_effects, retract
 from ..system.spinning import spin_effects
 from ..system.system import Array
 
-# what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; a contact bounces, or
-# moves too far for one kernel
+# what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; with `StewartTrinkle` the
+# end of the step takes searches
 DONE, UNSOLVED, BOUNCES = FOUND, 3, 4
 
 
@@ -51,7 +51,7 @@ class LawMemory(NamedTuple):
     size: Array
 
 
-@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], f8, b1, b1")
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], f8, b1, b1")
 class Scales(NamedTuple):
     """Numbers of a problem and of a scheme.
 
@@ -67,6 +67,8 @@ class Scales(NamedTuple):
         As of `ClearanceCache`.
     late : ndarray of bool, shape (nv,) or (0,)
         The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
+    part : ndarray of int, shape (nv,)
+        As of `independent_parts`.
     theta : float
         Of `MoreauJean`.
     projects : bool
@@ -82,6 +84,7 @@ class Scales(NamedTuple):
     squares: Array
     turn_squares: Array
     late: Array
+    part: Array
     theta: float
     projects: bool
     loaded: bool
@@ -89,8 +92,8 @@ class Scales(NamedTuple):
 
 @record(
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1],"
-    " f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1],"
-    " i8[::1], b1[::1], b1[::1], b1[::1], b1[::1]"
+    " f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1],"
+    " b1[::1]"
 )
 class Room(NamedTuple):
     """Room within a step: kernels that make no arrays are faster.
@@ -105,14 +108,12 @@ class Room(NamedTuple):
         Configurations.
     L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
         Factor of the mass matrix, and rows solved with it.
-    wide, held : ndarray, shapes (3, 3 MOST_CONTACTS, nv) and (3, MOST_CONTACTS, nv)
-        Rows of contacts with friction and their normal rows, each with M^-1 times them and whitened.
-    basis, triangle : ndarray, shapes (2 k, nv) and (k, k), k = 2 MOST_CONTACTS + 1
-        Factors of tangents.
     change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
         Of rows.
     table : ndarray, shape (8 MOST_ROWS,)
         Several numbers of each row.
+    margin : ndarray, shape (1,)
+        How far beyond the tolerance rows are known [m].
     owner, order : ndarray of int, shape (MOST_ROWS,)
         Rows.
     near, law, closed, settled : ndarray of bool, shape (MOST_ROWS,)
@@ -132,15 +133,12 @@ class Room(NamedTuple):
     L: Array
     A: Array
     W: Array
-    wide: Array
-    held: Array
-    basis: Array
-    triangle: Array
     change: Array
     opened: Array
     gap: Array
     bound: Array
     table: Array
+    margin: Array
     owner: Array
     order: Array
     near: Array
@@ -153,11 +151,9 @@ def room(nq: int, nv: int) -> Room:
     """Return room for a mechanism."""
     tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
     matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
-    contacts, most = np.zeros((3, 3 * MOST_CONTACTS, nv)), 2 * MOST_CONTACTS + 1
-    rough = contacts, np.zeros((3, MOST_CONTACTS, nv)), np.zeros((2 * most, nv)), np.zeros((most, most))
-    floats, table = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS)
+    floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
-    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *rough, *floats, table, *numbers, *masks
+    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, *numbers, *masks
     return Room(*fields)
 
 
@@ -251,6 +247,15 @@ def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> 
     return bad == 0
 
 
+@kernel("b1(RowBuffer)")
+def has_friction(rows: RowBuffer) -> bool:
+    """Return whether some row has friction."""
+    for a in range(rows.size[0] if len(rows.T) > 0 else 0):
+        if rows.mu[a] > 0.0:
+            return True
+    return False
+
+
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
 def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
     """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
@@ -271,7 +276,7 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
-    if len(rows.T) == 0:
+    if not has_friction(rows):
         last = memory.percussion[: memory.size[0]]
         found = tree_law(
             m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, e, opened, last, limit, s.v, rates
@@ -282,6 +287,9 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
         memory.size[0] = k
         for a in range(k):
             memory.percussion[a] = rates[0, a]
+        # tangents of rows without friction are zero
+        for i in range(min(8 * k, len(s.slip))):
+            s.slip[i] = 0.0
         s.residual[0] = found
         return DONE
     if k > MOST_CONTACTS:

@@ -63,7 +63,7 @@ def project_bounds_with_friction(s: MechanismStep, bound: Array) -> int:
     if k > MOST_CONTACTS:
         return UNSOLVED
     n, known, start = 3 * k, NOTHING, memory.start[: 3 * k]
-    wide, W, A = room.wide[0, :n], room.wide[1, :n], room.wide[2, :n]
+    wide, W, A = np.empty((n, len(s.v))), np.empty((n, len(s.v))), np.empty((n, len(s.v)))
     interleave(some.J[:k], some.T[: 2 * k], wide)
     solve(room.L, s.mechanism.parent, wide, W, A)
     if memory.size[1] == n:

@@ -11,7 +11,7 @@ import pytest
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereCentres, SphereContacts
 from mbvi.constraints.half_space import few_points_within, points_within
-from mbvi.geometry.polyhedron_overlap import overlap
+from mbvi.geometry.pair_distances import distances_from_axes
 from mbvi.geometry.primitive_pairs import NONE
 from mbvi.geometry.refined_distance import UNIQUE
 from mbvi.geometry.shape_table import indexed
@@ -22,6 +22,7 @@ from mbvi.system import FreeBodies, Spheres
 from support.kernel_arguments import few_points_within as few_points_arguments
 from support.paths import ROBOTS
 from support.plain.exits import exit_from
+from support.polyhedron_overlap import overlap
 
 TETRAHEDRON = Hull(0.3 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]], dtype=float))
 SHAPES = [
@@ -88,10 +89,10 @@ def test_gradient_of_a_signed_distance(first, second, apart, rng):
         direction = rng.normal(size=3)
         q = configuration(rng, np.array([np.zeros(3), apart * direction / np.linalg.norm(direction)]))
         shift = 1e-6
-        numeric = difference_quotient(system, partial(coal_distance, contacts), q, shift)
+        numeric = difference_quotient(system, partial(distance_of, contacts), q, shift)
         gradient = contacts.gradient(0.0, q) if apart == 1.0 else nearest_gradient(contacts, system, q)
         # where two features are equally near the distance has a kink; no gradient to compare with
-        coarser = difference_quotient(system, partial(coal_distance, contacts), q, 10 * shift)
+        coarser = difference_quotient(system, partial(distance_of, contacts), q, 10 * shift)
         if np.abs(coarser - numeric).max() < 1e-4:
             np.testing.assert_allclose(gradient, numeric, atol=1e-4)
             compared += 1
@@ -104,15 +105,23 @@ def measured(contacts, q):
         # without the patch
         _, gap, point, normal = contacts._closed.contacts(places, np.array([0]), -np.inf)
         return gap[0], normal[0], point[0]
-    return contacts._coal.measure(places, 0)[:3]
+    return searched(contacts, places)[:3]
 
 
-def coal_distance(contacts, q):
+def searched(contacts, places):
+    """Distance, normal, midpoint and state by the search for two convex shapes."""
+    found = np.empty(1), np.empty((1, 3)), np.empty((1, 3)), np.empty(1, np.int64)
+    axes = contacts._axes
+    distances_from_axes(places, axes.tables, contacts._bound, np.zeros(1, np.int64), axes.axis, *found)
+    return tuple(part[0] for part in found)
+
+
+def distance_of(contacts, q):
     return np.array([measured(contacts, q)[0]])
 
 
 def nearest_gradient(contacts, system, q):
-    """The gradient at the witness points Coal gives, whatever the patch of two flat faces says."""
+    """The gradient at the nearest points, whatever the patch of two flat faces says."""
     _, normal, middle = measured(contacts, q)
     return system.separation_rows(q, np.array([1]), np.array([2]), middle[None], normal[None])
 
@@ -377,7 +386,7 @@ def test_axes_of_faces_and_edges_give_the_depth_that_coal_gives(seed):
     np.testing.assert_allclose(normal, result.normal, atol=1e-4)
     still = [PlacedShape(f"s{k}", s, k + 1, np.eye(3), np.zeros(3)) for k, s in enumerate((a, b))]
     contacts = SignedDistances(bodies(2), *indexed(still[:1], still[1:]), np.zeros(1))
-    refined, along, point, state = contacts._coal.overlap(np.array(places), 0)
+    refined, along, point, state = searched(contacts, np.array(places))
     assert state == UNIQUE
     # the edges of `overlap` are rounded to twelve digits
     assert refined == pytest.approx(distance, abs=1e-11)

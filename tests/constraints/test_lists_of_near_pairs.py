@@ -198,7 +198,7 @@ def test_the_report_counts_the_pairs_of_each_path():
     assert 0 < searched < near.size
     assert (
         f"pairs of 81 shapes, found when near; {near.size} are near now: {near.size - searched} in closed form, "
-        f"{searched} by search from the last axis, or by Coal"
+        f"{searched} by search from the last axis"
     ) in problem.report()
     few = mbvi.Scene()
     few.add_box((0.2,) * 3, position=(0, 0, 0.1))

@@ -12,13 +12,13 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 import mbvi
 from mbvi.constraints import SignedDistances
 from mbvi.geometry.convex_polygon import common_polygon, convex_hull
-from mbvi.geometry.polyhedron_overlap import overlap
 from mbvi.geometry.shape_table import indexed
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
 from mbvi.system import FreeBodies
 from support.comparisons import beside
 from support.distance_kernel_arguments import rotation
 from support.paths import ROBOTS
+from support.polyhedron_overlap import overlap
 
 seeds = st.integers(0, 10_000)
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
 from mbvi.geometry import refined_distance
-from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE, refined
+from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE
 from mbvi.geometry.separating_axis import SeparatingAxes
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
-from support.distance_kernel_arguments import SHAPES, rotation, separated, unit
+from support.distance_kernel_arguments import SHAPES, refined, rotation, separated, unit
 from support.plain.separating_axis import _compose, reach_plain
 
 PAIRS = [(a, b) for a in range(len(SHAPES)) for b in range(len(SHAPES))]

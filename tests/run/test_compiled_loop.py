@@ -17,8 +17,10 @@ from mbvi.run.recorder import Recorder
 from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
 from mbvi.schemes import Step, open_gaps, position_projection, stewart_trinkle
+from mbvi.schemes.mechanism_steps import BOUNCES
 from mbvi.schemes.step import NO_RATES
 from mbvi.schemes.stewart_trinkle_kernel import lower_to_the_end
+from mbvi_studies.published_robots import PUBLISHED as PUBLISHED_ROBOTS
 from mbvi_studies.published_robots import published_robot
 from support.loop_arguments import (
     among_boxes,
@@ -33,7 +35,7 @@ from support.loop_arguments import (
     swaying,
     two_hoppers,
 )  # fmt: skip
-from support.paths import ROBOTS
+from support.paths import ROBOTS, real_robot
 from support.robot_problems import OWN, problem_of
 
 # the package's `simulate` is the function
@@ -92,17 +94,33 @@ def steps_of_the_loop(problem, scheme, run):
         # a run leaves out attempts of the loop after several that took no step
         loop._patience = Patience()
         state, done, _ = loop.run(Step(run.t[i], run.q[i], run.v[i], none, NO_RATES, 0.0), i, i + 1)
+        if done == i:
+            # what is left to Python is taken by it, as in a run
+            scheme.step(problem, problem.t0 + i * STEP, run.q[i], run.v[i], STEP, projector)
         yield state if done == i + 1 else None
 
 
-def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0):
-    """Compare single steps from the states of a run; yield those of the scheme, None where the loop leaves one to it.
+def spread_by_rounding(problem, scheme, t, q, v, step):
+    """How far steps of the scheme from states that differ by rounding are from a step, relative to the largest."""
+    rng, most, scale = np.random.default_rng(0), 0.0, max(1.0, np.abs(step.v).max())
+    for _ in range(8):
+        projector, _ = projector_of(problem, scheme, None, None, None)
+        near = problem.system.integrate(q, 1e-15 * rng.normal(size=len(v)))
+        other = scheme.step(problem, t, near, v, STEP, projector)
+        most = max(most, np.abs(other.v - step.v).max() / scale)
+    return most
 
-    States are disturbed by some `disturbance` [m or rad] in each coordinate. Where Coulomb's law may have several
-    answers, velocities may differ by `spread`, relative to the largest: by so much they differ from other starts, too.
+
+def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0, run=None):
+    """Compare single steps from states; yield those of the scheme, None where the loop leaves one to it.
+
+    The states are those of a run, given or new, each coordinate disturbed by some `disturbance` [m or rad]. Where
+    Coulomb's law may have several answers, velocities may differ by `spread`, relative to the largest: by so much they
+    differ from other starts, too; or by a few times what rounding of the state makes of the scheme's own step.
     """
-    with pytest.MonkeyPatch.context() as patched:
-        run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
+    if run is None:
+        with pytest.MonkeyPatch.context() as patched:
+            run = by_python(patched, problem, scheme, step=STEP, duration=steps * STEP)
     if disturbance:
         moves = disturbance * np.random.default_rng(0).normal(size=run.v.shape)
         q = np.array([problem.system.integrate(*pair) for pair in zip(run.q, moves, strict=True)])
@@ -115,7 +133,10 @@ def steps_that_agree(problem, scheme, steps, disturbance=0.0, spread=0.0):
         if state is not None:
             may_differ = step.slip is not None and not projector.friction.start.unique
             least = max(spread, 1e-12) if may_differ else 1e-12
-            scale = least * max(1.0, np.abs(step.q).max(), np.abs(step.v).max())
+            largest = max(1.0, np.abs(step.q).max(), np.abs(step.v).max())
+            if may_differ and np.abs(state.v - step.v).max() > least * largest:
+                least = max(least, 10.0 * spread_by_rounding(other, scheme, step.t - STEP, run.q[i], run.v[i], step))
+            scale = least * largest
             np.testing.assert_allclose(state.q, step.q, rtol=0.0, atol=scale, err_msg=f"step {i}")
             np.testing.assert_allclose(state.v, step.v, rtol=0.0, atol=scale, err_msg=f"step {i}")
             assert state.active.constraint.tolist() == step.active.constraint.tolist()
@@ -144,8 +165,7 @@ def share_that_agrees(problem, scheme, steps, spread=0.0):
 @each_scheme_of_one
 @pytest.mark.parametrize("name", ["double_pendulum", "hopper", "quadruped"])
 def test_a_step_is_that_of_the_scheme(name, scheme):
-    share = share_that_agrees(problem_of(name, "fall", 0.0), scheme, 200)
-    assert share == 1.0 if scheme != SCHEMES[-1] or name == "double_pendulum" else share > 0.95
+    assert share_that_agrees(problem_of(name, "fall", 0.0), scheme, 200) == 1.0
 
 
 @each_scheme_of_one
@@ -173,6 +193,89 @@ def test_a_step_that_raises_sticking_contacts_is_that_of_the_scheme(e, disturban
         calls.clear()
     assert raised >= least
     assert reordered >= fewest
+
+
+def dropped(name, e, mu):
+    """A published robot that turns, and lands on some feet in some ten steps."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(real_robot(PUBLISHED_ROBOTS[name].file), position=(0, 0, 5))
+    problem = scene.build()
+    q, v, rows = problem.q0.copy(), problem.v0.copy(), problem.constraints
+    floor = [k for k in range(len(rows)) if rows.name(k).endswith("| floor")]
+    q[2] += 0.005 - float(rows.gap(0.0, q)[floor].min())
+    v += 0.5 * np.random.default_rng(0).normal(size=len(v))
+    return problem.at(q, v)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("e", [0.0, 0.05])
+@pytest.mark.parametrize(("name", "steps"), [("solo12", 150), ("go2", 150), ("anymal", 150)])
+def test_a_step_that_projects_positions_by_searches_is_that_of_the_scheme(name, steps, e, mu, monkeypatch):
+    """Of robots on their hulls, also where contacts bounce beside closed ones, and where bodies move far."""
+    calls, taken, raised, project = [], 0, 0, position_projection._with_tangent_velocity
+    monkeypatch.setattr(
+        position_projection, "_with_tangent_velocity", lambda *args: calls.append(args) or project(*args)
+    )
+    problem = dropped(name, e, mu)
+    for disturbance in (0.0, 1e-6):
+        for step in steps_that_agree(problem, SCHEMES[-1], steps, disturbance):
+            taken, raised = taken + (step is not None), raised + (step is not None and len(calls) > 0)
+            calls.clear()
+    # Coal measures a few pairs
+    assert taken > 1.9 * steps
+    assert raised >= 5
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("e", [0.0, 0.002, 0.5])
+@pytest.mark.parametrize("scene", [quadruped, hopper, swaying, on_block, lambda e, mu: dropped("solo12", e, mu)])
+def test_no_step_is_left_to_python_because_positions_are_projected(scene, e, mu, loops):
+    mbvi.simulate(scene(e, mu), SCHEMES[-1], step=STEP, duration=0.25, progress=False)
+    assert not loops[0].codes[BOUNCES]
+    # of calls that take no step there are three at least before the loop waits
+    assert loops[0].codes.sum() < 50
+
+
+def in_a_vise(mu):
+    """A hopper whose trunk is held by two boxes that overlap it, and another one that has sunk into the floor.
+
+    The knee of the first is beyond its limit.
+    """
+    scene = mbvi.Scene(restitution=0.0, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    for x, name in ((0.0, "held"), (3.0, "loose")):
+        scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(x, 0, 1.0), joints={"knee": 0.4}, name=name)
+    for z in (1.149, 0.851):
+        scene.add_box((0.04, 0.04, 0.2), position=(0.1, 1, z), fixed=True, name=f"jaw at {z}")
+    problem = scene.build()
+    rows, q = problem.constraints, problem.q0.copy()
+    names, gap = [rows.name(k) for k in range(len(rows))], rows.gap(0.0, q)
+    (knee,) = [k for k, name in enumerate(names) if name.startswith("held/knee upper")]
+    floor = [k for k, name in enumerate(names) if name.startswith("loose/") and name.endswith("| floor")]
+    held, loose = problem.system.located_parts()
+    q[held.q + held.system.nq - 1] += gap[knee] + 1e-3
+    q[held.q + 1] = 1.0
+    q[loose.q + 2] -= gap[floor].min() + 1e-3
+    count, v = 5, problem.v0
+    moves = 1e-6 * np.random.default_rng(0).normal(size=(count, len(v)))
+    return problem, States(
+        STEP * np.arange(count), np.array([problem.system.integrate(q, m) for m in moves]), np.array([v] * count)
+    )
+
+
+@pytest.mark.usefixtures("always")
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+def test_what_can_be_raised_beside_contacts_that_contradict_each_other_is_as_by_the_scheme(mu, monkeypatch):
+    found, displace = [], position_projection.displacement_of_groups
+    monkeypatch.setattr(
+        position_projection, "displacement_of_groups", lambda *args: found.append(displace(*args)) or found[-1]
+    )
+    problem, states = in_a_vise(mu)
+    taken = [step is not None for step in steps_that_agree(problem, SCHEMES[-1], 4, spread=SPREAD, run=states)]
+    # a law whose rows contradict each other by their rounding may take the cascade of solvers
+    assert sum(taken) >= 2
+    assert sum(one is not None for one in found) >= 4
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.6])
@@ -216,8 +319,17 @@ SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap]
 @pytest.mark.parametrize("scene", SEVERAL)
 def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
     share = share_that_agrees(scene(0.5, mu), scheme, 150, SPREAD)
-    # spheres among each other leave position projections to Python
-    assert share == 1.0 if scheme != SCHEMES[-1] and scene is not two_hoppers else share > 0.6
+    # Coal measures some pairs of hoppers
+    assert share == 1.0 if scene is not two_hoppers else share > 0.9
+
+
+@pytest.mark.usefixtures("always")
+@pytest.mark.parametrize("mu", [0.0, 0.6])
+@pytest.mark.parametrize("scene", SEVERAL)
+def test_a_step_of_several_bodies_that_have_sunk_is_that_of_the_scheme(scene, mu):
+    """Rows that join the law of free bodies act where it does, also those of spheres among each other."""
+    steps = list(steps_that_agree(scene(0.0, mu), SCHEMES[-1], 150, 1e-6, SPREAD))
+    assert np.mean([step is not None for step in steps]) > 0.9
 
 
 @pytest.mark.slow
@@ -226,7 +338,7 @@ def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("scene", SEVERAL)
 def test_a_step_of_several_bodies_that_come_to_rest_is_that_of_the_scheme(scene, mu, scheme):
-    assert share_that_agrees(scene(0.0, mu), scheme, 250, SPREAD) > (0.2 if scene is small_heap else 0.7)
+    assert share_that_agrees(scene(0.0, mu), scheme, 250, SPREAD) > 0.9
 
 
 def controlled_hoppers(controls):
@@ -363,7 +475,7 @@ def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(always,
     assert loops[0].codes[0] > 0
     assert not slept
     assert run.complete
-    mbvi.simulate(sole(tmp_path, 40, stone=True), mbvi.Paoli(), step=STEP, duration=0.16, progress=False)
+    mbvi.simulate(sole(tmp_path, 51, stone=True), mbvi.Paoli(), step=STEP, duration=0.16, progress=False)
     assert loops[1].codes[1] > 0
     assert slept
 
@@ -371,17 +483,17 @@ def test_bodies_at_rest_sleep_only_where_the_loop_leaves_steps_to_python(always,
 # steps that are left to Python
 
 
-def test_the_loop_goes_on_after_pairs_that_coal_measures(loops, monkeypatch):
+def test_the_loop_measures_hulls_that_overlap(loops, monkeypatch):
     problem = on_block(0.0, 0.0)
     run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.2, progress=False)
     left, done = loops[0].codes[2], loops[0].codes[0]
-    assert left > 0
+    assert left == 0
     assert done > 0
     same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.2))
 
 
 def sole(tmp_path, count, stone=False):
-    """A body of boxes, each of which stands on a floor with four corners; a stone may lie beside it."""
+    """A body of boxes, each of which stands on a floor with four corners; a stone may lie beside it, on two floors."""
     places = (f'<origin xyz="{0.1 * (k % 8)} {0.1 * (k // 8)} 0"/>' for k in range(count))
     boxes = "".join(
         f'<collision>{place}<geometry><box size="0.05 0.05 0.05"/></geometry></collision>' for place in places
@@ -394,16 +506,17 @@ def sole(tmp_path, count, stone=False):
     scene.add_urdf(path, position=(0, 0, 0.03))
     if stone:
         scene.add_box((0.1, 0.1, 0.1), position=(3, 0, 0.05), name="stone")
+        scene.add_halfspace((0, 0, 1), name="floor below")
     # all corners, also those between others
     return scene.build(reduce=("rest",))
 
 
-@pytest.mark.parametrize("count", [32, 40])
+@pytest.mark.parametrize("count", [100, 101])
 def test_the_loop_goes_on_after_steps_with_too_many_rows(count, tmp_path, loops, monkeypatch):
     problem = sole(tmp_path, count)
     run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.1, progress=False)
     assert run.impacts
-    assert (loops[0].codes[1] > 0) == (count > 32)
+    assert (loops[0].codes[1] > 0) == (count > 100)
     same_bytes(run, by_python(monkeypatch, problem, mbvi.Paoli(), step=STEP, duration=0.1))
 
 

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from mbvi.geometry import kinks, refined_distance, separating_axis
+from mbvi.geometry import core_search, kinks, refined_distance, separating_axis
 from mbvi.geometry import normal_search as search
+from mbvi.geometry.contact_patch import MOST_GATHERED
+from mbvi.geometry.proved_depth import MOST_POINTS
 from mbvi.geometry.separating_axis import SeparatingAxes, place_pair
 from mbvi.geometry.shape_table import ShapeTable
 from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
@@ -51,6 +53,35 @@ def separated(axes, places, pair, n):
     world = np.empty((2, 4, 3))
     place_pair(places, axes.shapes, pair, world)
     return separating_axis.pair_separation(world, axes.shapes, pair, n)
+
+
+def refined(axes, places, pair, normal):
+    """Refine the signed distance of a pair of shapes, starting from an approximate normal.
+
+    Parameters
+    ----------
+    axes : SeparatingAxes
+        The shapes and pairs.
+    places : ndarray, shape (b, 4, 3)
+        Placements of the bodies `axes.bodies`.
+    pair : int
+        The pair.
+    normal : ndarray, shape (3,)
+        The approximate unit normal from the first to the second; receives the refined one.
+
+    Returns
+    -------
+    result : int
+        `UNIQUE`; `FLAT`, then the point is meaningless; `FAILED`, then distance, point and normal are.
+    distance : float
+        Signed distance [m].
+    point : ndarray, shape (3,)
+        The point midway between the surfaces [m].
+    """
+    nearest, world = np.empty(3), np.empty((2, 4, 3))
+    place_pair(places, axes.shapes, pair, world)
+    result, distance = refined_distance.refine_pair(world, axes.shapes, pair, normal, nearest)
+    return result, distance, nearest
 
 
 def state(rng):
@@ -192,6 +223,35 @@ def polygons(rng):
     return rng.normal(size=(8, 2)), 0.5 * rng.normal(size=(8, 2)), int(k), int(m)
 
 
+def triangle(rng):
+    """A triangle of directions about one, and a point for each."""
+    middle = unit(rng)
+    corners = middle + 0.3 * rng.normal(size=(3, 3))
+    corners /= np.linalg.norm(corners, axis=1)[:, None]
+    return (np.array([corners, middle + 0.5 * rng.normal(size=(3, 3))]),)
+
+
+def better_direction(rng):
+    """Two shapes that overlap, and the depth along a direction that may not be the least."""
+    axes, _ = axes_of(rng)
+    places = np.array([[*rotation(rng), 0.05 * rng.normal(size=3)] for _ in axes.bodies])
+    world, n = world_of(axes, places), unit(rng)
+    return world, axes.shapes, 0, n, 0.5 * rng.random(), 0.3 * float(rng.integers(2)), 1e-3
+
+
+def turn_to(rng):
+    world, shapes, pair, n = pair_of(rng)
+    active = np.zeros((4, 6))
+    core_search.lowest_difference(world, shapes, pair, *n.tolist(), core_search.CORNERS, active, 0)
+    return world, shapes, pair, n, unit(rng), active, 1
+
+
+def maximum(rng):
+    gaps = 4 * MOST_GATHERED
+    room = np.zeros(3), np.zeros(gaps), np.zeros((gaps, 3)), np.zeros((2, MOST_POINTS, 2)), np.zeros(2, np.int64)
+    return *pair_of(rng), 0.2, *room
+
+
 DISTANCE_ARGUMENTS = {
     "dot": lambda rng: tuple(rng.normal(size=(2, 3))),
     "cross": lambda rng: (*rng.normal(size=(2, 3)), np.zeros(3)),
@@ -232,8 +292,46 @@ DISTANCE_ARGUMENTS = {
     "first_axis": pair_of,
     "between_centres": lambda rng: (*hulls_of(rng)[:3], np.zeros(3)),
     "widest_angle": lambda rng: hulls_of(rng)[:5],
-    "is_greatest": hulls_of,
     "disc_radius": polygons,
+    "level_points": lambda rng: (*hulls_of(rng)[:4], 1.0, np.zeros((2, MOST_POINTS, 2)), np.zeros(2, np.int64)),
+    "share_a_line": lambda rng: (np.round(rng.normal(size=(2, MOST_POINTS, 2))), rng.integers(1, 4, size=2)),
+    "least_within": triangle,
+    "one_norm": lambda rng: (unit(rng),),
+    "longest_side": triangle,
+    "farthest_point": lambda rng: (*pair_of(rng)[:3], *triangle(rng), int(rng.integers(3)), np.zeros((1, 6))),
+    "better_direction": better_direction,
+    "is_curved": lambda rng: (axes_of(rng)[0].shapes, 0),
+    "on_circle": lambda rng: (*rng.normal(size=2).tolist(), int(rng.choice([0, 16]))),
+    "lowest_difference": lambda rng: (
+        *pair_of(rng)[:3],
+        *unit(rng).tolist(),
+        int(rng.choice([0, 16])),
+        np.zeros((4, 6)),
+        int(rng.integers(4)),
+    ),
+    "move_point": lambda rng: (rng.normal(size=(4, 6)), *rng.integers(4, size=2).tolist()),
+    "on_face": lambda rng: (np.round(2.0 * rng.normal(size=(4, 6))), unit(rng), np.zeros(3)),
+    "on_edge": lambda rng: (rng.normal(size=(4, 6)), int(rng.integers(1, 3)), unit(rng), np.zeros(3), np.zeros(3)),
+    "steepest": lambda rng: (
+        unit(rng),
+        unit(rng),
+        float(rng.integers(2)) * unit(rng),
+        float(rng.normal()),
+        np.zeros(3),
+    ),
+    "turn_to": turn_to,
+    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 6))),
+    "ascend": lambda rng: (*pair_of(rng), np.zeros((4, 6)), np.zeros(3)),
+    "write_midpoint": lambda rng: (
+        *pair_of(rng),
+        rng.normal(size=(4, 6)),
+        rng.random(3),
+        int(rng.integers(1, 4)),
+        np.zeros(3),
+    ),
+    "search_cores": lambda rng: (*pair_of(rng), np.zeros(3)),
+    "_curved_maximum": lambda rng: maximum(rng)[:-2],
+    "_maximum": maximum,
     "_points_about": points_about,
     "separation_of": pair_of,
     "_maximise": maximise,

@@ -43,6 +43,17 @@ def held_tangents(rng):
     return of.W, of.near, of.sticks, *of.room()
 
 
+def strongest_tangents(rng):
+    of = Standing(rng)
+    return of.W, of.near, of.sticks, of.room()[1]
+
+
+def diagonalise(rng):
+    n = int(rng.integers(0, 9))
+    rows = rng.normal(size=(n, max(1, n - int(rng.integers(0, 3)))))
+    return rows @ rows.T, np.full((n, n), np.nan)
+
+
 def turn_basis(rng):
     of = Standing(rng)
     L, Q = of.room()
@@ -69,4 +80,7 @@ def raises_near(rng):
     return of.metric.lower, of.J, of.W, of.near, moved, lower, 1e-8
 
 
-HELD_ARGUMENTS = {kernel.__name__: kernel for kernel in (held_tangents, turn_basis, hold_rows, raises_near)}
+HELD_ARGUMENTS = {
+    kernel.__name__: kernel
+    for kernel in (held_tangents, strongest_tangents, diagonalise, turn_basis, hold_rows, raises_near)
+}

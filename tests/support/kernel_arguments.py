@@ -195,6 +195,13 @@ def goldfarb_idnani(rng):
     return W, d, 1e-13, 0, *active_set(W), np.zeros(len(d))
 
 
+def least_violation(rng):
+    """Rows that contradict each other, or not, with percussions that prove it."""
+    rows = rng.normal(size=(3, 4))
+    W = np.vstack([rows, -rows.sum(axis=0) + rng.choice([0.0, 0.1])])
+    return W, rng.choice([-1.0, 1.0]) * rng.random(4), np.arange(4), 4, np.ones(4)
+
+
 def least_norm(rng):
     """Rows that span all columns, and a sum of them; some have no part in it."""
     rank = int(rng.integers(1, 5))
@@ -1045,6 +1052,7 @@ ARGUMENTS = {
     "pivoted_cholesky": pivoted_cholesky,
     "solve_on_active": solve_on_active,
     "append_row": append_row,
+    "inner": lambda rng: tuple(rng.normal(size=(2, int(rng.integers(0, 9))))),
     "remove_row": remove_row,
     "solve_lower": solve_triangle,
     "solve_upper": solve_triangle,
@@ -1053,6 +1061,7 @@ ARGUMENTS = {
     "goldfarb_idnani": goldfarb_idnani,
     "newton_step": newton_step,
     "least_norm": least_norm,
+    "least_violation": least_violation,
     "share": share,
     "scale_rows": scale_rows,
     "natural_residual": natural_residual,
@@ -1183,6 +1192,13 @@ def specified(name, result, arguments):
         # behind the basis there is what rounding leaves of tangents that depend on it
         L, Q = arguments[-2:]
         return [result, *arguments[:-2], np.tril(L)[: max(result, 0)], Q[: max(result, 0)]]
+    if name == "diagonalise":
+        # eigenvectors of equal eigenvalues may be any
+        A, V = arguments
+        return [np.diag(A), V @ np.diag(np.diag(A)) @ V.T, V @ V.T]
+    if name == "strongest_tangents":
+        Q = arguments[-1][:result]
+        return [result, *arguments[:-1], Q.T @ Q]
     if name == "first_of_lines":
         return [result, arguments[-1][:result]]
     if name in ("list_candidates", "filter_active", "separated", "near_boxes"):

@@ -263,18 +263,28 @@ CALLS = {
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
     "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
-    "some_stay_sunk": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 3), (DEFAULT, quadruped, BOUNCY, 3)],
     "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
-    "some_closed": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, BOUNCY, 5)],
-    "settle_with_friction": [(DEFAULT, swaying, ROUGH, n) for n in (0, 100, 147)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
+    "project_positions": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, struck, MIXED, 90), (DEFAULT, swaying, BOUNCY, 9)],
+    "close_what_returns": [(DEFAULT, swaying, BOUNCY, 9), (DEFAULT, quadruped, MIXED, 3), (DEFAULT, struck, MIXED, 5)],
+    "join_law": [(DEFAULT, swaying, BOUNCY, 0), (DEFAULT, swaying, BOUNCY, 2), (DEFAULT, swaying, MIXED, 1)],
+    "write_speeds_after": [(DEFAULT, struck, ROUGH, 50), (DEFAULT, struck, BOUNCY, 3), (DEFAULT, one_box, ROUGH, 1)],
+    **{
+        name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, MIXED, 40), (DEFAULT, swaying, MIXED, 20)]
+        for name in ("may_sink", "sticking_contacts")
+    },
+    "open_beside_bounces": [(DEFAULT, swaying, BOUNCY, 9), (DEFAULT, struck, BOUNCY, 9), (DEFAULT, swaying, MIXED, 20)],
+    "advance_gaps": [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, swaying, BOUNCY, 3), (DEFAULT, quadruped, MIXED, 30)],
+    "has_friction": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, RIGID, 5), (CENTERED, hopper, ROUGH, 1)],
     "known_gaps": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, hopper, ROUGH, 60), (DEFAULT, on_block, ROUGH, 50)],
-    "some_below": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, swaying, MIXED, 9), (DEFAULT, hopper, ROUGH, 20)],
-    "search_at_end": [(DEFAULT, swaying, ROUGH, n) for n in (0, 1, 2)],
     "may_pass": [(PAOLI, hopper, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 50), (PAOLI, quadruped, ROUGH, 70)],
     "stewart_trinkle_step": [(PILES, hopper, BOUNCY, 41), (PILES, swaying, RIGID, 70), (PILES, swaying, MIXED, 42)],
     "project_bounds_with_friction": [(PILES, hopper, ROUGH, 3), (PILES, swaying, ROUGH, 9), (PILES, swaying, MIXED, 9)],
     "open_the_gaps": [(PILES, swaying, BOUNCY, 0), (PILES, swaying, MIXED, 9), (PILES, swaying, BOUNCY, 50)],
+    **{
+        name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, BOUNCY, 9), (DEFAULT, swaying, MIXED, 20)]
+        for name in ("apply_bounds", "write_rates_of")
+    },
     **{
         name: [(PILES, hopper, BOUNCY, 30), (PILES, swaying, ROUGH, 50), (PILES, swaying, MIXED, 9)]
         for name in (
@@ -283,10 +293,11 @@ CALLS = {
         )
     },
     **{
-        name: [(DEFAULT, swaying, ROUGH, n) for n in (0, 12, 132)]
+        name: [(DEFAULT, swaying, ROUGH, 12), (DEFAULT, struck, MIXED, 40), (DEFAULT, swaying, BOUNCY, 30)]
         for name in (
-            "find_sunk_contacts", "write_free_motion", "solve_wide", "raise_and_follow", "sticking_contacts",
-            "displace", "raise_contacts", "take_projected", "start_of_tangent_law", "tangent_law",
+            "rows_for", "copy_rows", "copy_of", "match_rows", "are_known", "find_nearby", "nearby_rows",
+            "write_free_motion", "write_floor", "mark_rows", "raise_sunk",
+            "displace", "least_displacement", "move_marks", "follow", "start_of_tangent_law",
         )
     },
 }  # fmt: skip
@@ -297,10 +308,10 @@ def _within_a_run(wanted):
 
 
 def may_pass(rng, seed):
-    constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
+    mechanism, constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
     # at the first two no pair is farther apart than it travels, at the last some are
     scale = 10.0 ** rng.uniform(0.0, 3.0)
-    return constraints, scale * v, scale * w, log, 1e-9
+    return mechanism, constraints, scale * v, scale * w, log, 1e-9
 
 
 def write_gradients(rng, seed):
@@ -310,8 +321,40 @@ def write_gradients(rng, seed):
     return s.mechanism, s.constraints, s.rows, int(rng.integers(s.rows.size[0]))
 
 
+def _sunk(seed):
+    return _call("least_displacement", DEFAULT, struck, (ROUGH, BOUNCY, RIGID)[seed], 5)
+
+
+def displacement_of_groups(rng, seed):
+    s, active, sunk = _sunk(seed)
+    if seed:
+        # one that cannot be raised: it does not move
+        active.J[0], sunk.floor[0] = 0.0, 1e-6
+    return s, active, sunk
+
+
+def independent_groups(rng, seed):
+    s, active, _ = _sunk(seed)
+    return active, s.scales.part, np.empty(active.size[0], np.int64)
+
+
+def project_moving(rng, seed):
+    s, J, A, W, x, lower, w, table = _call("project_moving", DEFAULT, swaying, BOUNCY, 5 + seed)
+    if seed:
+        for rows in (J, A, W):
+            rows[0] = 0.0
+        lower[0] = -1.0 if seed == 1 else 1.0
+    return s, J, A, W, x, lower, w, table
+
+
+def _near(seed):
+    """A mechanism, the tables of its shapes, and its pairs."""
+    mechanism, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return mechanism, constraints.shapes, constraints.near
+
+
 def clearance_of(rng, seed):
-    constraints = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)[0]
+    _, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return constraints, int(rng.integers(len(constraints.pairs.clearance)))
 
 
@@ -319,7 +362,16 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "place_bodies": lambda rng, seed: _near(seed)[::2],
+    "is_beyond": lambda rng, seed: (
+        *_near(seed)[1:],
+        int(rng.integers(len(_near(seed)[2].bound))),
+        float(rng.choice([0.0, 0.1, 1.0])),
+    ),
     "write_gradients": write_gradients,
+    "displacement_of_groups": displacement_of_groups,
+    "independent_groups": independent_groups,
+    "project_moving": project_moving,
     "margin_of": lambda rng, seed: (rng.choice([0.0, 1e-5, 1e-2]), 1e-8, rng.random()),
     "stays_sunk": lambda rng, seed: (*rng.normal(size=3), rng.choice([0.0, 0.5, 1.0]), 1e-8),
     "is_closed": lambda rng, seed: (rng.choice([0.0, 1.0]), rng.choice([-1.0, 1.0]) * rng.choice([1e-9, 1e-3]), 1e-8),

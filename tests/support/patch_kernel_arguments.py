@@ -4,9 +4,9 @@ import numpy as np
 
 from mbvi.geometry.contact_patch import MOST_GATHERED
 from mbvi.geometry.convex_polygon import convex_hull
-from mbvi.geometry.refined_distance import COAL, FAILED, UNIQUE, refined
+from mbvi.geometry.refined_distance import FAILED, UNIQUE
 from mbvi.geometry.shapes import HalfSpace, Hull
-from support.distance_kernel_arguments import axes_of, rotation, unit, world_of
+from support.distance_kernel_arguments import axes_of, refined, rotation, unit, world_of
 
 # a disk of many vertices, all of which can lie in one plane
 ANGLES = np.sort(np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, 30))
@@ -125,8 +125,8 @@ def few(rng):
 
 
 def choose_normal(rng):
-    axes, _, world, distance, normal, _, result = known_pair(rng)
-    return world, axes.shapes, 0, distance, 0.2, 0.25, int(rng.choice([result, COAL])), normal
+    axes, _, world, distance, normal, *_ = known_pair(rng)
+    return world, axes.shapes, 0, distance, 0.2, normal
 
 
 def region(rng):
@@ -141,14 +141,7 @@ def from_axes(rng):
     if rng.random() < 0.2:
         axes.axis[0] = np.nan
     written = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, np.int64)
-    return places, axes.tables, np.array([0.2]), np.zeros(1, np.int64), axes.axis, *written, np.full(1, -1)
-
-
-def from_normals(rng):
-    axes, places, _, distance, normal, *_ = known_pair(rng)
-    pairs, enough = np.zeros(1, np.int64), float(rng.choice([-1.0, np.inf]))
-    known = np.array([distance]), normal[None].copy(), np.zeros((1, 3)), np.full(1, FAILED)
-    return places, axes.tables, np.array([0.2]), pairs, pairs, enough, *known
+    return places, axes.tables, np.array([0.2]), np.zeros(1, np.int64), axes.axis, *written
 
 
 def contacts(rng):
@@ -156,7 +149,7 @@ def contacts(rng):
     tolerance, room = float(rng.choice([distance - 1.0, distance + 1e-9, distance + 0.1])), int(rng.choice([0, 60]))
     found = np.array([distance]), normal[None].copy(), middle[None].copy(), np.array([result])
     return (
-        places, axes.tables, np.array([0.2]), np.array([0.25]), np.array([True]), np.zeros(1, np.int64), tolerance,
+        places, axes.tables, np.array([0.2]), np.array([True]), np.zeros(1, np.int64), tolerance,
         *found, np.zeros(room, np.int64), np.zeros(room), np.zeros((room, 3)), np.zeros((room, 3)),
     )  # fmt: skip
 
@@ -202,6 +195,5 @@ PATCH_ARGUMENTS = {
     "_middle_of": lambda rng: (rng.normal(size=4), rng.normal(size=(4, 3)), int(rng.integers(5)), 0.3, np.zeros(3)),
     "keep_one_of_each_line": lines_of_pairs,
     "distances_from_axes": from_axes,
-    "distances_from_normals": from_normals,
     "write_contacts": contacts,
 }  # fmt: skip

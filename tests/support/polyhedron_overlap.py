@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import Array
-from .polyhedra import Hull, Polyhedron
+from mbvi.arguments import Array
+from mbvi.geometry.polyhedra import Hull, Polyhedron
 
 # edges with a smaller sine of their angle are parallel: their cross product is no axis
 _PARALLEL = 1e-9
