@@ -218,7 +218,7 @@ def farthest_point(world: Array, shapes: Shapes, pair: int, triangle: Array, cor
 def better_direction(
     world: Array, shapes: Shapes, pair: int, n: Array, depth: float, sure: float, tolerance: float
 ) -> bool:
-    """Look for a direction that separates two cores better; return False if there is none, which is proved in most cases.
+    """Look for a direction that separates two cores better; return False if there is none (proved in most cases).
 
     Parameters
     ----------
