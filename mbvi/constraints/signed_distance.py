@@ -75,7 +75,7 @@ class SignedDistances(Pairs):
         self._flat = ~np.logical_or(*table.smooth[sides.T])
         self._line = np.zeros(3) if line is None else np.array(line, dtype=float)
         self._planar = line is not None
-        self._bounds = np.empty(self.size)
+        self._bounds = np.zeros(self.size)
         # pairs of spheres and capsules have a continuous gradient
         self.smooth: Array = self._closed.smooth
         self._some_smooth, self._is_smooth = bool(self.smooth.any()), self.smooth.tolist().__getitem__
