@@ -124,7 +124,8 @@ def check(pair, rng, accuracy):
         gap, along = pair.coal(of_coal)
         length = np.linalg.norm(along)
         if np.isfinite(gap) and length > 0.5:
-            assert pair.separation(along / length) <= distance + accuracy * pair.bound
+            # separations are sums of numbers of the size of both shapes, which round
+            assert pair.separation(along / length) <= distance + accuracy * pair.bound + 1e-15 * pair.size
         if of_coal == 1e-9 and gap > 0.0:
             # the least distance is no less than the separation along any normal: only too small a one can be wrong
             assert distance >= (1.0 - max(1e-9, 1e-2 * accuracy)) * gap - max(1e-10, 1e-2 * accuracy) * pair.bound
