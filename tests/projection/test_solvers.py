@@ -1,10 +1,10 @@
-"""Every solver on its own: random, singular and infeasible problems, and whole runs compared with those of the default solvers."""
+"""Every solver on its own: random, singular and infeasible problems, and whole runs beside those by default."""
 
 import pickle
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
