@@ -114,7 +114,7 @@ class Problem:
     Raises
     ------
     InputError
-        On wrong shapes, infinite numbers, e outside [0, 1], mu < 0, friction without tangents, quaternions not of length 1.
+        On wrong shapes, infinite numbers, e outside [0, 1], mu < 0, friction without tangents, quaternions not unit.
     InadmissibleStartError
         If q0 is not in K.
     """
