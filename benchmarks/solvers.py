@@ -3,7 +3,7 @@
     python benchmarks/solvers.py                # the table of docs/developer/solvers.md
     python benchmarks/solvers.py --case pile    # only cases whose name has it
 
-Each case is a run by the cascade whose projections are kept: the last ones that violate a row, up to eight. Every
+Each case is a run by default solvers whose projections are kept: the last ones that violate a row, up to eight. Every
 solver then solves each of them from zero, in turns. A time is that of one projection, scaling included, the median over
 all of the fastest of several repeats. A residual is the largest over all projections, relative to the largest speed.
 "-" stands where a solver did not reach the residual 1e-6, and for dense solvers on more than 250 rows.
@@ -34,9 +34,8 @@ from mbvi.projection import ChosenSolver, Metric, Projector  # noqa: E402
 from mbvi.projection.scaled_qp import ScaledQP  # noqa: E402
 
 SOLVERS: dict[str, ChosenSolver | None] = {
-    "cascade": None,
+    "default": None,
     "ProxQP": mbvi.ProxQP(),
-    "ActiveSet": mbvi.ActiveSet(),
     "DualActiveSet": mbvi.DualActiveSet(),
     "SparsePCG": mbvi.SparsePCG(),
 }

@@ -20,7 +20,7 @@ from .errors import (
 from .geometry import motion, surfaces
 from .impacts import Forks, forks
 from .problem import Problem
-from .projection import ActiveSet, DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
+from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
 from .results import Diagnosis, Impact, Trajectory, load
 from .run.rollout import Rollouts, rollout
 from .run.rollout_job import RolloutStatus
@@ -40,7 +40,6 @@ __version__ = "1.0.0rc1"
 
 __all__ = [
     "REDUCTIONS",
-    "ActiveSet",
     "Centered",
     "CompiledControl",
     "ConstantTorque",

@@ -99,7 +99,7 @@ class Problem:
         e in [0, 1], one for all or one each; constraints built by a `Scene` carry their own.
     friction : float or array_like, shape (len(constraints),)
         Coefficient of Coulomb friction mu >= 0, one for all or one each; constraints built by a `Scene` carry their
-        own. Others need tangents, as of `GapFunction`.
+        own. Others need tangents; see `GapFunction`.
     energy_cap : bool
         Whether an impact with friction that would gain kinetic energy takes the largest restitution e' <= e with which
         it gains none, up to 32 contacts at once. e' is recorded as `Impact.e_used`.
@@ -114,8 +114,7 @@ class Problem:
     Raises
     ------
     InputError
-        On wrong shapes, numbers that are not finite, e outside [0, 1], mu below 0, friction of a constraint
-        without tangents, an unnormalised quaternion.
+        On wrong shapes, infinite numbers, e outside [0, 1], mu < 0, friction without tangents, quaternions not unit.
     InadmissibleStartError
         If q0 is not in K.
     """

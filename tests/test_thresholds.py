@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints import JointLimits, cache, half_space, pairs
-from mbvi.projection import cascade, equalities, fused_step, projector
+from mbvi.projection import fused_step, projector
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
 from mbvi.schemes.event_driven import contact_rows as smooth
@@ -182,8 +182,7 @@ PATHS = {
     "pairs with driven shapes, few or many": ([(assembly, "_MANY_PAIRS")], crowd, {"boxes": 8, "driven": 3}),
     "constraints in the cache": ([(cache, "_MOST_CACHED")], crowd, {"boxes": 6, "robot": "hopper"}),
     "rows solved by the fused step": ([(projector, "MOST_FUSED")], crowd, {"boxes": 6}),
-    "rows solved to rounding": ([(fused_step, "FEW"), (cascade, "FEW")], crowd, {"boxes": 6}),
-    "rows solved by an SVD": ([(equalities, "_MANY"), (projector, "MOST_FUSED")], crowd, {"boxes": 6}),
+    "rows solved to rounding": ([(fused_step, "FEW")], crowd, {"boxes": 6}),
     "selections of points kept": ([(half_space, "_MOST_SELECTIONS")], crowd, {"boxes": 6}),
 }  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from ..projection import ActiveSet, ChosenSolver, DualActiveSet, ProxQP, SparsePCG
+from ..projection import ChosenSolver, DualActiveSet, ProxQP, SparsePCG
 
 
 class SolverName(StrEnum):
@@ -13,7 +13,6 @@ class SolverName(StrEnum):
     solver: ChosenSolver
 
     proxqp = "proxqp", ProxQP()
-    active_set = "active-set", ActiveSet()
     dual_active_set = "dual-active-set", DualActiveSet()
     sparse_pcg = "sparse-pcg", SparsePCG()
 

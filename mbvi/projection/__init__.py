@@ -1,7 +1,6 @@
 """Projections in the kinetic metric: solvers, metrics and the check of the residual."""
 
 from .acceptance import Acceptance, AcceptedDepth, StatedDepth
-from .active_set import ActiveSet
 from .dual_active_set import DualActiveSet
 from .free_motion import FreeMotion
 from .friction_sparse import project_frictional_sparse
@@ -17,7 +16,6 @@ from .tree import TreeFreeMotion, TreeMetric
 __all__ = [
     "Acceptance",
     "AcceptedDepth",
-    "ActiveSet",
     "BlockMetric",
     "BodiesMetric",
     "ChosenSolver",

@@ -10,6 +10,7 @@ from ..compiled import plain_array
 from .goldfarb_idnani import LAST_DIGITS, goldfarb_idnani
 from .metric import Array
 from .scaled_qp import ROUNDING, Candidate, ScaledQP, WarmStart
+from .shared_percussions import share
 
 # most rows that each exchange looks at, at first, and how often violated rows join them
 _WORKING, _MOST_ENLARGED = 400, 40
@@ -73,10 +74,15 @@ def _solved(A: Array, d: Array) -> Candidate | None:
     nv, m = A.shape
     most = min(nv, m) + 1
     S, u, z, slack = np.empty(most, np.int64), np.empty(most), np.empty(nv), np.empty(m)
-    L, Q = np.empty((most, most)), np.empty((most, nv))
-    size, _ = goldfarb_idnani(plain_array(A.T), plain_array(d), ROUNDING, 0, S, L, Q, u, z, slack)
+    L, Q, W = np.empty((most, most)), np.empty((most, nv)), plain_array(A.T)
+    size, _ = goldfarb_idnani(W, plain_array(d), ROUNDING, 0, S, L, Q, u, z, slack)
     if size < 0:
         return None
-    percussion = np.zeros(m)
+    percussion, shared = np.zeros(m), np.empty(m)
     percussion[S[:size]] = u[:size]
+    # rows that depend on each other share percussions where that leads to the same velocity
+    if share(W, slack, ROUNDING, S, size, L, Q, z, shared):
+        off = [np.abs(A @ u - z).max(initial=0.0) for u in (percussion, shared)]
+        if off[1] <= off[0] + ROUNDING:
+            percussion = shared
     return Candidate(z, percussion)

@@ -102,8 +102,8 @@ class FusedStep:
     With a few rows, the overhead of numpy calls exceeds the time of the projection itself; one compiled call avoids it.
     A dual active-set method starts from the violated rows, or else from the rows active in the last projection. Where
     these depend on each other or have a negative percussion, it starts from none. If tight rows depend on each other,
-    they share their percussions. If the KKT residual of the answer is too large, the caller tries the solvers of the
-    cascade.
+    they share their percussions. If the KKT residual of the answer is too large, the caller solves by
+    `DualActiveSet`.
 
     Parameters
     ----------

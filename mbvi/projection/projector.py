@@ -1,8 +1,6 @@
-"""The projection min |w - x|_M subject to J w >= c: scales it, tries solvers in order, and checks the residual."""
+"""The projection min |w - x|_M subject to J w >= c: scales it, chooses a solver, and checks the residual."""
 
 from __future__ import annotations
-
-from collections.abc import Iterable
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -10,8 +8,6 @@ from scipy.sparse import csr_array
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .acceptance import OF_MECHANISMS, Acceptance, AcceptedDepth, StatedDepth
-from .active_set import ActiveSet
-from .cascade import dense_solvers, first_good_enough
 from .column_blocks import touched_columns
 from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
@@ -20,12 +16,12 @@ from .frictional_laws import FrictionalLaws, FrictionalRows
 from .fused_step import FEW, MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
 from .metric import Array, DiagonalMetric, Metric
 from .proxqp import ProxQP
-from .scaled_qp import Candidate, Projection, ScaledQP, Solver
+from .scaled_qp import Candidate, Projection, ScaledQP
 from .sparse_pcg import SparsePCG, refine
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 
-SOLVERS = (ProxQP, ActiveSet, DualActiveSet, SparsePCG)
+SOLVERS = (ProxQP, DualActiveSet, SparsePCG)
 # most rows of a failed problem that the dual active-set method checks for contradictions
 _MOST_CHECKED = 400
 
@@ -35,21 +31,21 @@ _NONE_OPEN = np.zeros(0)
 # Where rows depend on each other, speeds that a residual leaves are up to ten times as large
 _OF_SPEED, _LEAST = 0.01, 1.0 / 30.0
 
-ChosenSolver = ProxQP | ActiveSet | DualActiveSet | SparsePCG
+ChosenSolver = ProxQP | DualActiveSet | SparsePCG
 
 
 class Projector:
     """Projections one after the other, each started from the last percussions.
 
-    Unless a solver is chosen, solvers are tried in order. The first answer whose KKT residual is good enough is taken
-    (`cascade.good_enough`). The order for dense rows is `FusedStep`, `GuessedSet`, `RefinedProxQP`, `DualActiveSet`.
-    Sparse rows are solved by `SparsePCG`; up to 32 rows of spheres by `FusedStep`, on the spheres that they touch.
+    Unless a solver is chosen, dense rows are solved by `FusedStep`, and by `DualActiveSet` where its residual is too
+    large. Sparse rows are solved by `SparsePCG`; up to 32 rows of spheres by `FusedStep`, on the spheres that they
+    touch.
 
     Parameters
     ----------
     residual : float
         The relative KKT residual above which a projection raises.
-    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
+    solver : ProxQP, DualActiveSet or SparsePCG, optional
         The only solver of every projection.
     accepted : AcceptedDepth, optional
         Replaces the residual in projections of sparse rows that give the length of their step.
@@ -249,7 +245,7 @@ class Projector:
         contacts: Array | None,
         h: float | None = None,
     ) -> Projection:
-        """Scale the QP, call the solvers, and check the residual."""
+        """Scale the QP, call the solver, and check the residual."""
         qp = ScaledQP(x, metric, J, lower, self.residual)
         if qp.satisfied:
             return Projection(x, np.zeros(len(lower)), 0.0)
@@ -261,7 +257,9 @@ class Projector:
             qp.relative_tolerance = self._accepted_residual(residual, qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
-        found, residual = first_good_enough(qp, self._solvers(qp), start)
+        solver = self.solver if self.solver is not None else SparsePCG() if qp.sparse else DualActiveSet()
+        found = solver.solve(qp, start)
+        residual = np.inf if found is None else qp.residual(found)
         asked, stated = qp.relative_tolerance, self.acceptance.stated
         if found is not None and qp.sparse and stated is not None and asked > OF_MECHANISMS:
             own = np.flatnonzero(stated.of_mechanisms(J))
@@ -283,11 +281,6 @@ class Projector:
             return min(residual, self.residual)
         self.strictest, self.loosest = min(self.strictest, residual), max(self.loosest, residual)
         return residual
-
-    def _solvers(self, qp: ScaledQP) -> Iterable[Solver]:
-        if self.solver is not None:
-            return [self.solver]
-        return [SparsePCG()] if qp.sparse else dense_solvers(len(qp.lower))
 
     def _without_zero_rows(self, qp: ScaledQP, contacts: Array | None, h: float | None) -> Projection:
         """Project without the rows whose gradient is zero: J w >= lower reads 0 >= lower there."""

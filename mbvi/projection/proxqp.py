@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from proxsuite import proxqp
 
-from .equalities import solve_active
 from .metric import Array
 from .scaled_qp import Candidate, ScaledQP, WarmStart
 
@@ -21,8 +20,6 @@ _NEGLIGIBLE = 1e-11
 _UNBOUNDED = 1e20
 # rows with a slack of this many times the largest violation are left out until violated; most solutions until then
 _FAR, _MOST_TRIES = 1e8, 10
-# percussions above this share of the largest belong to active rows
-_POSITIVE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -76,18 +73,3 @@ def _solve(G: Array, d: Array, start: Array | None) -> tuple[Array, str]:
     u[~np.isfinite(u)] = 0.0
     iterations = solver.results.info.iter_ext
     return u, f"after {iterations} iterations" if iterations >= settings.max_iter else ""
-
-
-@dataclass(frozen=True)
-class RefinedProxQP:
-    """Finds the active set by ProxQP, then solves the equations of that set; returns the better of both answers."""
-
-    def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
-        """Return ProxQP's answer or the solution on its active set; see `Solver`."""
-        found = ProxQP().solve(qp, start)
-        assert found is not None
-        refined = solve_active(qp, found.u > _POSITIVE * found.u.max(), found.u)
-        if refined is None:
-            return found
-        refined = Candidate(refined.z, np.maximum(refined.u, 0.0))
-        return refined if qp.residual(refined) <= qp.residual(found) else found

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InfeasibleError
 from .accelerated_sweeps import sweep_islands
 from .acceptance import OF_MECHANISMS
-from .cascade import dense_solvers, first_good_enough
+from .dual_active_set import DualActiveSet
 from .fused_step import MOST_FUSED, FusedStep
 from .gram import gram, islands
 from .metric import Array, DiagonalMetric
@@ -186,10 +186,10 @@ def _solve_densely(qp: ScaledQP, rows: Array, u: Array) -> None:
             u[rows] = exact.percussion
             return
     island = ScaledQP(x, metric, J, qp.d[rows], 0.1 * qp.relative_tolerance)
-    found, residual = first_good_enough(island, dense_solvers(len(rows)), last.start(island, None))
+    found = DualActiveSet().solve(island, None)
     # otherwise the island keeps its percussions, and the residual of the whole problem decides
-    if found is not None and residual <= island.tolerance:
-        u[rows] = island.result(found, residual).percussion
+    if found is not None and island.residual(found) <= island.tolerance:
+        u[rows] = island.result(found, 0.0).percussion
 
 
 def _gram(data: Array, columns: Array, starts: Array, n: int) -> tuple[Array, Array, Array]:

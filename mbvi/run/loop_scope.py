@@ -6,13 +6,13 @@ import numpy as np
 
 from ..constraints.mechanism_state import can_be_compiled
 from ..problem import Problem
-from ..schemes import Centered, MoreauJean, Paoli, Scheme, StewartTrinkle
+from ..schemes import Scheme
 from ..system.articulated import ArticulatedSystem
 from ..system.control_table import TRACKING, ControlTable, no_control, side_by_side
 from ..system.controls import LoopControl
 from ..system.joined import can_be_joined
 from ..system.system import Array, Part, System, located_parts, parts_of
-from .step_loop import Loop, run_centered, run_moreau_jean, run_paoli, run_stewart_trinkle
+from .step_loop import Loop, loop_with, run_stewart_trinkle
 
 # most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
 # sleep, costs less
@@ -71,13 +71,10 @@ def control_of(system: System) -> tuple[ControlTable, Array]:
 
 def loop_of(scheme: Scheme) -> Loop | None:
     """Return the loop of a scheme; None if it has none."""
-    match scheme:
-        case Paoli(project_positions=False) if type(scheme) is Paoli:
-            return run_paoli
-        case MoreauJean(project_positions=False) if type(scheme) is MoreauJean:
-            return run_moreau_jean
-        case Centered() if type(scheme) is Centered:
-            return run_centered
-        case StewartTrinkle() if type(scheme) is StewartTrinkle:
-            return run_stewart_trinkle
+    for kind in type(scheme).__mro__:
+        if "step_kernel" in vars(kind):
+            return None if scheme.step_kernel is None else loop_with(scheme.step_kernel)
+        if "step" in vars(kind):
+            # the step of a subclass is not that of the kernel
+            return None
     return None

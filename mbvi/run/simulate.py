@@ -60,8 +60,8 @@ def steps(
         Penetration that is accepted, relative to the size of the smallest free body: the radius of the largest ball
         within it, which is the radius of a sphere and half of the smallest edge of a box. The residual of each
         projection follows from it. For `StewartTrinkle`, with 1e-3 as default where rows are sparse (many bodies).
-    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
-        Solves every projection; by default several are tried in order. Not with friction, whose law has its own.
+    solver : ProxQP, DualActiveSet or SparsePCG, optional
+        Solves every projection; as of `simulate`. Not with friction, whose law has its own.
 
     Returns
     -------
@@ -130,9 +130,9 @@ def simulate(
         Penetration that is accepted, relative to the size of the smallest free body: the radius of the largest ball
         within it, which is the radius of a sphere and half of the smallest edge of a box. The residual of each
         projection follows from it. For `StewartTrinkle`, with 1e-3 as default where rows are sparse (many bodies).
-    solver : ProxQP, ActiveSet, DualActiveSet or SparsePCG, optional
-        Solves every projection of the run, and a note of the run says so. By default several are tried in order, and
-        the first answer that is good enough is accepted.
+    solver : ProxQP, DualActiveSet or SparsePCG, optional
+        Solves every projection of the run, and a note of the run says so. By default those that
+        docs/developer/solvers.md lists.
     out : path, optional
         HDF5 file written while the run goes on.
     progress : bool, optional

@@ -31,8 +31,8 @@ from .mjcf_file import mjcf_name
 from .reductions import Omission
 from .robot_names import description_file
 from .still_joints import checked_locked
-from .urdf import initial_state, set_base_velocity
 from .urdf_checks import check_mass_matrix
+from .urdf_start import initial_state, set_base_velocity
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6

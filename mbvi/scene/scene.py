@@ -22,7 +22,7 @@ from ..arguments import (
     positive,
     several_names,
     vector,
-)
+)  # fmt: skip
 from ..errors import InputError, MbviWarning
 from ..geometry.motion import Motion, checked_motion
 from ..geometry.orientation import RotationLike, rotation_matrix
@@ -41,16 +41,15 @@ from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .robot_names import description_file
 from .still_joints import checked_locked
-from .urdf import initial_state, load_robot, robot_name, set_base_velocity, unfollowed
+from .urdf import load_robot, robot_name, unfollowed
 from .urdf_checks import check_mass_matrix
+from .urdf_start import initial_state, set_base_velocity
 from .walls import Walls
 
 if TYPE_CHECKING:
     from ..problem import Problem
 
-_ORIGIN = (0.0, 0.0, 0.0)
-_STILL = (0.0,) * 6
-_UPRIGHT = np.eye(3)
+_ORIGIN, _STILL, _UPRIGHT = (0.0, 0.0, 0.0), (0.0,) * 6, np.eye(3)
 
 
 class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
@@ -126,11 +125,9 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         base : "free" or "fixed"
             Whether its root link floats or is welded to the world.
         position, rotation : array_like
-            Initial pose of a free root link, or the pose of a fixed one: shape (3,) [m], and a rotation as
-            `BodyArguments` has it.
+            Initial pose of the root link: shape (3,) [m], and a rotation as `BodyArguments` has it.
         joints, velocity : mapping of str to float, optional
-            Initial positions and velocities by joint name; zero by default, or the middle of the limits where these
-            leave zero out.
+            Initial positions and velocities by joint name; by default zero, or the middle of limits without zero.
         control : callable, optional
             control(t, q, v) -> tau, shape (nv,) [N, N m], of this robot's own q and v, locked joints not among them.
         name : str, optional

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..arguments import boolean
@@ -10,6 +12,7 @@ from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
+from .centered_kernel import centered_step
 from .closed_contacts import Applied
 from .nearby_rows import NearbyRows
 from .position_projection import project_positions
@@ -51,6 +54,11 @@ class Centered(Scheme):
 
     def __init__(self, *, project_positions: bool = False) -> None:
         self.project_positions = boolean(project_positions, "project_positions")
+
+    @property
+    def step_kernel(self) -> Any:
+        """The kernel of the step; see `Scheme`."""
+        return centered_step
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

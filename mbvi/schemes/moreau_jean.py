@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..arguments import between, boolean
 from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied
+from .mechanism_steps import moreau_jean_step
 from .nearby_rows import NearbyRows
 from .position_projection import project_positions
 from .scheme import Scheme, Timing
@@ -48,6 +51,11 @@ class MoreauJean(Scheme):
         self.theta = between(theta, "theta", 0.0, 1.0)
         self.project_positions = boolean(project_positions, "project_positions")
         self.timing = Timing(jump=1.0 - self.theta)
+
+    @property
+    def step_kernel(self) -> Any:
+        """The kernel of the step without position projection; see `Scheme`."""
+        return None if self.project_positions else moreau_jean_step
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

@@ -77,7 +77,15 @@ class SchemeBase:
 
 
 class Scheme(SchemeBase, ABC):
-    """A scheme of fixed steps: advances a problem by one step of a given length."""
+    """A scheme of fixed steps: advances a problem by one step of a given length.
+
+    Attributes
+    ----------
+    step_kernel : callable or None
+        The same step as a kernel, with which the compiled loop takes it; see `run.kernel_scheme.KernelScheme`.
+    """
+
+    step_kernel: Any = None
 
     @abstractmethod
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:

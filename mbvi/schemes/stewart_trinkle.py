@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..constraints import Rows
@@ -16,11 +18,10 @@ from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
 from .row_projection import RowProjection, slip_rates
 from .scheme import Scheme, Timing
 from .step import Step
+from .stewart_trinkle_kernel import RETRY_DEPTH, stewart_trinkle_step
 
 # most retries of a step with added rows
 _MOST_RETRIES = 6
-# penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
-RETRY_DEPTH = 1e-3
 # depth to first order at the end, in allowed depths, from which on all contacts near the end are searched
 _LIKELY = 1e-3
 
@@ -65,6 +66,11 @@ class StewartTrinkle(Scheme):
         """Raise `UnsuitableError` if restitution is to be capped."""
         if problem.energy_cap:
             raise UnsuitableError("StewartTrinkle does not cap restitution: take Centered(project_positions=True)")
+
+    @property
+    def step_kernel(self) -> Any:
+        """The kernel of the step of one mechanism; see `Scheme`."""
+        return stewart_trinkle_step
 
     def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
         """Return the state at t + h; see `Scheme`."""

@@ -13,8 +13,10 @@ from ..system.pinocchio_address import retract
 from ..system.system import Array
 from .centered_kernel import row_speeds
 from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, fly
-from .stewart_trinkle import RETRY_DEPTH
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds
+
+# penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
+RETRY_DEPTH = 1e-3
 
 
 @kernel("f8(MechanismStep, f8[::1], f8[::1])")

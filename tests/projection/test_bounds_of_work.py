@@ -50,7 +50,7 @@ def test_a_working_set_of_many_rows_gives_the_answer_of_all(seed, monkeypatch):
 def test_an_error_says_which_bound_ended_the_solver(monkeypatch):
     rng = np.random.default_rng(0)
     x, J = dependent_rows(rng, 60, 12)
-    monkeypatch.setattr("mbvi.projection.active_set._WORK", 0.0)
-    monkeypatch.setattr("mbvi.projection.active_set._FEWEST_CHANGES", 1)
-    with pytest.raises(mbvi.ProjectionError, match="after 1 changes of the active set"):
-        Projector(1e-9, mbvi.ActiveSet()).project(x, DenseMetric(np.eye(12)), J, np.zeros(60))
+    monkeypatch.setattr("mbvi.projection.proxqp._ITERATIONS", 1)
+    monkeypatch.setattr("mbvi.projection.proxqp._FEWEST_ITERATIONS", 1)
+    with pytest.raises(mbvi.ProjectionError, match="after 1 iterations"):
+        Projector(1e-12, mbvi.ProxQP()).project(x, DenseMetric(np.eye(12)), J, np.zeros(60))

@@ -72,7 +72,7 @@ def test_the_answer_meets_the_kkt_conditions(seed, kind, m, n, ratio):
 def test_the_kernel_answers_alone_and_as_proxqp(seed, kind, m, n, ratio):
     x, M, J, lower = projection(seed, kind, m, n, ratio)
     found = fused(x, M, J, lower)
-    # many random rows in few dimensions can have percussions that cancel: then the cascade goes on
+    # many random rows in few dimensions can have percussions that cancel: then another solver goes on
     assert found is not None or (kind == "independent" and m > n)
     if found is None:
         return

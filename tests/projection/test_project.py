@@ -140,24 +140,24 @@ DEGENERATE = {
 
 
 @contextmanager
-def without_the_compiled_set():
-    """Leave every projection to ProxQP and what stands behind it."""
+def without_the_fused_step():
+    """Leave every projection to the solver behind the fused step."""
     mbvi.project([1.0], [[1.0]], [[1.0]])
     with mock.patch.object(FusedStep, "project", lambda *arguments: None):
         yield
 
 
 @given(seeds, sizes, sizes, restitutions)
-def test_the_compiled_set_and_proxqp_agree(seed, n, m, e):
+def test_the_fused_step_and_the_solver_behind_it_agree(seed, n, m, e):
     x, M, J = random_cone(seed, n, m)
     lower = -e * (J @ x)
     first = mbvi.project(x, M, J, lower)
-    with without_the_compiled_set():
+    with without_the_fused_step():
         second = mbvi.project(x, M, J, lower)
     assert norm(first.velocity - second.velocity, M) <= 1e-9 * norm(x, M)
 
 
-@pytest.mark.parametrize("way", [nullcontext, without_the_compiled_set], ids=["compiled", "ProxQP"])
+@pytest.mark.parametrize("way", [nullcontext, without_the_fused_step], ids=["fused step", "DualActiveSet"])
 @pytest.mark.parametrize("gradients", DEGENERATE.values(), ids=DEGENERATE)
 @pytest.mark.parametrize("masses", [(1, 1, 1), (1, 2, 4), (1, 1e4, 1e8), (1e8, 1, 1e4)])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
@@ -172,7 +172,7 @@ def test_degenerate_active_sets_are_solved_exactly(gradients, masses, e, way):
         assert w.residual <= 1e-9
 
 
-@pytest.mark.parametrize("way", [nullcontext, without_the_compiled_set], ids=["compiled", "ProxQP"])
+@pytest.mark.parametrize("way", [nullcontext, without_the_fused_step], ids=["fused step", "DualActiveSet"])
 def test_a_box_landing_flat_shares_the_percussion_evenly(way):
     # vertical velocity and two tilts; four corners, rank three
     J = np.array([[1.0, x, y] for x in (-1, 1) for y in (-1, 1)])

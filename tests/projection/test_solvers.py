@@ -1,22 +1,18 @@
-"""Every solver on its own: random, singular and infeasible problems, and whole runs compared with the cascade."""
+"""Every solver on its own: random, singular and infeasible problems, and whole runs beside those by default."""
 
 import pickle
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 import mbvi
 from mbvi.projection import DenseMetric, Projector
-from mbvi.projection.active_set import GuessedSet
-from mbvi.projection.proxqp import RefinedProxQP
-from mbvi.projection.scaled_qp import ScaledQP
 from support.robot_problems import KINDS, OWN, problem_of
 
-PUBLIC = (mbvi.ProxQP(), mbvi.ActiveSet(), mbvi.DualActiveSet(), mbvi.SparsePCG())
-ALL = (*PUBLIC, RefinedProxQP())
+PUBLIC = (mbvi.ProxQP(), mbvi.DualActiveSet(), mbvi.SparsePCG())
 BY_NAME = {"ids": lambda solver: type(solver).__name__}
 SEEDS, SIZES = st.integers(0, 2**32 - 1), st.integers(1, 9)
 
@@ -38,7 +34,7 @@ def test_every_solver_meets_the_kkt_conditions_and_they_agree(seed, n, m):
     x, M, J, lower = random_problem(seed, n, m)
     expected = mbvi.project(x, M, J, lower).velocity
     size = np.sqrt(x @ M @ x)
-    for solver in ALL:
+    for solver in PUBLIC:
         w, p, residual = Projector(1e-9, solver).project(x, DenseMetric(M), J, lower)
         assert residual <= 1e-9
         assert (p >= 0.0).all()
@@ -49,20 +45,6 @@ def test_every_solver_meets_the_kkt_conditions_and_they_agree(seed, n, m):
         assert slack.min() >= -1e-8 * size
         assert np.abs(np.minimum(p * lengths, slack)).max() <= 1e-8 * size
         assert np.sqrt((w - expected) @ M @ (w - expected)) <= 1e-7 * size
-
-
-@given(SEEDS, SIZES, SIZES)
-def test_stages_of_the_cascade_answer_right_or_not_at_all(seed, n, m):
-    x, M, J, lower = random_problem(seed, n, m)
-    qp = ScaledQP(x, DenseMetric(M), J, lower, 1e-9)
-    assume(not qp.satisfied)
-    expected = mbvi.project(x, M, J, lower).velocity
-    for stage in (GuessedSet(),):
-        found = stage.solve(qp, None)
-        if found is not None:
-            assert qp.residual(found) <= 1e-9
-            w = qp.result(found, 0.0).velocity
-            assert np.sqrt((w - expected) @ M @ (w - expected)) <= 1e-7 * np.sqrt(x @ M @ x)
 
 
 SINGULAR = {
@@ -125,7 +107,7 @@ def test_solvers_are_values(solver):
         solver.accuracy = 1.0
 
 
-@pytest.mark.parametrize("solver", ["proxqp", mbvi.ProxQP, 1, RefinedProxQP(), True])
+@pytest.mark.parametrize("solver", ["proxqp", mbvi.ProxQP, 1, True])
 def test_anything_else_is_refused_in_one_line(solver):
     problem = problem_of("hopper", "fall", 0.0)
     with pytest.raises(mbvi.InputError, match=r"solver must be None or one of mbvi.ProxQP\(\).*got") as caught:
@@ -149,7 +131,7 @@ CLOSE = 1e-8
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in OWN for kind in KINDS[name]])
-def test_robots_by_proxqp_move_as_by_the_cascade(name, kind, e):
+def test_robots_by_proxqp_move_as_by_default(name, kind, e):
     expected, before = end_of(problem_of(name, kind, e), None)
     found, run = end_of(problem_of(name, kind, e), mbvi.ProxQP())
     np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE)
@@ -162,7 +144,7 @@ def test_robots_by_proxqp_move_as_by_the_cascade(name, kind, e):
 @pytest.mark.parametrize("solver", PUBLIC[1:], **BY_NAME)
 @pytest.mark.parametrize("e", [0.0, 0.5])
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in OWN for kind in KINDS[name]])
-def test_robots_by_other_solvers_move_as_by_the_cascade(name, kind, e, solver):
+def test_robots_by_other_solvers_move_as_by_default(name, kind, e, solver):
     expected, _ = end_of(problem_of(name, kind, e), None)
     # SparsePCG solves small islands to rounding; the others are exact on their set
     found, _ = end_of(problem_of(name, kind, e), solver)
@@ -207,8 +189,8 @@ def pile(count):
     return scene.build()
 
 
-def test_a_pile_by_sparse_pcg_is_that_of_the_cascade():
-    """Sparse rows are solved by SparsePCG in the cascade too: bit for bit."""
+def test_a_pile_by_sparse_pcg_is_that_by_default():
+    """Sparse rows are solved by SparsePCG by default too: bit for bit."""
     problem = pile(120)
     expected, _ = end_of(problem, None, mbvi.StewartTrinkle(), steps=60)
     found, run = end_of(problem, mbvi.SparsePCG(), mbvi.StewartTrinkle(), steps=60)
@@ -218,16 +200,16 @@ def test_a_pile_by_sparse_pcg_is_that_of_the_cascade():
 
 @pytest.mark.parametrize("scheme", [None, mbvi.EventDriven(1e-6)], ids=["default", "event-driven"])
 def test_every_projection_of_a_run_is_by_the_chosen_solver(scheme, monkeypatch):
-    """The default scheme and error control too: the cascade is not entered, and the solver is."""
+    """The default scheme and error control too: no other solver is asked."""
     called = []
     solve = mbvi.ProxQP.solve
     monkeypatch.setattr(
         mbvi.ProxQP, "solve", lambda self, qp, start: called.append(len(qp.d)) or solve(self, qp, start)
     )
-    for module, kind in (("fused_step", "FusedStep"), ("active_set", "GuessedSet")):
+    for module, kind in (("fused_step", "FusedStep"), ("dual_active_set", "DualActiveSet")):
         for method in ("project", "law", "solve"):
             target = f"mbvi.projection.{module}.{kind}.{method}"
-            monkeypatch.setattr(target, lambda *arguments: pytest.fail("the cascade was entered"), raising=False)
+            monkeypatch.setattr(target, lambda *arguments: pytest.fail("another solver was asked"), raising=False)
     run = mbvi.simulate(
         problem_of("hopper", "fall", 0.5), scheme, duration=0.1, progress=False, solver=mbvi.ProxQP(), record="contacts"
     )
@@ -237,7 +219,7 @@ def test_every_projection_of_a_run_is_by_the_chosen_solver(scheme, monkeypatch):
 
 def test_steps_by_a_solver():
     problem = problem_of("hopper", "fall", 0.5)
-    walks = [mbvi.steps(problem, mbvi.Paoli(), step=1e-3, solver=solver) for solver in (None, mbvi.ActiveSet())]
+    walks = [mbvi.steps(problem, mbvi.Paoli(), step=1e-3, solver=solver) for solver in (None, mbvi.DualActiveSet())]
     for _ in range(40):
         first, second = (next(walk) for walk in walks)
     np.testing.assert_allclose(first.v, second.v, rtol=0, atol=1e-10)

@@ -273,7 +273,7 @@ def test_what_can_be_raised_beside_contacts_that_contradict_each_other_is_as_by_
     )
     problem, states = in_a_vise(mu)
     taken = [step is not None for step in steps_that_agree(problem, SCHEMES[-1], 4, spread=SPREAD, run=states)]
-    # a law whose rows contradict each other by their rounding may take the cascade of solvers
+    # a law whose rows contradict each other by their rounding may take another solver
     assert sum(taken) >= 2
     assert sum(one is not None for one in found) >= 4
 
@@ -598,7 +598,7 @@ def test_a_file_and_a_bar_are_those_of_the_run(tmp_path, monkeypatch, capsys):
 REFUSED = {
     "Schatzman and Paoli": (lambda: hopper(0.5, 0.0), mbvi.SchatzmanPaoli(), {}),
     "projected positions": (lambda: hopper(0.5, 0.0), mbvi.Paoli(project_positions=True), {}),
-    "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.ActiveSet()}),
+    "a chosen solver": (lambda: hopper(0.5, 0.0), mbvi.Paoli(), {"solver": mbvi.DualActiveSet()}),
     "a short run of two mechanisms": (lambda: two_hoppers(0.5, 0.0), mbvi.Paoli(), {}),
 }
 

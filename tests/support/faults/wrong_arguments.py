@@ -560,7 +560,6 @@ CALLS: dict[str, Call] = {
     ),
     "CompiledControl": Call(mbvi.CompiledControl, lambda: {"control": _nothing, "nq": 9, "nv": 8}),
     "ProxQP": Call(mbvi.ProxQP, dict),
-    "ActiveSet": Call(mbvi.ActiveSet, dict),
     "DualActiveSet": Call(mbvi.DualActiveSet, dict),
     "SparsePCG": Call(mbvi.SparsePCG, dict),
     "Paoli": Call(mbvi.Paoli, lambda: {"project_positions": True}),
