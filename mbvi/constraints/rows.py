@@ -147,13 +147,6 @@ def match_contacts(rows: Rows, others: Rows) -> Array:
     return owner
 
 
-def in_place_of(rows: Rows, some: Array, others: Rows) -> Rows:
-    """Return rows with gradients, points and normals of others in the place of some of them, a mask."""
-    jacobian, point, normal = rows.jacobian.copy(), rows.point.copy(), rows.normal.copy()
-    jacobian[some], point[some], normal[some] = others.jacobian, others.point, others.normal
-    return rows._replace(jacobian=jacobian, point=point, normal=normal)
-
-
 def renewed(marks: Rows, rows: Rows, owner: Array) -> Rows:
     """Return marks with rows in the place of those that they belong to; `owner`, shape (k,), is -1 for none."""
     index, found = np.arange(len(marks.gap)), np.flatnonzero(owner >= 0)

@@ -4,7 +4,6 @@ from .acceptance import Acceptance, AcceptedDepth, StatedDepth
 from .dual_active_set import DualActiveSet
 from .free_motion import FreeMotion
 from .friction_sparse import project_frictional_sparse
-from .fused_step import LinearGaps
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
 from .projector import ChosenSolver, Projector, checked_solver
@@ -23,7 +22,6 @@ __all__ = [
     "DiagonalMetric",
     "DualActiveSet",
     "FreeMotion",
-    "LinearGaps",
     "Metric",
     "Projection",
     "Projector",

@@ -32,10 +32,12 @@ class DualActiveSet:
 
     def solve(self, qp: ScaledQP, start: WarmStart | None) -> Candidate | None:
         """Return the solution, or None if the rows contradict each other; see `Solver`."""
-        return dual_active_set(qp.columns, qp.d)
+        found = dual_active_set(qp.columns, qp.d)
+        # rows may contradict each other by less than the residual that is allowed
+        return dual_active_set(qp.columns, qp.d, 0.1 * qp.relative_tolerance) if found is None else found
 
 
-def dual_active_set(A: Array, d: Array) -> Candidate | None:
+def dual_active_set(A: Array, d: Array, rounding: float = ROUNDING) -> Candidate | None:
     """Solve min |z|^2, A' z >= d.
 
     Parameters
@@ -44,6 +46,8 @@ def dual_active_set(A: Array, d: Array) -> Candidate | None:
         Unit columns.
     d : ndarray, shape (m,)
         Right-hand side, its largest entry about 1.
+    rounding : float
+        How far a row that counts as satisfied may be violated.
 
     Returns
     -------
@@ -52,13 +56,13 @@ def dual_active_set(A: Array, d: Array) -> Candidate | None:
     """
     m = A.shape[1]
     if m <= _WORKING:
-        return _solved(A, d)
+        return _solved(A, d, rounding)
     # each exchange looks at all rows: of many, those that the answer does not violate are left out
     rows, enlarged = np.sort(np.argsort(-d)[:_WORKING]), 0
-    while (found := _solved(A[:, rows], d[rows])) is not None:
+    while (found := _solved(A[:, rows], d[rows], rounding)) is not None:
         slack = A.T @ found.z - d
         slack[rows] = 0.0
-        violated = np.flatnonzero(slack < -ROUNDING - LAST_DIGITS * np.linalg.norm(found.z))
+        violated = np.flatnonzero(slack < -rounding - LAST_DIGITS * np.linalg.norm(found.z))
         if not violated.size or enlarged == _MOST_ENLARGED:
             u = np.zeros(m)
             u[rows] = found.u
@@ -69,19 +73,19 @@ def dual_active_set(A: Array, d: Array) -> Candidate | None:
     return None
 
 
-def _solved(A: Array, d: Array) -> Candidate | None:
+def _solved(A: Array, d: Array, rounding: float) -> Candidate | None:
     """Return what `dual_active_set` does, looking at all rows in each exchange."""
     nv, m = A.shape
     most = min(nv, m) + 1
     S, u, z, slack = np.empty(most, np.int64), np.empty(most), np.empty(nv), np.empty(m)
     L, Q, W = np.empty((most, most)), np.empty((most, nv)), plain_array(A.T)
-    size, _ = goldfarb_idnani(W, plain_array(d), ROUNDING, 0, S, L, Q, u, z, slack)
+    size, _ = goldfarb_idnani(W, plain_array(d), rounding, 0, S, L, Q, u, z, slack)
     if size < 0:
         return None
     percussion, shared = np.zeros(m), np.empty(m)
     percussion[S[:size]] = u[:size]
     # rows that depend on each other share percussions where that leads to the same velocity
-    if share(W, slack, ROUNDING, S, size, L, Q, z, shared):
+    if share(W, slack, rounding, S, size, L, Q, z, shared):
         off = [np.abs(A @ u - z).max(initial=0.0) for u in (percussion, shared)]
         if off[1] <= off[0] + ROUNDING:
             percussion = shared

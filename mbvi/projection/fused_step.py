@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..compiled import plain_array
 from ..errors import InfeasibleError
-from .closed_contacts import find_sunk
 from .free_motion import FreeMotion
 from .metric import Array, Metric
-from .raise_gaps import largest_travel
 from .robot_step import newton_law, solve_active_set, tree_law
 from .scaled_qp import Projection
-from .settle_positions import PROJECTED, UNDECIDED, settle_positions
 from .tree import TreeFreeMotion, TreeMetric, solve
 from .warm_start import LastPercussions
 
@@ -22,78 +19,6 @@ from .warm_start import LastPercussions
 FEW = 32
 # most rows of the fused step
 MOST_FUSED = 1000
-
-
-class LinearGaps(NamedTuple):
-    """Rows whose gaps are linear near a configuration, with the velocities and lengths of a step.
-
-    Attributes
-    ----------
-    number, point, jacobian, gap, lever, e, opened
-        Of each row its constraint, contact point, gradient, gap, the factor that makes a length of it, restitution, and
-        the speed at which it may close in the law if it is open there.
-    law_jacobian : ndarray, shape (m, nv)
-        Gradients where the law acts.
-    squares : ndarray, shape (families, nv)
-        As of `ClearanceCache.travel`.
-    v : ndarray, shape (nv,)
-        The velocity before the law.
-    h, drift : float
-        Length of the step, and the time from the law to its end [s].
-    tolerance : float
-        Activation tolerance [m].
-    reach, margin : float
-        Travel up to which gaps are linear, and how far beyond the tolerance the rows are known [m].
-    free : ndarray of bool, shape (nv,)
-        Which velocities are those of free bodies.
-    """
-
-    number: Array
-    point: Array
-    jacobian: Array
-    law_jacobian: Array
-    gap: Array
-    lever: Array
-    e: Array
-    opened: Array
-    squares: Array
-    v: Array
-    h: float
-    drift: float
-    tolerance: float
-    reach: float
-    margin: float
-    free: Array
-
-
-class Settled(NamedTuple):
-    """What `FusedStep.settle` returns, of all rows of a `LinearGaps`.
-
-    Attributes
-    ----------
-    gap, e : ndarray, shape (m,)
-        Gaps at the end of the step, and restitution; that of closed contacts that were raised is 0.
-    law, near : ndarray of bool, shape (m,)
-        The rows of the law, and those of the position projection.
-    rates : ndarray, shape (4, m)
-        Of the law's rows; as of `Step`.
-    w, tangent : ndarray, shape (nv,)
-        The velocity after the law, and that after the position projection.
-    moved : ndarray, shape (nv,), or None
-        The displacement that removes penetration; None if there is none to remove.
-    residual : float
-        The relative KKT residual; -1 where nothing was projected.
-    """
-
-    gap: Array
-    e: Array
-    law: Array
-    near: Array
-    rates: Array
-    w: Array
-    tangent: Array
-    moved: Array | None
-    residual: float
 
 
 class FusedStep:
@@ -151,53 +76,6 @@ class FusedStep:
             return None
         last.percussion, last.keys = rates[0], None
         return velocity, rates, found
-
-    def settle(
-        self, motion: TreeFreeMotion | FreeMotion, gaps: LinearGaps, w: Array, displacement: Array, law: Array,
-        rates: Array,
-    ) -> Settled | None:  # fmt: skip
-        """Project closed contacts out of penetration, or return None if that takes more; see `settle_positions`.
-
-        Parameters
-        ----------
-        motion
-            The free motion.
-        gaps : LinearGaps
-            The rows; not changed.
-        w : ndarray, shape (nv,)
-            The velocity after the law.
-        displacement : ndarray, shape (nv,)
-            From where the gaps are known to the end of the step.
-        law : ndarray of bool, shape (m,)
-            The rows of the law.
-        rates : ndarray, shape (4, number of rows of the law)
-            Their percussions and rates.
-        """
-        J, v, m = plain_array(gaps.jacobian), plain_array(gaps.v), len(gaps.gap)
-        w, law, near, gap, e = w.copy(), law.copy(), np.zeros(m, bool), gaps.gap.copy(), gaps.e.copy()
-        moved, tangent, known, end = np.empty(len(w)), np.empty(len(w)), np.zeros((4, m)), np.empty(m)
-        known[:, law] = rates
-        if largest_travel(gaps.squares, displacement) > gaps.reach:
-            return None
-        depth = find_sunk(
-            gaps.number, gaps.point, J, gap, gaps.lever, e, v, w, displacement, law, known, gaps.h, gaps.drift,
-            gaps.tolerance, np.empty(m, bool), end, np.empty(m), near,
-        )  # fmt: skip
-        if depth == 0.0:
-            return Settled(end, e, law, near, known, w, w, None, -1.0)
-        if depth < 0.0:
-            return None
-        law_rows = plain_array(gaps.law_jacobian)
-        code, residual = settle_positions(
-            gaps.number, gaps.point, J, *_solved(motion.metric, J), law_rows, *_solved(motion.metric, law_rows), gap,
-            gaps.lever, e, gaps.opened, gaps.squares, plain_array(motion.free), v, w, displacement, law, near, known,
-            moved, tangent, gaps.free, gaps.h, gaps.drift, gaps.tolerance, gaps.reach, gaps.margin, self._limit(m),
-        )  # fmt: skip
-        if code == UNDECIDED:
-            return None
-        if residual >= 0.0:
-            self._last.percussion, self._last.keys = known[0, law], None
-        return Settled(gap, e, law, near, known, w, tangent, moved if code == PROJECTED else None, residual)
 
     def _solve(self, x: Array, metric: Metric, J: Array, lower: Array, velocity: Array, rates: Array) -> float:
         A, W = _solved(metric, J)

@@ -13,7 +13,7 @@ from .dual_active_set import DualActiveSet, dual_active_set
 from .free_motion import FreeMotion
 from .friction import FrictionalProjection, FrictionalStart
 from .frictional_laws import FrictionalLaws, FrictionalRows
-from .fused_step import FEW, MOST_FUSED, FusedStep, LinearGaps, Settled, contradiction
+from .fused_step import FEW, MOST_FUSED, FusedStep, contradiction
 from .metric import Array, DiagonalMetric, Metric
 from .proxqp import ProxQP
 from .scaled_qp import Candidate, Projection, ScaledQP
@@ -221,20 +221,6 @@ class Projector:
         if self.accepted is not None and h is not None:
             residual, rate = self._at_speed(self.accepted.largest_residual), self.accepted.rate(h)
         return self.friction.project(x, metric, rows, lower, residual, rate)
-
-    def settle(
-        self,
-        motion: FreeMotion | TreeFreeMotion,
-        gaps: LinearGaps,
-        w: Array,
-        displacement: Array,
-        law: Array,
-        rates: Array,
-    ) -> Settled | None:
-        """Project closed contacts out of penetration in one kernel, or return None; see `FusedStep.settle`."""
-        if self._fused is None or len(law) > MOST_FUSED:
-            return None
-        return self._fused.settle(motion, gaps, w, displacement, law, rates)
 
     def _solve(
         self,

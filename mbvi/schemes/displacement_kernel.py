@@ -12,8 +12,8 @@ from ..projection.frictional_step import interleave
 from ..projection.fused_step import FEW
 from ..projection.held_rows import held_tangents, hold_rows, raises_near
 from ..projection.orthonormal_rows import inner
-from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
 from ..projection.robot_step import solve_active_set
+from ..projection.travel import MOST_LINEARISATIONS, NEARBY
 from ..projection.tree import solve
 from ..system.free_momentum import root_of
 from ..system.pinocchio_address import retract

@@ -14,7 +14,7 @@ from ..errors import ProjectionError
 from ..problem import Problem
 from ..projection import Metric, Projector
 from ..projection.held_rows import FARTHEST, HARDLY
-from ..projection.raise_gaps import MOST_LINEARISATIONS, NEARBY
+from ..projection.travel import MOST_LINEARISATIONS, NEARBY
 from ..system import independent_parts
 from ..system.system import Array
 from .nearby_rows import NearbyRows

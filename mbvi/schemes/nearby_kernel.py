@@ -12,7 +12,7 @@ from ..compiled import kernel
 from ..constraints.mechanism_rows import active_rows
 from ..constraints.mechanism_tables import FOUND, RowBuffer, copy_row
 from ..constraints.rows import mutual_nearest
-from ..projection.raise_gaps import largest_travel
+from ..projection.travel import largest_travel
 from ..system.pinocchio_address import tangent
 from ..system.system import Array
 from .mechanism_steps import MechanismStep

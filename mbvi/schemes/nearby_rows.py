@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..constraints import Rows
@@ -18,28 +16,6 @@ SECOND_ORDER = 1e-6
 def largest_reach(problem: Problem) -> float:
     """Return the travel up to which gaps count as linear [m]; 0 where the travel of some constraint is not known."""
     return (2.0 * SECOND_ORDER) ** 0.5 * problem.length if problem.constraints.knows_travel else 0.0
-
-
-class KnownRows(NamedTuple):
-    """What `NearbyRows` has found by its last search.
-
-    Attributes
-    ----------
-    rows : Rows
-        All rows found.
-    near : ndarray of bool, shape (k,)
-        Which of them the last call of `NearbyRows.at` returned.
-    q : ndarray, shape (nq,)
-        The configuration of the search.
-    reach, margin : float
-        The travel from there up to which gaps are linear, and the largest gap less the tolerance [m].
-    """
-
-    rows: Rows
-    near: Array
-    q: Array
-    reach: float
-    margin: float
 
 
 class NearbyRows:
@@ -104,17 +80,6 @@ class NearbyRows:
             self._near[np.flatnonzero(self._near)[~some]] = False
             self._answer = take(self._answer, some)
         return self._answer
-
-    def known(self, some: Rows) -> KnownRows | None:
-        """Return the rows of the last search, of which `some` are the last answer with other gaps.
-
-        None if they are not, or if gaps are not taken to first order.
-        """
-        if self._rows is None or self._q is None or self._answer is None or self._reach == 0.0:
-            return None
-        if some.jacobian is not self._answer.jacobian:
-            return None
-        return KnownRows(self._rows, self._near, self._q, self._reach, self._margin)
 
     def known_at(self, q: Array, margin: float = 0.0) -> Rows | None:
         """Return the same from the last search, with gaps to first order; None if the rows must be searched again."""

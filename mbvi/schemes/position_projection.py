@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..constraints import Rows
-from ..constraints.rows import concatenate, in_place_of, match_contacts, renewed, take
+from ..constraints.rows import concatenate, match_contacts, renewed, take
 from ..errors import ProjectionError
 from ..problem import Problem
-from ..projection import LinearGaps, Projector
-from ..projection.raise_gaps import MOST_LINEARISATIONS
+from ..projection import Projector
+from ..projection.travel import MOST_LINEARISATIONS
 from ..system.system import Array
 from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
 from .free_impulses import where_law_acts, with_momentum, without_percussions
@@ -59,9 +59,6 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
     that follows is not solved. The run records the penetration that stays.
     """
-    settled = _settled(problem, applied, step, projector, nearby)
-    if settled is not None:
-        return settled
     system, drift = problem.system, step.t - applied.t
     if step.slip is not None and not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
@@ -146,56 +143,6 @@ def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) ->
     rows = step.active
     lengths = problem.constraints.levers(rows.constraint) * rows.gap
     return bool(lengths.min(initial=0.0) < -problem.tolerance)
-
-
-def _settled(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step | None:
-    """Return the same step from one kernel, or None where gaps are not linear or a contact bounces."""
-    known, drift = None if applied.ahead is None else nearby.known(applied.ahead), step.t - applied.t
-    if known is None or not drift or known.rows.rate is not None or not isinstance(known.rows.jacobian, np.ndarray):
-        return None
-    if known.rows.tangents is not None:
-        return None
-    number, gap, J, e, point, *_ = rows = known.rows
-    system, lever, opened = problem.system, np.ones(len(gap)) * problem.constraints.levers(number), np.zeros(len(gap))
-    if applied.opened is not None:
-        opened[known.near] = applied.opened
-    # the rows as they are where the law acts; others keep the gradients of the end
-    here = in_place_of(rows, known.near, step.active)
-    bodies = problem.free_bodies
-    displacement = system.difference(known.q, step.q)
-    squares, tolerance = problem.constraints.cache.squares, problem.tolerance
-    gaps = LinearGaps(
-        number,
-        point,
-        J,
-        here.jacobian,
-        gap,
-        lever,
-        e,
-        opened,
-        squares,
-        applied.v,
-        applied.h,
-        drift,
-        tolerance,
-        known.reach,
-        known.margin,
-        bodies.owner >= 0,
-    )
-    found = projector.settle(applied.motion, gaps, step.v, displacement, known.near, step.rates)
-    if found is None:
-        return None
-    rows, rates = (here if found.moved is None else rows)._replace(gap=found.gap, restitution=found.e), found.rates
-    if not found.law.all():
-        rows, rates = take(rows, found.law), rates.compress(found.law, 1)
-    q = step.q
-    if not np.array_equal(found.law, known.near):
-        q = system.integrate(applied.q, drift * found.w)
-    if found.moved is None:
-        residual = step.residual if found.residual < 0.0 else found.residual
-        return Step(step.t, q, found.w, rows, rates, residual)
-    new = Step(step.t, system.integrate(q, found.moved), found.tangent, rows, rates, found.residual)
-    return with_momentum(bodies, new, known.q, q, found.w)
 
 
 def _with_bounds(

@@ -9,7 +9,7 @@ from ..constraints.mechanism_rows import write_gradients
 from ..constraints.mechanism_tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffer, copy_row
 from ..projection.closed_contacts import stays_sunk
 from ..projection.orthonormal_rows import inner
-from ..projection.raise_gaps import MOST_LINEARISATIONS
+from ..projection.travel import MOST_LINEARISATIONS
 from ..projection.tree import factor, is_damped, solve
 from ..system.free_momentum import keep_momentum_of_rows
 from ..system.mechanism import place

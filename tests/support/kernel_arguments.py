@@ -28,7 +28,7 @@ from support.plain.incomplete_cholesky import incomplete_cholesky_plain
 from support.plain.refinement import solve_island_plain
 from support.plain.support_points import stand_plain
 from support.robot_arguments import cone, contact_rows, moving_robot, restitution, rotation, unit
-from support.settle_arguments import SETTLE_ARGUMENTS, SETTLE_IF_ACCEPTED
+from support.settle_arguments import SETTLE_ARGUMENTS
 from support.spin_arguments import SPIN_ARGUMENTS
 
 SEEDS = range(20)
@@ -1104,7 +1104,6 @@ ARGUMENTS = {
 }
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {
-    **SETTLE_IF_ACCEPTED,
     "factor": 1,
     "advance_by": 3,
     "goldfarb_idnani": 6,
@@ -1134,7 +1133,7 @@ def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
     if name in ("factor", "advance_by"):
         return result == 0
-    if name in ("solve_active_set", "tree_law", *SETTLE_IF_ACCEPTED):
+    if name in ("solve_active_set", "tree_law"):
         return 0.0 <= result < np.inf
     if name == "goldfarb_idnani":
         return result[0] >= 0

@@ -262,7 +262,6 @@ CALLS = {
     "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
     "rows_in_the_middle": [(CENTERED, hopper, BOUNCY, 1), (CENTERED, on_block, RIGID, 9), (CENTERED, hopper, ROUGH, 5)],
     "may_bounce": [(DEFAULT, hopper, BOUNCY, 0), (DEFAULT, on_block, BOUNCY, 9), (DEFAULT, quadruped, RIGID, 5)],
-    "settle": [(DEFAULT, hopper, RIGID, 0), (DEFAULT, quadruped, RIGID, 9), (DEFAULT, on_block, RIGID, 20)],
     "bears_or_sinks": [(DEFAULT, swaying, ROUGH, 0), (DEFAULT, swaying, ROUGH, 1), (DEFAULT, swaying, MIXED, 0)],
     "closed_contacts": [(DEFAULT, swaying, ROUGH, 5), (DEFAULT, swaying, ROUGH, 50), (DEFAULT, swaying, MIXED, 9)],
     "project_positions": [(DEFAULT, swaying, ROUGH, 100), (DEFAULT, struck, MIXED, 90), (DEFAULT, swaying, BOUNCY, 9)],
