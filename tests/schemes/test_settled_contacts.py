@@ -72,7 +72,7 @@ def test_a_contact_that_bounces_keeps_its_penetration(e):
 
 
 def test_a_row_that_joins_bears_no_load_while_it_is_open():
-    """At the end of the step it is active but open where the law acts; until the next law, half a step on, it may close."""
+    """It is active at the end of the step, and open where the law acts."""
     found = settle([-1e-3, 0.5 * TOLERANCE], [True, False], x=(-1, -1, 0), w=(0, -1, 0), v=(0, -1, 0))
     assert found.law == [0, 1]
     np.testing.assert_allclose(found.v, [0, -0.5 * TOLERANCE / (STEP - DRIFT), 0], atol=1e-7)
