@@ -95,7 +95,6 @@ def test_where_contacts_cannot_be_projected_others_and_limits_are(monkeypatch):
 
     for module in (position_projection, least_displacement):
         monkeypatch.setattr(module, "least_displacement", contradicts)
-    monkeypatch.setattr(position_projection, "_settled", lambda *_: None)
     step = SCHEME.step(problem, 0.0, q, problem.v0, 1e-3, Projector())
     before, after = rows.gap(0.0, q), rows.gap(0.0, step.q)
     deep = before < -5e-4
