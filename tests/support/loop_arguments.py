@@ -258,7 +258,9 @@ CALLS = {
     "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
     "weigh": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
-    "evaluate_nonlinear_effects": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9)],
+    "evaluate_nonlinear_effects": [
+        (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
+    ],
     "copy_row": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 1)],
     "row_speeds": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 5), (CENTERED, quadruped, ROUGH, 3)],
     "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],
