@@ -238,7 +238,7 @@ def seconds_compiling(thread: int | None = None) -> Seconds:
 _WORD = re.compile(r"[A-Za-z_]\w*")
 # names of numpy that make arrays in kernels; with others compiling fails. Results of kernels that are no arrays
 _ALLOCATING = frozenset({"arange", "copy", "empty", "full", "zeros"})
-_RETURNS_NUMBERS = re.compile(r"(void|[a-z]\d|Tuple\(\([a-z\d, ]*\)\))\(")
+_RETURNS_NUMBERS = re.compile(r"(void|[a-z]\d|Tuple\(\([a-z\d, ]*\)\)|UniTuple\([a-z]\d, \d\))\(")
 _CONSTANTS = (bool, int, float, str, tuple, np.generic, np.ndarray)
 
 

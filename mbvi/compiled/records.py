@@ -162,11 +162,11 @@ class Held:
 
     def _write(self) -> None:
         """Write all fields to the memory; records within are held on their own."""
-        layout, kinds = _layout(self._numba_type_)
-        fields = [
-            Held(value, kind) if isinstance(kind, RecordType) and not isinstance(value, Held) else value
-            for value, kind in zip(self._values, self._numba_type_.types, strict=True)
-        ]
+        layout, kinds, records = _layout(self._numba_type_)
+        fields = list(self._values)
+        for k in records:
+            if type(fields[k]) is not Held:
+                fields[k] = Held(fields[k], self._numba_type_.types[k])
         self._values = self._numba_type_.kind(*fields)
         numbers: list[Any] = []
         for value, kind in zip(fields, kinds, strict=True):
@@ -180,16 +180,15 @@ def _place_of(array: Any) -> int:
 
 def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
     """Append a field as numba has it: an array is two pointers that stay null, five numbers and those of each axis."""
-    if isinstance(value, Held):
-        numbers.append(value.memory_address)
-    elif kind is None:
-        numbers.append(value)
-    elif isinstance(kind, list):
+    if kind is None:
+        numbers.append(value.memory_address if type(value) is Held else value)
+    elif type(kind) is list:
         for each, its_kind in zip(value, kind, strict=True):
             _append(each, its_kind, numbers)
     else:
         ndim, dtype, writes = kind
-        if value.ndim != ndim or value.dtype != dtype or not value.flags.c_contiguous or writes > value.flags.writeable:
+        flags = value.flags
+        if value.ndim != ndim or value.dtype != dtype or not flags.c_contiguous or writes > flags.writeable:
             raise TypeError(
                 f"a record has an array of {value.dtype} with {value.ndim} axes, or one with gaps or read-only; "
                 f"kernels take {dtype} with {ndim}, contiguous"
@@ -198,10 +197,14 @@ def _append(value: Any, kind: Any, numbers: list[Any]) -> None:
 
 
 @cache
-def _layout(of: RecordType) -> tuple[Struct, list[Any]]:
-    """Return the layout of a record, and of each field what `_append` takes: None of a number or a record."""
+def _layout(of: RecordType) -> tuple[Struct, list[Any], list[int]]:
+    """Return the layout of a record, of each field what `_append` takes, and which fields are records.
+
+    `_append` takes None of a number or a record.
+    """
     letters, kinds = zip(*(_field_layout(kind) for kind in of.types), strict=True)
-    return Struct("@" + "".join(letters)), list(kinds)
+    records = [k for k, kind in enumerate(of.types) if isinstance(kind, RecordType)]
+    return Struct("@" + "".join(letters)), list(kinds), records
 
 
 def _field_layout(kind: Any) -> tuple[str, Any]:

@@ -26,6 +26,7 @@ from ..system.joined import joined
 from ..system.mechanism import Mechanism
 from ..system.system import independent_parts, parts_of
 from .asked_forces import AskedForces
+from .impact_rows import LaterRows
 from .loop_scope import asks_python, control_of, is_compiled, is_one_mechanism, loop_of
 from .recorder import RECENT, Recorder
 from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
@@ -37,6 +38,8 @@ Array = np.ndarray
 CHUNK = 2000
 # rows of these for which there is room
 _ROWS = 40_000
+# place of its percussion in a row of the log
+_PERCUSSION = 8
 # after so many attempts in a row that took no step, so many steps are Python's without one
 _ATTEMPTS, _WAIT = 3, 7
 # steps of a run after which the loop takes other systems than one mechanism: shorter runs do without its kernels
@@ -176,22 +179,17 @@ class CompiledLoop:
 
     def _replay(self, done: int, taken: int) -> None:
         """Record the impacts of the steps of the last call, and in which steps their rows had percussions."""
-        recorder, log = self._recorder, self._log
-        next_step = 0
-        for event in [*np.flatnonzero(log.event[:taken]).tolist(), taken]:
-            for j in range(max(next_step, event - RECENT), event):
-                recorder.recent.add(*self._percussions(j))
-            if event < taken:
-                if event:
-                    recorder.last = self._logged(done, event - 1)
-                recorder.impact(self._logged(done, event))
-                recorder.recent.add(*self._percussions(event))
-            next_step = event + 1
-
-    def _percussions(self, j: int) -> tuple[Array, Array]:
-        """Return constraints and percussions of the rows of a step, shapes (m,) and (1, m)."""
-        part = slice(*self._log.begin[j : j + 2].tolist())
-        return self._log.number[part].copy(), self._log.rows[part, 8].copy()[None]
+        recorder, log, begin = self._recorder, self._log, self._log.begin[: taken + 1].tolist()
+        for event in np.flatnonzero(log.event[:taken]).tolist():
+            if event:
+                recorder.last = self._logged(done, event - 1)
+            first = max(0, event - RECENT)
+            part = slice(begin[first], begin[event])
+            later = LaterRows(log.number[part], log.rows[part, _PERCUSSION].copy(), event - first)
+            recorder.impact(self._logged(done, event), later)
+        for j in range(max(0, taken - RECENT), taken):
+            part = slice(begin[j], begin[j + 1])
+            recorder.recent.add(log.number[part].copy(), log.rows[part, _PERCUSSION].copy()[None])
 
     def _logged(self, done: int, j: int) -> Step:
         t = self._problem.t0 + (done + j) * self._h + self._h

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -38,6 +40,17 @@ def _raise_levels(number: Array, percussion: Array, known: Array, level: Array) 
             level[k] = max(level[k], percussion[a])
 
 
+class LaterRows(NamedTuple):
+    """Constraints and percussions of the rows of some steps, shape (k,), and how many steps."""
+
+    number: Array
+    percussion: Array
+    steps: int
+
+
+NO_ROWS = LaterRows(np.zeros(0, np.int64), np.zeros(0), 0)
+
+
 class RecentPercussions:
     """The percussions of the last steps.
 
@@ -56,13 +69,15 @@ class RecentPercussions:
         """Add a step: constraints and rates of its rows, shapes (m,) and (4, m)."""
         self._new.append((number, rates))
 
-    def exceeded(self, number: Array, percussion: Array) -> Array:
+    def exceeded(self, number: Array, percussion: Array, later: LaterRows = NO_ROWS) -> Array:
         """Return which rows have a percussion above twice the largest that their constraint had in these steps.
 
         Parameters
         ----------
         number, percussion : ndarray, shape (k,)
             Constraints and percussions of the rows.
+        later : LaterRows
+            Of steps since the last one that was added.
         """
         for earlier, rates in self._new:
             loaded = rates[0] > 0.0
@@ -70,7 +85,8 @@ class RecentPercussions:
         self._new.clear()
         known, place = np.unique(number, return_inverse=True)
         level = np.zeros(len(known))
-        for earlier, percussions in self._loaded:
+        left = len(self._loaded) + later.steps - (self._loaded.maxlen or 0)
+        for earlier, percussions in [*islice(self._loaded, max(left, 0), None), later[:2]]:
             _raise_levels(earlier, percussions, known, level)
         return np.asarray(percussion > 2.0 * level[place])
 

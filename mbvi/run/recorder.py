@@ -17,7 +17,7 @@ from ..schemes import Scheme, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
 from ..system import independent_parts
-from .impact_rows import RecentPercussions, friction_of_impact, linked
+from .impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1
@@ -229,8 +229,11 @@ class Recorder:
             ),
         )
 
-    def impact(self, step: Step) -> None:
-        """Record an impact: the rows that closed, and the rows linked to them."""
+    def impact(self, step: Step, later: LaterRows = NO_ROWS) -> None:
+        """Record an impact: the rows that closed, and the rows linked to them.
+
+        `later` has the rows of steps since the last that was added to `recent`.
+        """
         active, rates, last = step.active, step.rates, self.last
         number, point, e = active.constraint, active.point, active.restitution
         candidates = np.empty(len(number), np.int8)
@@ -255,7 +258,7 @@ class Recorder:
         count, energy = choose(rates)
         if not count:
             return
-        chosen = self._taking_part(step, candidates)
+        chosen = self._taking_part(step, candidates, later)
         if step.at_once is not None:
             own = step.at_once(chosen)
             # rows of sleeping contacts stand behind those of the step
@@ -283,12 +286,12 @@ class Recorder:
             )
         )  # fmt: skip
 
-    def _taking_part(self, step: Step, candidates: Array) -> Array:
+    def _taking_part(self, step: Step, candidates: Array, later: LaterRows) -> Array:
         """Return the rows that close, and the candidates linked to them whose percussion exceeds all recent ones."""
         closing, others = candidates == 2, np.flatnonzero(candidates == 1)
         if not others.size:
             return closing
-        exceeds = self.recent.exceeded(step.active.constraint[others], step.percussion[others])
+        exceeds = self.recent.exceeded(step.active.constraint[others], step.percussion[others], later)
         chosen = closing.copy()
         chosen[others] = exceeds
         # all rows of a single mechanism are linked

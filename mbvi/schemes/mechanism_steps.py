@@ -22,8 +22,8 @@ from ..projection.robot_step import tree_law
 from ..projection.tree import advance_by
 from ..system.control_table import ControlTable, write_torque
 from ..system.free_body_table import FreeBodyTable
-from ..system.mechanism import Mechanism, place
-from ..system.pinocchio_address import nonlinear_effects, retract
+from ..system.mechanism import Mechanism, evaluate_nonlinear_effects, weigh
+from ..system.pinocchio_address import retract
 from ..system.spinning import spin_effects
 from ..system.system import Array
 
@@ -223,7 +223,7 @@ def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> N
 def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> None:
     """Compute all that the free motion takes at (t, q, v), for a time h."""
     act(s, t, q, v)
-    place(s.mechanism, q)
+    weigh(s.mechanism, q)
     evaluate_effects(s, q, v, v, h)
 
 
@@ -231,7 +231,7 @@ def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array, h: float) ->
 def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) -> None:
     """Compute the nonlinear effects at the velocity `at`; of free bodies those of a step from v of a length h."""
     m = s.mechanism
-    nonlinear_effects(m.calls, q, at)
+    evaluate_nonlinear_effects(m, q, at)
     if len(m.free.first):
         spin_effects(m.free, v, at, h, s.room.torque, m.effects)
 

@@ -10,14 +10,14 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ..arguments import all_finite, returned
-from ..compiled import kernel, plain_array
+from ..compiled import held, kernel, plain_array
 from ..errors import InputError
 from ..projection import TreeFreeMotion, TreeMetric
 from .controls import LoopControl
 from .given import not_finite
+from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
 from .mechanism import Mechanism, mechanism
-from .memory import Memory
-from .pinocchio_address import array_of_calls, crba
+from .memory import read_results
 from .pinocchio_check import reason_for_bindings
 from .spinning import free_links, spin_effects
 from .system import Array, Kinematics, System
@@ -145,18 +145,21 @@ class ArticulatedSystem(System):
         self._current: Array | None = None
         # the last result of `integrate`, which is read-only
         self._integrated: Array | None = None
-        self._memory = Memory(model, self._data)
-        # first argument of Pinocchio's functions by address, from the start of a run on
-        self._calls: Array | None = None
         self._metric: TreeMetric | None = None
         # the parent of each velocity in the tree
         self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
+        # kernels compute poses, columns and mass matrix where they know every joint, else Pinocchio does
+        tree = self._tree = joint_tree(model, self._parent)
+        self._known = len(tree.kind) > 0
+        poses, columns, self._mass = (
+            (tree.poses, tree.columns, tree.mass) if self._known else read_results(model, self._data)
+        )
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
                 first = model.idx_vs[ancestor]
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
-        self._update_kinematics()
+        self._kinematics = Kinematics(poses, columns, self._support)
 
     def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
@@ -171,12 +174,6 @@ class ArticulatedSystem(System):
 
     def difference(self, q0: Array, q1: Array) -> Array:
         return pin.difference(self.model, q0, q1)
-
-    def start(self) -> None:
-        self._memory.check()
-        self._key = self._current = None
-        self._update_kinematics()
-        self._calls = None if reason_for_bindings() else array_of_calls(self.model, self._data)
 
     def set_control(self, control: Control | None) -> None:
         """Replace the control."""
@@ -194,37 +191,43 @@ class ArticulatedSystem(System):
         """Return a record with a `pin.Data` of its own, or None where Pinocchio cannot be called by address."""
         if reason_for_bindings() is not None:
             return None
-        return mechanism(self.model, self.model.createData(), self._support, self._parent)
+        return mechanism(self.model, self.model.createData(), self._support, self._tree, self._free)
 
-    def _update_kinematics(self) -> None:
-        self._kinematics = Kinematics(self._memory.poses, self._memory.columns, self._support)
+    @cached_property
+    def _held(self) -> JointTree:
+        return held(self._tree)
 
     def _refresh(self, q: Array) -> None:
         """Compute placements, Jacobian columns and mass matrix at q, once for each q."""
         key = q.tobytes()
         if key != self._key:
-            # in the world convention crba also fills data.J and data.oMi
-            self._crba(q)
-            if not self._memory.in_place:
-                self._memory.refresh()
+            if self._known:
+                place_joints(self._held, plain_array(q))
+                weigh_joints(self._held)
+            else:
+                # in the world convention crba also fills data.J and data.oMi
+                pin.crba(self.model, self._data, q, _WORLD)
+                for array, read in zip(
+                    (*self._kinematics[:2], self._mass), read_results(self.model, self._data), strict=True
+                ):
+                    array[:] = read
             self._metric, self._key = None, key
         self._current = q if q is self._integrated or not q.flags.writeable else None
 
-    def _crba(self, q: Array) -> None:
-        if self._calls is None:
-            pin.crba(self.model, self._data, q, _WORLD)
-            return
-        try:
-            crba(self._calls, q)
-        except TypeError:
-            # other numbers, or gaps between them
-            crba(self._calls, plain_array(q))
+    def _effects(self, q: Array, v: Array) -> Array:
+        """Return the nonlinear effects at q and v, shape (nv,)."""
+        if not self._known:
+            return pin.nonLinearEffects(self.model, self._data, q, v)
+        if q is not self._current:
+            self._refresh(q)
+        write_effects(self._held, plain_array(v))
+        return self._tree.effects.copy()
 
     def metric(self, q: Array) -> TreeMetric:
         if q is not self._current:
             self._refresh(q)
         if self._metric is None:
-            self._metric = TreeMetric(self._memory.mass, self._parent)
+            self._metric = TreeMetric(self._mass, self._parent)
         return self._metric
 
     def torque(self, t: float, q: Array, v: Array) -> Array:
@@ -241,7 +244,7 @@ class ArticulatedSystem(System):
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)
-        g = torque - pin.nonLinearEffects(self.model, self._data, q, v)
+        g = torque - self._effects(q, v)
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
@@ -258,20 +261,18 @@ class ArticulatedSystem(System):
         if q is not self._current:
             self._refresh(q)
         torque = self.torque(t, q, at)
-        effects = pin.nonLinearEffects(self.model, self._data, q, at)
+        effects = self._effects(q, at)
         if not v.flags.carray:
             v = plain_array(v)
         if self._spins:
             spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
-        return TreeFreeMotion(self._memory.mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
+        return TreeFreeMotion(self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
-        # aba overwrites the data that `_refresh` computed
-        self._key = self._current = None
         return pin.aba(self.model, self._data, q, v, torque)
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
@@ -292,7 +293,7 @@ class ArticulatedSystem(System):
     def placements(self, q: Array, bodies: Array) -> Array:
         if q is not self._current:
             self._refresh(q)
-        return self._memory.poses.take(bodies, 0)
+        return self._kinematics.poses.take(bodies, 0)
 
     def kinematics(self, q: Array) -> Kinematics:
         if q is not self._current:

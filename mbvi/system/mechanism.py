@@ -8,16 +8,16 @@ import numpy as np
 import pinocchio as pin
 
 from ..compiled import kernel, record
-from .memory import Memory, motions_view, vector_view
-from .pinocchio_address import array_of_calls, crba
-from .spinning import FreeLinks, free_links
+from .joint_tree import JointTree, place_joints, weigh_joints, with_own_results, write_effects
+from .memory import results_in_place
+from .pinocchio_address import array_of_calls, crba, nonlinear_effects
+from .spinning import FreeLinks
 
 Array = np.ndarray
 
 
 @record(
-    "i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1],"
-    " f8[::1], FreeLinks"
+    "i8[::1], JointTree, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], f8[::1], FreeLinks"
 )
 class Mechanism(NamedTuple):
     """One model with one `pin.Data`; kept by its arrays, and for one thread at a time.
@@ -26,17 +26,18 @@ class Mechanism(NamedTuple):
     ----------
     calls : ndarray of int
         First argument of the kernels of `pinocchio_address`.
-    poses, columns, mass : ndarray
-        Results of `crba`; see `Memory`.
+    tree : JointTree
+        Computes the following; of no joints where Pinocchio does.
+    poses : ndarray, shape (njoints, 4, 3)
+        Of each joint's frame in the world the three columns of the rotation, then the origin [m].
+    columns : ndarray, shape (nv, 6)
+        Row k is the Jacobian column of velocity k: velocity of the world's origin, then angular velocity.
     support : ndarray, shape (njoints, nv)
         1 where a velocity moves a body, else 0.
+    mass : ndarray, shape (nv, nv)
+        M in its lower triangle, where `weigh` was called last.
     effects : ndarray, shape (nv,)
-        Result of `nonlinear_effects`.
-    acceleration : ndarray, shape (nv,)
-        Result of `aba`, which overwrites the poses and the columns.
-    twists, rates : ndarray, shape (njoints, 6)
-        Results of `forward_kinematics`: linear, then angular velocity of each joint's frame in this frame, and their
-        rates. Other functions overwrite them.
+        Nonlinear effects, as `evaluate_nonlinear_effects` has computed them.
     damping : ndarray, shape (nv,)
         Diagonal of D.
     parent : ndarray of int, shape (nv,)
@@ -48,14 +49,12 @@ class Mechanism(NamedTuple):
     """
 
     calls: Array
+    tree: JointTree
     poses: Array
     columns: Array
     support: Array
     mass: Array
     effects: Array
-    acceleration: Array
-    twists: Array
-    rates: Array
     damping: Array
     parent: Array
     placed: Array
@@ -64,14 +63,34 @@ class Mechanism(NamedTuple):
 
 @kernel("void(Mechanism, f8[::1])")
 def place(mechanism: Mechanism, q: Array) -> None:
-    """Compute poses, Jacobian columns and mass matrix at q, shape (nq,), unless they are those at q."""
+    """Compute poses and Jacobian columns at q, shape (nq,), unless they are those at q."""
     same = True
     for k in range(len(q)):
         same = same and mechanism.placed[k] == q[k]
     if not same:
-        crba(mechanism.calls, q)
+        if len(mechanism.tree.kind):
+            place_joints(mechanism.tree, q)
+        else:
+            crba(mechanism.calls, q)
         for k in range(len(q)):
             mechanism.placed[k] = q[k]
+
+
+@kernel("void(Mechanism, f8[::1])")
+def weigh(mechanism: Mechanism, q: Array) -> None:
+    """Place a mechanism at q, shape (nq,), and compute its mass matrix there."""
+    place(mechanism, q)
+    if len(mechanism.tree.kind):
+        weigh_joints(mechanism.tree)
+
+
+@kernel("void(Mechanism, f8[::1], f8[::1])")
+def evaluate_nonlinear_effects(mechanism: Mechanism, q: Array, v: Array) -> None:
+    """Compute the nonlinear effects at v, shape (nv,), and at q, where the mechanism was weighed last."""
+    if len(mechanism.tree.kind):
+        write_effects(mechanism.tree, v)
+    else:
+        nonlinear_effects(mechanism.calls, q, v)
 
 
 def free_joint() -> pin.JointModelComposite:
@@ -82,28 +101,33 @@ def free_joint() -> pin.JointModelComposite:
     return joint
 
 
-def mechanism(model: pin.Model, data: pin.Data, support: Array, parent: Array) -> Mechanism | None:
+def mechanism(model: pin.Model, data: pin.Data, support: Array, tree: JointTree, free: FreeLinks) -> Mechanism | None:
     """Return the record of a mechanism, or None if results do not lie where they are expected.
 
     Parameters
     ----------
     model, data : pinocchio.Model, pinocchio.Data
-        The mechanism, and what holds the results.
-    support, parent : ndarray
+        The mechanism, and what holds Pinocchio's results.
+    support, free : ndarray and FreeLinks
         As of `Mechanism`.
+    tree : JointTree
+        As of `joint_tree`; the record has results of its own, and room.
 
     Raises
     ------
     OSError
         If Pinocchio cannot be called by address.
     """
-    memory = Memory(model, data)
-    effects, acceleration = vector_view(data, lambda: data.nle), vector_view(data, lambda: data.ddq)
-    twists, rates = motions_view(data, data.v), motions_view(data, data.a)
-    if not memory.in_place or effects is None or acceleration is None or twists is None or rates is None:
-        return None
+    free = free._replace(state=free.state.copy(), room=free.room.copy())
+    calls, tree, damping = array_of_calls(model, data), with_own_results(tree), np.array(model.damping, dtype=float)
+    if len(tree.kind):
+        poses, columns, mass, effects = tree.poses, tree.columns, tree.mass, tree.effects
+    else:
+        found = results_in_place(model, data)
+        if found is None:
+            return None
+        poses, columns, mass, effects = found
     return Mechanism(
-        array_of_calls(model, data), memory.poses, memory.columns, support, memory.mass, effects, acceleration, twists,
-        rates, np.array(model.damping, dtype=float), parent, np.full(model.nq, np.nan),
-        free_links(model),
+        calls, tree, poses, columns, support, mass, effects, damping, tree.carrier, np.full(model.nq, np.nan),
+        free,
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Pinocchio's C++ functions called by their addresses, without the time of its Python bindings.
 
 The wheels of Pinocchio export the functions that the bindings call. The addresses of the C++ model and data come from
-Boost.Python's own converter, and results are read where the getters of `pin.Data` show them; see `Memory`. Only the
+Boost.Python's own converter, and results are read where the getters of `pin.Data` show them; see `memory`. Only the
 header of an Eigen vector, {data, size}, is laid out here. `pinocchio_check` tests all this in a child process first.
 """
 
@@ -31,24 +31,12 @@ SYMBOLS = (
     "_ZN9pinocchio4impl16nonLinearEffectsIdLi0ENS_25JointCollectionDefaultTplEN5Eigen3RefIKNS3_6MatrixIdLin1ELi1ELi0EL"
     "in1ELi1EEELi0ENS3_11InnerStrideILi1EEEEESA_EERKNS_7DataTplIT_XT0_ET1_E17TangentVectorTypeERKNS_8ModelTplISC_XT0_ES"
     "D_EERSE_RKNS3_10MatrixBaseIT2_EERKNSN_IT3_EE",
-    # aba(model, data, q, v, torque, convention)
-    "_ZN9pinocchio3abaIdLi0ENS_25JointCollectionDefaultTplEN5Eigen3RefIKNS2_6MatrixIdLin1ELi1ELi0ELin1ELi1EEELi0ENS2_1"
-    "1InnerStrideILi1EEEEES9_S9_EERKNS_7DataTplIT_XT0_ET1_E17TangentVectorTypeERKNS_8ModelTplISB_XT0_ESC_EERSD_RKNS2_10"
-    "MatrixBaseIT2_EERKNSM_IT3_EERKNSM_IT4_EENS_10ConventionE",
     # integrate(model, q, dv, new)
     "_ZN9pinocchio9integrateINS_11LieGroupMapEdLi0ENS_25JointCollectionDefaultTplEN5Eigen6MatrixIdLin1ELi1ELi0ELin1ELi"
     "1EEES5_S5_Li0EEEvRKNS_8ModelTplIT0_XT1_ET2_EERKNS3_10MatrixBaseIT3_EERKNSC_IT4_EERKNSC_IT5_EE",
     # difference(model, q0, q1, dv)
     "_ZN9pinocchio10differenceINS_11LieGroupMapEdLi0ENS_25JointCollectionDefaultTplEN5Eigen6MatrixIdLin1ELi1ELi0ELin1EL"
     "i1EEES5_S5_Li0EEEvRKNS_8ModelTplIT0_XT1_ET2_EERKNS3_10MatrixBaseIT3_EERKNSC_IT4_EERKNSC_IT5_EE",
-    # dIntegrate(model, q, dv, derivative, argument)
-    "_ZN9pinocchio10dIntegrateIdLi0ENS_25JointCollectionDefaultTplEN5Eigen6MatrixIdLin1ELi1ELi0ELin1ELi1EEES4_NS3_IdLin"
-    "1ELin1ELi0ELin1ELin1EEEEEvRKNS_8ModelTplIT_XT0_ET1_EERKNS2_10MatrixBaseIT2_EERKNSC_IT3_EERKNSC_IT4_EENS_16Argument"
-    "PositionE",
-    # forwardKinematics(model, data, q, v, a)
-    "_ZN9pinocchio4impl17forwardKinematicsIdLi0ENS_25JointCollectionDefaultTplEN5Eigen3RefIKNS3_6MatrixIdLin1ELi1ELi0EL"
-    "in1ELi1EEELi0ENS3_11InnerStrideILi1EEEEESA_SA_EEvRKNS_8ModelTplIT_XT0_ET1_EERNS_7DataTplISC_XT0_ESD_EERKNS3_10Matr"
-    "ixBaseIT2_EERKNSK_IT3_EERKNSK_IT4_EE",
 )
 MODEL = b"N9pinocchio8ModelTplIdLi0ENS_25JointCollectionDefaultTplEEE"
 DATA = b"N9pinocchio7DataTplIdLi0ENS_25JointCollectionDefaultTplEEE"
@@ -58,17 +46,17 @@ REGISTRY_QUERY = "_ZN5boost6python9converter8registry5queryENS0_9type_infoE"
 GET_LVALUE = "_ZN5boost6python9converter22get_lvalue_from_pythonEP7_objectRKNS1_12registrationE"
 
 # places in an array of calls: functions, model and data, then of each argument its header, its numbers and its size
-_CRBA, _NLE, _ABA, _INTEGRATE, _DIFFERENCE, _DINTEGRATE, _KINEMATICS = range(len(SYMBOLS))
-_MODEL, _DATA = 7, 8
-_HEADER, _START, _SIZE = 9, 14, 19
+_CRBA, _NLE, _INTEGRATE, _DIFFERENCE = range(len(SYMBOLS))
+_MODEL, _DATA = 4, 5
+_HEADER, _START, _SIZE = 6, 9, 12
 # the headers themselves, of which Eigen reads {data, rows, columns}, and then the numbers
-_HEADERS, _HEADER_SIZE, _NUMBERS = 24, 8, 64
-# arguments: configurations, tangent vectors, and a square matrix
-_Q, _NEW, _V, _U, _SQUARE = range(5)
+_HEADERS, _HEADER_SIZE, _NUMBERS = 16, 8, 40
+# arguments: configurations, and a tangent vector
+_Q, _NEW, _V = range(3)
 # Eigen reads up to eight doubles at once from where it expects them aligned
 _ALIGNED = 8
-# Convention.WORLD, Convention.LOCAL, ARG1
-_WORLD, _LOCAL, _ARG1 = np.int32(0), np.int32(1), np.int32(1)
+# Convention.WORLD
+_WORLD = np.int32(0)
 
 
 @kernel("void(i8[::1], i8, Array(f8, 1, 'C', True))")
@@ -93,28 +81,17 @@ def _fetch(calls: Array, argument: int, values: Array) -> None:
 
 @kernel("void(i8[::1], Array(f8, 1, 'C', True))")
 def crba(calls: Array, q: Array) -> None:
-    """Compute poses, Jacobian columns and mass matrix at q, shape (nq,), in the arrays of `Memory`."""
+    """Compute poses, Jacobian columns and mass matrix at q, shape (nq,), where `results_in_place` shows them."""
     _store(calls, _Q, q)
     call_address(calls[_CRBA], calls[_MODEL], calls[_DATA], calls[_HEADER + _Q], _WORLD)
 
 
 @kernel("void(i8[::1], Array(f8, 1, 'C', True), Array(f8, 1, 'C', True))")
 def nonlinear_effects(calls: Array, q: Array, v: Array) -> None:
-    """Compute the nonlinear effects at q and v, shapes (nq,), (nv,), in `Memory.effects`."""
+    """Compute the nonlinear effects at q and v, shapes (nq,), (nv,), where `results_in_place` shows them."""
     _store(calls, _Q, q)
     _store(calls, _V, v)
     call_address(calls[_NLE], calls[_MODEL], calls[_DATA], calls[_HEADER + _Q], calls[_HEADER + _V])
-
-
-@kernel("void(i8[::1], Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), Array(f8, 1, 'C', True))")
-def aba(calls: Array, q: Array, v: Array, torque: Array) -> None:
-    """Compute the acceleration under a torque, shapes (nq,), (nv,), (nv,), in `Memory.acceleration`."""
-    _store(calls, _Q, q)
-    _store(calls, _V, v)
-    _store(calls, _U, torque)
-    call_address(
-        calls[_ABA], calls[_MODEL], calls[_DATA], calls[_HEADER + _Q], calls[_HEADER + _V], calls[_HEADER + _U], _LOCAL
-    )
 
 
 @kernel("void(i8[::1], Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[::1])")
@@ -135,34 +112,6 @@ def tangent(calls: Array, q0: Array, q1: Array, dv: Array) -> None:
     _fetch(calls, _V, dv)
 
 
-@kernel("void(i8[::1], Array(f8, 1, 'C', True), Array(f8, 1, 'C', True), f8[:,::1])")
-def retraction_derivative(calls: Array, q: Array, dv: Array, derivative: Array) -> None:
-    """Write the derivative of `retract` by dv, shape (nv, nv)."""
-    _store(calls, _Q, q)
-    _store(calls, _V, dv)
-    call_address(
-        calls[_DINTEGRATE], calls[_MODEL], calls[_HEADER + _Q], calls[_HEADER + _V], calls[_HEADER + _SQUARE], _ARG1
-    )
-    nv = len(dv)
-    numbers, start = calls.view(np.float64), calls[_START + _SQUARE]
-    for i in range(nv):
-        for j in range(nv):
-            derivative[i, j] = numbers[start + j * nv + i]
-
-
-@kernel("void(i8[::1], Array(f8, 1, 'C', True), Array(f8, 1, 'C', True))")
-def forward_kinematics(calls: Array, q: Array, v: Array) -> None:
-    """Compute twists, and rates of twists at constant v, in `Memory.twists` and `Memory.rates`."""
-    _store(calls, _Q, q)
-    _store(calls, _V, v)
-    numbers, start = calls.view(np.float64), calls[_START + _U]
-    for k in range(len(v)):
-        numbers[start + k] = 0.0
-    call_address(
-        calls[_KINEMATICS], calls[_MODEL], calls[_DATA], calls[_HEADER + _Q], calls[_HEADER + _V], calls[_HEADER + _U]
-    )
-
-
 def array_of_calls(model: pin.Model, data: pin.Data) -> Array:
     """Return the array that the kernels of this module take first: addresses, and aligned arguments.
 
@@ -176,7 +125,7 @@ def array_of_calls(model: pin.Model, data: pin.Data) -> Array:
     OSError
         If a library is not loaded, a function is missing in it, or the objects are not of Pinocchio's C++ classes.
     """
-    sizes = [model.nq, model.nq, model.nv, model.nv, model.nv**2]
+    sizes = [model.nq, model.nq, model.nv]
     rooms = [-(-size // _ALIGNED) * _ALIGNED for size in sizes]
     starts = _NUMBERS + np.cumsum([0, *rooms[:-1]])
     calls = _aligned(_NUMBERS + sum(rooms))
@@ -186,8 +135,7 @@ def array_of_calls(model: pin.Model, data: pin.Data) -> Array:
     for k, (start, size) in enumerate(zip(starts.tolist(), sizes, strict=True)):
         header = _HEADERS + _HEADER_SIZE * k
         calls[_HEADER + k], calls[_START + k], calls[_SIZE + k] = first + 8 * header, start, size
-        rows = model.nv if k == _SQUARE else size
-        calls[header : header + 3] = first + 8 * start, rows, size // rows if k == _SQUARE else 0
+        calls[header : header + 2] = first + 8 * start, size
     return np.asarray(Window((model, data, calls), first, calls.shape, "<i8"))
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from mbvi.run.impact_rows import RecentPercussions, linked
+from mbvi.run.impact_rows import NO_ROWS, LaterRows, RecentPercussions, linked
 
 
 def components(jacobian, chosen, seeds, parts):
@@ -45,3 +45,21 @@ def test_recent_percussions_are_those_of_the_last_steps():
         rates = rng.normal(size=(4, 12))
         recent.add(number, rates)
         steps.append((number, rates[0]))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_steps_that_follow_count_as_if_they_had_been_added(seed):
+    rng = np.random.default_rng(seed)
+    sizes, added = rng.integers(0, 6, 8), int(rng.integers(0, 9))
+    steps = [(rng.integers(0, 9, size), rng.normal(size=size)) for size in sizes]
+    every, first = RecentPercussions(5), RecentPercussions(5)
+    for k, (number, percussion) in enumerate(steps):
+        for recent in (every, first)[: 2 if k < added else 1]:
+            recent.add(number, percussion[None])
+    # of those that follow no more than are kept
+    left = steps[added:][-5:]
+    later = LaterRows(
+        *(np.concatenate([none, *(step[c] for step in left)]) for c, none in enumerate(NO_ROWS[:2])), len(left)
+    )
+    asked, percussion = np.arange(9), rng.random(9)
+    np.testing.assert_array_equal(first.exceeded(asked, percussion, later), every.exceeded(asked, percussion))

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbvi.system import pinocchio_address
+from mbvi.system.joint_tree import joint_tree
 from mbvi.system.mechanism import mechanism
 from support.robot_arguments import moving_robot
 
@@ -15,7 +16,9 @@ def _moving(rng):
     """The array of calls of a robot with new data, and random arguments."""
     system, q, v = moving_robot(rng)
     model = system.model
-    record = mechanism(model, model.createData(), system._support, system._parent)
+    record = mechanism(
+        model, model.createData(), system._support, joint_tree(pin.Model(), system._parent), system._free
+    )
     _RECORDS[record.calls.ctypes.data] = record
     # arrays that are only read may be read-only
     q = np.array(q)
@@ -56,11 +59,8 @@ ADDRESS_ARGUMENTS = {
     "_fetch": _fetch,
     "crba": _taking(),
     "nonlinear_effects": _taking(_v),
-    "aba": _taking(_v, lambda model, v, rng: rng.normal(size=model.nv)),
     "retract": _taking(_v, lambda model, v, rng: np.full(model.nq, np.nan)),
     "tangent": _tangent,
-    "retraction_derivative": _taking(_v, lambda model, v, rng: np.full((model.nv, model.nv), np.nan)),
-    "forward_kinematics": _taking(_v),
 }
 
 
@@ -72,7 +72,5 @@ def results_by_address(name, arguments):
         "_store": [calls[pinocchio_address._NUMBERS :]],
         "crba": [record.poses, record.columns, np.tril(record.mass)],
         "nonlinear_effects": [record.effects],
-        "aba": [record.acceleration],
-        "forward_kinematics": [record.twists, record.rates],
     }
     return [*others, *results.get(name, ())]

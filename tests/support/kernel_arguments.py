@@ -20,6 +20,7 @@ from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
 from support.held_arguments import HELD_ARGUMENTS
+from support.joint_tree_arguments import JOINT_TREE_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
 from support.momentum_arguments import MOMENTUM_ARGUMENTS
 from support.patch_kernel_arguments import PATCH_ARGUMENTS, WHEEL, walls_of
@@ -63,7 +64,7 @@ def percussions_before(rng, m):
 def forces(rng, system, q, v):
     """Mass matrix, damping, tree, velocity, step, torques, nonlinear effects and the order of damping."""
     system.metric(q)
-    mass = np.array(system._memory.mass)
+    mass = np.array(system._mass)
     effects = np.array(pin.nonLinearEffects(system.model, system.model.createData(), q, v))
     damping = system.damping * rng.choice([0.0, 1.0])
     return mass, damping, system._parent, v, 1e-3, rng.normal(size=system.nv), effects, bool(rng.random() < 0.5)
@@ -86,7 +87,7 @@ def indefinite(rng, mass):
 def factor(rng):
     system, _, _ = moving_robot(rng)
     n = system.nv
-    return indefinite(rng, system._memory.mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
+    return indefinite(rng, system._mass), 1e-3, system.damping, system._parent, np.full((n, n), np.nan)
 
 
 def back(rng):
@@ -991,6 +992,7 @@ ARGUMENTS = {
     **SETTLE_ARGUMENTS,
     **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
+    **JOINT_TREE_ARGUMENTS,
     **MOMENTUM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,

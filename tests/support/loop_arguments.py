@@ -257,6 +257,10 @@ CALLS = {
     "measured_from_axes": [(DEFAULT, on_block, BOUNCY, 0), (PAOLI, on_block, BOUNCY, 1), (PAOLI, on_block, BOUNCY, 2)],
     "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
+    "weigh": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
+    "evaluate_nonlinear_effects": [
+        (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
+    ],
     "copy_row": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, hopper, ROUGH, 1)],
     "row_speeds": [(CENTERED, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 5), (CENTERED, quadruped, ROUGH, 3)],
     "take_near": [(DEFAULT, hopper, BOUNCY, 41), (DEFAULT, quadruped, RIGID, 70), (DEFAULT, hopper, ROUGH, 60)],

@@ -1,4 +1,4 @@
-"""Pinocchio's results seen in place: the same as its getters give, as long as anyone looks, wherever they lie."""
+"""Pinocchio's results seen in place: the same as its getters give, as long as anyone looks."""
 
 import gc
 
@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import mbvi
-from mbvi.system import ArticulatedSystem, memory
-from mbvi.system.memory import Memory
+from mbvi.system import ArticulatedSystem, articulated, memory
+from mbvi.system.joint_tree import joint_tree
+from mbvi.system.memory import read_results, results_in_place
 from support.paths import ROBOTS, real_robot
 
 
@@ -35,6 +35,14 @@ MODELS = {
     "panda": lambda: of_urdf(real_robot("panda_description/urdf/panda.urdf"), False),
     "talos": lambda: of_urdf(real_robot("talos_data/robots/talos_reduced.urdf"), True),
 }
+
+
+@pytest.fixture
+def no_joint_is_known(monkeypatch):
+    """Kernels compute nothing: they know no joint of the models."""
+    monkeypatch.setattr(articulated, "joint_tree", lambda model, carrier: joint_tree(pin.Model(), carrier))
+
+
 every_model = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 
 
@@ -55,36 +63,27 @@ def got(data, nv):
 
 
 def seen(arrays):
-    return np.array(arrays.poses), np.array(arrays.columns), np.tril(arrays.mass)
+    poses, columns, mass, *_ = arrays
+    return np.array(poses), np.array(columns), np.tril(mass)
 
 
 def bits(arrays):
     return [np.ascontiguousarray(array).tobytes() for array in arrays]
 
 
-@pytest.fixture
-def elsewhere(monkeypatch):
-    """Call it, and poses are expected to lie further apart than they do."""
-    return lambda: monkeypatch.setattr(memory, "_POSE", 16)
-
-
 @every_model
 def test_arrays_follow_the_getters_bit_for_bit(make, rng):
     model = make()
     data = model.createData()
-    arrays = Memory(model, data)
-    assert arrays.in_place
-    poses = arrays.poses
+    arrays = results_in_place(model, data)
     last = None
     for _ in range(5):
-        crba(model, data, moved(model, rng))
-        assert bits(seen(arrays)) == bits(got(data, model.nv))
-        assert bits(seen(arrays)) != last
+        q = moved(model, rng)
+        crba(model, data, q)
+        effects = pin.nonLinearEffects(model, data, q, rng.normal(size=model.nv))
+        assert bits([*seen(arrays), arrays[3]]) == bits([*got(data, model.nv), effects])
+        assert bits(seen(read_results(model, data))) == bits(seen(arrays)) != last
         last = bits(seen(arrays))
-        arrays.refresh()
-        arrays.check()
-        assert bits(seen(arrays)) == last
-    assert poses.tobytes() == arrays.poses.tobytes()
 
 
 @every_model
@@ -92,35 +91,27 @@ def test_the_mass_matrix_and_the_jacobian_columns_mean_what_is_said(make, rng):
     """Against the kinetic energy and the bodies' velocities of an independent computation."""
     model = make()
     data, other = model.createData(), model.createData()
-    arrays = Memory(model, data)
+    poses, columns, mass, _ = results_in_place(model, data)
     q, v = moved(model, rng), rng.normal(size=model.nv)
     crba(model, data, q)
-    M = np.tril(arrays.mass) + np.tril(arrays.mass, -1).T
+    M = np.tril(mass) + np.tril(mass, -1).T
     assert 0.5 * v @ M @ v == pytest.approx(pin.computeKineticEnergy(model, other, q, v), rel=1e-12)
     pin.forwardKinematics(model, other, q, v)
     for joint in range(1, model.njoints):
-        np.testing.assert_allclose(arrays.poses[joint, :3].T, other.oMi[joint].rotation, atol=1e-13)
-        np.testing.assert_allclose(arrays.poses[joint, 3], other.oMi[joint].translation, atol=1e-13)
+        np.testing.assert_allclose(poses[joint, :3].T, other.oMi[joint].rotation, atol=1e-13)
+        np.testing.assert_allclose(poses[joint, 3], other.oMi[joint].translation, atol=1e-13)
         carrying = [
             k for a in list(model.supports[joint])[1:] for k in range(model.idx_vs[a], model.idx_vs[a] + model.nvs[a])
         ]
-        twist = v[carrying] @ arrays.columns[carrying]
+        twist = v[carrying] @ columns[carrying]
         np.testing.assert_allclose(twist, other.oMi[joint].act(other.v[joint]).vector, atol=1e-11)
 
 
 @every_model
-def test_a_layout_that_is_not_the_expected_one_is_copied(make, rng, elsewhere):
+def test_a_layout_that_is_not_the_expected_one_is_found(make, monkeypatch):
     model = make()
-    data = model.createData()
-    elsewhere()
-    arrays = Memory(model, data)
-    assert not arrays.in_place
-    for _ in range(3):
-        before = bits(seen(arrays))
-        crba(model, data, moved(model, rng))
-        assert bits(seen(arrays)) == before
-        arrays.refresh()
-        assert bits(seen(arrays)) == bits(got(data, model.nv)) != before
+    monkeypatch.setattr(memory, "_POSE", 16)
+    assert results_in_place(model, model.createData()) is None
 
 
 @every_model
@@ -131,22 +122,16 @@ def test_a_place_that_holds_something_else_is_not_looked_at(make, rng, monkeypat
     q = moved(model, rng)
     crba(model, data, q)
     crba(model, another, pin.integrate(model, q, rng.normal(size=model.nv)))
-    strangers = Memory(model, another)._addresses()
-    arrays = Memory(model, data)
-    assert arrays.in_place
-    own = arrays._addresses()
+    own, strangers = (memory._addresses(model, one) for one in (data, another))
     for k in range(3):
         # one joint's column or mass may be the same everywhere
         if bits(got(data, model.nv))[k] == bits(got(another, model.nv))[k]:
             continue
         wrong = (*own[:k], strangers[k], *own[k + 1 :])
-        monkeypatch.setattr(arrays, "_addresses", lambda wrong=wrong: wrong)
-        arrays.check()
-        assert not arrays.in_place
-        assert bits(seen(arrays)) == bits(got(data, model.nv))
+        monkeypatch.setattr(memory, "_addresses", lambda *_, wrong=wrong: wrong)
+        assert results_in_place(model, data) is None
     monkeypatch.undo()
-    arrays.check()
-    assert arrays.in_place
+    assert results_in_place(model, data) is not None
 
 
 @every_model
@@ -155,13 +140,11 @@ def test_arrays_outlive_whoever_made_them(make, rng):
     model = make()
     data = model.createData()
     crba(model, data, moved(model, rng))
-    arrays = Memory(model, data)
-    assert arrays.in_place
-    kept, size = [arrays.poses, arrays.columns, arrays.mass], model.nv
+    kept, size = list(results_in_place(model, data)[:3]), model.nv
     expected = bits(got(data, size))
     lower = [kept[0], kept[1], np.tril(kept[2])]
     assert bits(lower) == expected
-    del model, data, arrays, lower
+    del model, data, lower
     gc.collect()
     others = []
     for _ in range(200):
@@ -179,7 +162,7 @@ def test_a_slice_alone_keeps_the_memory(rng):
     model = MODELS["quadruped"]()
     data = model.createData()
     crba(model, data, moved(model, rng))
-    part = Memory(model, data).poses[3:5, 1]
+    part = results_in_place(model, data)[0][3:5, 1]
     expected = part.copy()
     del data
     gc.collect()
@@ -189,62 +172,11 @@ def test_a_slice_alone_keeps_the_memory(rng):
     np.testing.assert_array_equal(part, expected)
 
 
-def landing():
-    """A quadruped that falls to the floor while its legs swing."""
-    scene = mbvi.Scene(restitution=0.5)
-    scene.add_halfspace((0, 0, 1))
-    swing = {f"{leg}_{joint}_joint": rate for leg in ("FL", "RR") for joint, rate in (("thigh", 6.0), ("calf", -4.0))}
-    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.45), velocity=swing)
-    return scene.build()
-
-
-def states(problem):
-    return mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.3, progress=False)
-
-
-def test_a_run_is_the_same_in_place_and_with_copies(elsewhere):
-    problem = landing()
-    in_place = states(problem)
-    assert problem.system._memory.in_place
-    assert len(in_place.impacts) > 3
-    elsewhere()
-    problem = landing()
-    copied = states(problem)
-    assert not problem.system._memory.in_place
-    for name in ("q", "v", "residual"):
-        np.testing.assert_array_equal(getattr(copied, name), getattr(in_place, name))
-    np.testing.assert_array_equal(copied.penetration(), in_place.penetration())
-    assert [i.constraints for i in copied.impacts] == [i.constraints for i in in_place.impacts]
-    np.testing.assert_array_equal(copied.energy(), in_place.energy())
-
-
-def test_a_run_looks_again_when_it_starts(elsewhere, monkeypatch):
-    problem = landing()
-    system = problem.system
-    assert system._memory.in_place
-    expected = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
-    elsewhere()
-    assert system._memory.in_place
-    step = next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
-    assert not system._memory.in_place
-    np.testing.assert_array_equal(step.v, expected.v)
-    # what kernels are given is what the system now keeps
-    assert system.kinematics(problem.q0).poses is system._memory.poses
-    monkeypatch.undo()
-    next(mbvi.steps(problem, mbvi.Paoli(), step=1e-3))
-    assert system._memory.in_place
-    assert system.kinematics(problem.q0).poses is system._memory.poses
-
-
-@pytest.mark.parametrize("copies", [False, True])
 @every_model
-def test_forces_and_energies_leave_poses_columns_and_mass_as_they_are(make, copies, rng, elsewhere):
+def test_forces_and_energies_leave_poses_columns_and_mass_as_they_are(make, rng, no_joint_is_known):
     """Whatever else is asked, what was computed for a configuration is what is seen there."""
-    if copies:
-        elsewhere()
     model = make()
     system = ArticulatedSystem(model)
-    assert system._memory.in_place != copies
     q, v = moved(model, rng), rng.normal(size=model.nv)
     data = model.createData()
 

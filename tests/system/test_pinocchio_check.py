@@ -76,13 +76,13 @@ FAULTS = {
         "nonLinearEffects differs",
     ),
     "a function of another kind": (
-        "S = by_address.SYMBOLS\nby_address.SYMBOLS = (*S[:3], S[4], S[3], *S[5:])",
+        "S = by_address.SYMBOLS\nby_address.SYMBOLS = (*S[:2], S[3], S[2])",
         "ended by SIGABRT|failed|differs",
     ),
-    "a function lies elsewhere": ("by_address.function_addresses = lambda: [8] * 7", "ended by SIG(SEGV|BUS)"),
+    "a function lies elsewhere": ("by_address.function_addresses = lambda: [8] * 4", "ended by SIG(SEGV|BUS)"),
     "headers are laid out otherwise": ("by_address._HEADERS = 32", "ended by SIG|failed|differs"),
     "results lie elsewhere": (
-        "from mbvi.system import memory\nmemory._MOTION = 8",
+        "from mbvi.system import memory\nmemory._POSE = 16",
         "do not lie where they are expected",
     ),
     "the child ends early": ("import os\nos._exit(0)", "it gave no result"),
