@@ -12,7 +12,9 @@ from ..constraints.mechanism_pairs import is_beyond, place_bodies
 from ..constraints.mechanism_rows import MechanismConstraints
 from ..constraints.mechanism_tables import MOST_ROWS, PAIRS
 from ..schemes.centered_kernel import centered_step
-from ..schemes.mechanism_steps import DONE, MechanismStep, moreau_jean_step, paoli_step
+from ..schemes.mechanism_steps import DONE, MechanismStep
+from ..schemes.moreau_jean_kernel import moreau_jean_step
+from ..schemes.paoli_kernel import paoli_step
 from ..schemes.stewart_trinkle_kernel import stewart_trinkle_step
 from ..system.mechanism import Mechanism, place
 from .recorder import record_depth

@@ -14,7 +14,8 @@ from ..projection.orthonormal_rows import inner
 from ..projection.tree import solve
 from ..system.system import Array
 from .displacement_kernel import IMPOSSIBLE, project_moving
-from .mechanism_steps import DONE, UNSOLVED, MechanismStep, has_friction
+from .mechanism_steps import DONE, UNSOLVED, MechanismStep
+from .phases import has_friction
 
 
 @kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8[::1])")

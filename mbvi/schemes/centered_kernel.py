@@ -10,16 +10,8 @@ from ..projection.travel import largest_bend
 from ..system.mechanism import place
 from ..system.pinocchio_address import retract
 from ..system.system import Array
-from .mechanism_steps import (
-    DONE,
-    UNSOLVED,
-    MechanismStep,
-    act,
-    apply_law,
-    evaluate_effects,
-    evaluate_forces,
-    move_freely,
-)
+from .mechanism_steps import DONE, UNSOLVED, MechanismStep
+from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
 from .settle_kernel import project_positions
 from .step import joins, margin_of, write_closing_speeds
 

@@ -10,7 +10,7 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied
-from .mechanism_steps import moreau_jean_step
+from .moreau_jean_kernel import moreau_jean_step
 from .nearby_rows import NearbyRows
 from .position_projection import project_positions
 from .scheme import Scheme, Timing

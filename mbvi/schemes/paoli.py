@@ -10,8 +10,8 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
 from .closed_contacts import Applied
-from .mechanism_steps import paoli_step
 from .nearby_rows import NearbyRows
+from .paoli_kernel import paoli_step
 from .position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, closing_speeds, joining, law, near_margin

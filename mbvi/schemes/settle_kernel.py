@@ -18,8 +18,9 @@ from ..system.system import Array
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
-from .mechanism_steps import DONE, UNSOLVED, MechanismStep, move_freely
+from .mechanism_steps import DONE, UNSOLVED, MechanismStep
 from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows, rows_for
+from .phases import move_freely
 
 
 @kernel("b1(MechanismStep, f8[::1], f8)")

@@ -12,7 +12,8 @@ from ..system.mechanism import place
 from ..system.pinocchio_address import retract
 from ..system.system import Array
 from .centered_kernel import row_speeds
-from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep, fly
+from .mechanism_steps import BOUNCES, DONE, UNSOLVED, MechanismStep
+from .phases import fly
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds
 
 # penetration at the end of a step above which it is retried where no depth is accepted, in lengths of the scene
