@@ -56,7 +56,7 @@ def published_robot(
     restitution : float
         Newton's e.
     joints, control
-        As of `Scene.add_urdf`.
+        See `Scene.add_urdf`.
 
     Raises
     ------

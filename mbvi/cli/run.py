@@ -1,4 +1,4 @@
-"""`mbvi run`: one run of a file that defines make, as of `mbvi sweep`."""
+"""`mbvi run`: one run of a file that defines make; see `mbvi sweep`."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Kernel:
     loops : function
         Source of the kernel. It may call numpy, and other kernels by their names.
     signature, nogil, apart
-        As of `kernel`.
+        See `kernel`.
     """
 
     def __init__(self, loops: Callable[..., Any], signature: str, nogil: bool = False, apart: bool = False) -> None:

@@ -228,7 +228,7 @@ class ClearanceCache:
         return True
 
     def take_back(self, q: Array, always: Array, listed: Sequence[Array | None], candidates: Sequence[Array]) -> None:
-        """Read the state that the compiled loop left; the arguments as of `lend`, and the candidates of each family."""
+        """Read the state that the compiled loop left: the arguments of `lend`, and the candidates of each family."""
         self._last, self._always_query = q.copy(), 0
         for k, entry in enumerate(self._skipped):
             self._always_query |= int(always[k]) << k

@@ -78,7 +78,7 @@ class GivenConstraint(ConstraintFamily):
     Parameters
     ----------
     system, constraint, restitution, name
-        As of `as_family`. The object may also have `names` or `name(k)`, `size`, `restitution`, `rate(t, q)` and
+        See `as_family`. The object may also have `names` or `name(k)`, `size`, `restitution`, `rate(t, q)` and
         `tangents(t, q)` of shape (m, 2, nv).
 
     Notes

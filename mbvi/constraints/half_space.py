@@ -123,9 +123,9 @@ def half_space_rows(
     Parameters
     ----------
     poses, columns, support
-        As of `Kinematics`.
+        See `Kinematics`.
     table, pairs, tolerance, clearance
-        As of `points_within`.
+        See `points_within`.
     index, owner : ndarray of int, shape (c,)
         The points of the last call, and their pairs.
     gap, point, rows : ndarray, shapes (c,), (c, 3), (c, nv)

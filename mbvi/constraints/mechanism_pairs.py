@@ -37,13 +37,13 @@ class PairShapes(NamedTuple):
     unresolved, closed, others : ndarray of int, shape (n,)
         Room for pairs.
     axis : ndarray, shape (n, 3)
-        As of `SeparatingAxes`.
+        See `SeparatingAxes`.
     form : ndarray of int, shape (n,)
-        As of `PrimitivePairs`.
+        See `PrimitivePairs`.
     smooth, flat : ndarray of bool, shape (n,)
         Pairs with a continuous gradient, and those that can share more than one point.
     bound : ndarray, shape (n,)
-        As of `write_contacts`.
+        See `write_contacts`.
     grid : ndarray, shape (4,)
         Placements are rounded to multiples of 1 / this, row by row.
     mode : int

@@ -91,7 +91,7 @@ def half_space_contacts(
     Parameters
     ----------
     poses, columns, support
-        As of `Kinematics`.
+        See `Kinematics`.
     points : Points
         The support points of the shapes.
     family : PairFamily
@@ -174,7 +174,7 @@ def active_rows(
     constraints : MechanismConstraints
         The constraints.
     origin, displacement, q, tolerance
-        As of `AdmissibleSet.active`, where these are origin, moved, q and tolerance.
+        See `AdmissibleSet.active`, where these are origin, moved, q and tolerance.
     rows : RowBuffer
         Receives the rows.
     """

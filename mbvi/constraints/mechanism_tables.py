@@ -55,7 +55,7 @@ class Clearances(NamedTuple):
     kind : ndarray of int, shape (n,)
         `LIMITS`, `HALF_SPACES` or `PAIRS` for each family.
     envelope, travel, clearance
-        As of `consume_clearance`.
+        See `consume_clearance`.
     q : ndarray, shape (nq,)
         The configuration of the last query.
     always : ndarray of bool, shape (n,)
@@ -80,7 +80,7 @@ class Limits(NamedTuple):
     Attributes
     ----------
     sign, offset, lever, position, velocity, e : ndarray, shape (m,)
-        As of `JointLimits`.
+        See `JointLimits`.
     number : ndarray of int, shape (m,)
         The constraints.
     begin : ndarray of int, shape (families + 1,)
@@ -104,7 +104,7 @@ class PairFamily(NamedTuple):
     Attributes
     ----------
     reach, clearance, candidates
-        As of `list_candidates`, shapes (nv, n), (n,) and (n,).
+        See `list_candidates`, shapes (nv, n), (n,) and (n,).
     listed : ndarray of int, shape (2,)
         How many candidates there are, and at how many queries in a row one of them had no row.
     number : ndarray of int, shape (n,)

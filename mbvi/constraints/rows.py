@@ -33,7 +33,7 @@ class Rows(NamedTuple):
     restitution : ndarray, shape (k,)
         e of each row; NaN where the problem's own applies.
     point, normal : ndarray, shape (k, 3)
-        Contact point [m] and unit normal in the world, as of `Contact`; NaN where the constraint is no contact.
+        Contact point [m] and unit normal in the world; see `Contact`; NaN where the constraint is no contact.
     rate : ndarray, shape (k,), or None
         df/dt at a fixed q, due to walls with a prescribed motion [m/s, rad/s]: a gap changes at J v + rate. None if no
         row has any.

@@ -94,7 +94,7 @@ def tangent_rows(
     Parameters
     ----------
     columns, support
-        As of `Kinematics`.
+        See `Kinematics`.
     first, second : ndarray of int, shape (k,)
         Bodies of each contact.
     point, normal : ndarray, shape (k, 3)

@@ -57,7 +57,7 @@ def on_circle(x: float, y: float, corners: int) -> tuple[float, float]:
 def lowest_difference(
     world: Array, shapes: Shapes, pair: int, x: float, y: float, z: float, corners: int, active: Array, row: int
 ) -> None:
-    """Write the point of D that is lowest along a direction into a row; the climbs begin at `start`, as of `reach`.
+    """Write the point of D that is lowest along a direction into a row; the climbs begin at `start`; see `reach`.
 
     If `corners` is not 0, polygons inside the circles of a cylinder or ellipsoid stand for these.
     """

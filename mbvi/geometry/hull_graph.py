@@ -63,7 +63,7 @@ def outermost(
     begin, end : int
         The first point of the shape, and the first one behind it.
     first, neighbour : ndarray of int, shapes (k + 1,) and (e,)
-        The graph, as of `neighbours`; without neighbours of its first point every point of the shape is looked at.
+        The graph; see `neighbours`; without neighbours of its first point every point of the shape is looked at.
     x, y, z : float
         The direction.
     start : int
@@ -103,7 +103,7 @@ def connected(
     Parameters
     ----------
     points, begin, end, first, neighbour, x, y, z
-        As of `outermost`.
+        See `outermost`.
     start : int
         The point to begin at, which is listed first.
     least : float

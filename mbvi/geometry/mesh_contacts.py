@@ -172,7 +172,7 @@ def sort_by_feature(triangle: Array, number: Array, distance: Array, count: int,
     Parameters
     ----------
     triangle, number, distance
-        As of `near_triangles`, in any order.
+        See `near_triangles`, in any order.
     count : int
         How many there are.
     rank : ndarray of int, shape (k,)
@@ -228,7 +228,7 @@ def mesh_contacts(
     tolerance : float
         The greatest gap of a contact [m].
     triangle, number, distance, foot, rank
-        Scratch, as of `near_triangles`.
+        Scratch; see `near_triangles`.
     sphere, gap, point, normal : ndarray, shapes (k,), (k,), (k, 3), (k, 3)
         Receive the spheres, ascending; gaps, points midway between the surfaces, and normals towards the spheres.
 

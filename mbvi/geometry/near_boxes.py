@@ -11,7 +11,7 @@ from .separating_axis import place_side
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,:,::1], f8[:,:,::1])")
 def place_shapes(places: Array, frame: Array, fixed: Array, world: Array) -> None:
-    """Write where all shapes are, shape (s, 4, 3); the other arguments as of `separating_axis.place_side`."""
+    """Write where all shapes are, shape (s, 4, 3); the other arguments are those of `separating_axis.place_side`."""
     for shape in range(len(frame)):
         place_side(places, frame, fixed, shape, shape, world)
 

@@ -72,7 +72,7 @@ def write_contacts(
     Parameters
     ----------
     places, tables, pairs
-        As of `pair_distances`.
+        See `pair_distances`.
     bound : ndarray, shape (n,)
         Of each pair the bounding radius of the smaller shape [m].
     flat_pair : ndarray of bool, shape (n,)

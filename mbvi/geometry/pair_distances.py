@@ -122,7 +122,7 @@ def distances_from_axes(
     pairs : ndarray of int, shape (p,)
         The pairs to look at.
     axis : ndarray, shape (n, 3)
-        As of `SeparatingAxes`.
+        See `SeparatingAxes`.
     distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
         Receive distances, unit normals and the points midway between the surfaces; any of these if `FLAT`.
     state : ndarray of int, shape (p,)

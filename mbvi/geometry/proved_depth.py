@@ -48,7 +48,7 @@ _ROUNDING = 1e-14
 def widest_angle(world: Array, shapes: Shapes, pair: int, n: Array, depth: float) -> float:
     """Return the largest angle to n of directions whose separation may be above -depth [rad]; pi if all may.
 
-    world, shapes, pair, n and depth are as of `better_direction`.
+    world, shapes, pair, n and depth are those of `better_direction`.
     """
     between = np.empty(3)
     radius = between_centres(world, shapes, pair, between) - depth

@@ -171,7 +171,7 @@ def keep_axis(places: Array, body: int, n: Array, axis: Array, pair: int) -> Non
 def guess_axes(places: Array, tables: tuple[Array, ...], axis: Array, candidates: Array, tolerance: float) -> None:
     """Write `first_axis` as the axis of those pairs without one that it separates by more than the tolerance.
 
-    Most pairs are far apart at first, and need not be measured then. The arguments are as of `separated`.
+    Most pairs are far apart at first, and need not be measured then. The arguments are those of `separated`.
     """
     shapes, n, world = Shapes(*tables), np.empty(3), np.empty((2, 4, 3))
     for i in range(len(candidates)):
@@ -235,7 +235,7 @@ def separated(
 
 @kernel("void(f8[:,:,::1], i8[::1], i8[:,::1], f8[:,::1], i8[::1], f8[:,::1])")
 def keep_normals(places: Array, frame: Array, sides: Array, axis: Array, pairs: Array, normals: Array) -> None:
-    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments as of `separated`."""
+    """Write normals, shape (k, 3), as the axes of some pairs; the other arguments are those of `separated`."""
     for i in range(len(pairs)):
         keep_axis(places, frame[sides[pairs[i], 0]], normals[i], axis, pairs[i])
 

@@ -26,7 +26,7 @@ SHIFT, HALF, NORMAL, NEAREST, BALL, PLACE = 3, 4, 5, 6, 7, 8
 def place_cores(
     places: Array, frame: Array, fixed: Array, sizes: Array, sides: Array, number: int, cores: Array
 ) -> None:
-    """Write placements and sizes of the shapes of one pair; arguments as of `primitive_contacts`."""
+    """Write placements and sizes of the shapes of one pair; arguments are those of `primitive_contacts`."""
     for side in range(2):
         s = sides[number, side]
         f = frame[s]

@@ -70,7 +70,7 @@ def _grow(place: Array, gap: Array, low: float, beside: float, corner: Array, co
     Parameters
     ----------
     place, gap
-        As of `few_corners`.
+        See `few_corners`.
     low, beside : float
         Points with a gap of at most `low`, and farther than `beside` outside an edge, are added [m].
     corner : ndarray of int, shape (FEW_POINTS,)

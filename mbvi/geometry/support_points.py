@@ -44,7 +44,7 @@ class Points(NamedTuple):
     width : ndarray, shape (n,)
         Half the width of the hull of each pair across its longest axis [m].
     faces : ndarray of int, shape (n + 1,)
-        The first flat face of each pair, as of `flat_faces`.
+        The first flat face of each pair; see `flat_faces`.
     face : ndarray of int, shape (f + 1,)
         Where the corners of each face begin.
     corner : ndarray of int, shape (c,)
@@ -221,7 +221,7 @@ def few_of_each_face(points: Points, pair: int, at: int, gap: Array, low: float,
     Parameters
     ----------
     points, pair, at
-        As of `spread_below`.
+        See `spread_below`.
     gap : ndarray, shape (k,)
         Gaps of the points from place `at` of `found` on [m].
     low : float

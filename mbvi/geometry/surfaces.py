@@ -55,7 +55,7 @@ def funnel(top: float, neck: float, height: float, pipe: float = 0.0, segments: 
     height, pipe : float
         Of the cone, and of the pipe below [m].
     segments : int
-        As of `revolved`.
+        See `revolved`.
     """
     top, neck, height = positive(top, "top"), positive(neck, "neck"), positive(height, "height")
     positive(top - neck, "top - neck")
@@ -73,7 +73,7 @@ def hourglass(radius: float, neck: float, height: float, segments: int = 48) -> 
     height : float
         Of each cone [m].
     segments : int
-        As of `revolved`.
+        See `revolved`.
     """
     radius, neck, height = positive(radius, "radius"), positive(neck, "neck"), positive(height, "height")
     positive(radius - neck, "radius - neck")
@@ -94,7 +94,7 @@ def drum(radius: float, length: float, vanes: int = 0, depth: float = 0.0, segme
     depth : float
         How far each reaches inwards [m].
     segments : int
-        As of `revolved`.
+        See `revolved`.
     """
     radius, length, vanes = positive(radius, "radius"), positive(length, "length"), integer(vanes, "vanes")
     if vanes > _MOST_STRIPS:

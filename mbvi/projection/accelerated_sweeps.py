@@ -29,7 +29,7 @@ _SCALED = 1e-12
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
 def combine_rows(data: Array, columns: Array, starts: Array, u: Array, z: Array) -> None:
-    """Write z = A u; A' is stored row after row, as of `accelerated_sweeps`."""
+    """Write z = A u; A' is stored row after row; see `accelerated_sweeps`."""
     for j in range(len(z)):
         z[j] = 0.0
     for a in range(len(u)):
@@ -72,7 +72,7 @@ def sweep(data: Array, columns: Array, starts: Array, d: Array, last: Array, z: 
     Parameters
     ----------
     data, columns, starts, d, z, u
-        As of `accelerated_sweeps`; z = A u.
+        See `accelerated_sweeps`; z = A u.
     last : ndarray, shape (m,)
         Percussions after the last sweep.
 
@@ -175,7 +175,7 @@ def sweep_islands(
     Parameters
     ----------
     data, columns, starts, d, target, u
-        As of `accelerated_sweeps`.
+        See `accelerated_sweeps`.
     n : int
         Columns in all.
     label : ndarray of int, shape (m,)

@@ -74,7 +74,7 @@ class StatedDepth(NamedTuple):
     h : float
         Length of a step [s].
     levers : callable
-        As of `AcceptedDepth`.
+        See `AcceptedDepth`.
     jointed : ndarray of bool, shape (nv,)
         The velocities of mechanisms; the others are those of free bodies.
     """

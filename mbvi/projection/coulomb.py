@@ -81,7 +81,7 @@ def solve_compliant(H: Array, b: Array, mu: Array, started: bool, p: Array, case
     H : ndarray, shape (n, n)
         G + COMPLIANCE I.
     b, mu
-        As of `solve_coulomb`.
+        See `solve_coulomb`.
     started : bool
         Whether p holds percussions to start from.
     p : ndarray, shape (n,)

@@ -173,7 +173,7 @@ def sweep_contacts(G: Array, b: Array, mu: Array, order: Array, most: int, limit
     Parameters
     ----------
     G, b, mu, p
-        As of `solve_coulomb`; p is the start and receives the result.
+        See `solve_coulomb`; p is the start and receives the result.
     order : ndarray of int, shape (m,)
         The contacts in the order of a sweep.
     most : int

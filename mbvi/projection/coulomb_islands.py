@@ -60,7 +60,7 @@ def solve_contacts(
     Parameters
     ----------
     blocks, columns, starts, local, b, mu, target, z, p
-        As of `coulomb_sweeps.accelerated_contacts`.
+        See `coulomb_sweeps.accelerated_contacts`.
     known : int
         How many contacts were there in the last problem.
     """
@@ -100,7 +100,7 @@ def solve_contact_islands(
     Parameters
     ----------
     blocks, columns, starts, local, b, mu
-        As of `coulomb_sweeps.sweep_blocks`.
+        See `coulomb_sweeps.sweep_blocks`.
     n : int
         Columns in all.
     known : ndarray of bool, shape (m,)

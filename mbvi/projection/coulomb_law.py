@@ -119,9 +119,9 @@ def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: 
     Parameters
     ----------
     G, b, mu, limit
-        As of `coulomb.solve_coulomb`.
+        See `coulomb.solve_coulomb`.
     known : int
-        As of `coulomb_law`.
+        See `coulomb_law`.
     soft, p : ndarray, shape (n,)
         Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
         compliant contacts.

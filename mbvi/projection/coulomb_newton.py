@@ -30,7 +30,7 @@ def tangential_scale(G: Array, scale: Array) -> None:
 def find_cases(u: Array, p: Array, mu: Array, scale: Array, case: Array) -> None:
     """Write which case of the law each contact is nearest to, shape (m,): OPEN, STICK or SLIP.
 
-    u, p, mu are as of `coulomb_defect`, and `scale` as of `tangential_scale`. A closed contact without friction slips.
+    u, p, mu: see `coulomb_defect`; `scale`: see `tangential_scale`. A closed contact without friction slips.
     """
     for a in range(len(mu)):
         i = 3 * a
@@ -110,7 +110,7 @@ def newton_direction(
     Parameters
     ----------
     G, u, p, mu, scale, error, case
-        As of `newton_coulomb`.
+        See `newton_coulomb`.
     shift : float
         Added to the diagonal of G in the derivative only.
     A, y, place : ndarray, shapes (n, n), (n,) and (n,)
@@ -195,7 +195,7 @@ def newton_coulomb(
     limit : float
         Relative residual that ends them.
     shift : float
-        As of `newton_direction`.
+        See `newton_direction`.
     remembered : int
         The line search compares the squared error with the largest of so many last ones.
     """

@@ -41,7 +41,7 @@ def quick_coulomb(G: Array, b: Array, mu: Array, limit: float, p: Array) -> floa
     Parameters
     ----------
     G, b, mu, limit
-        As of `solve_coulomb`.
+        See `solve_coulomb`.
     p : ndarray, shape (n,)
         Percussions of the last problem like this, or zeros; receives those of this one, if they are found.
     """

@@ -95,7 +95,7 @@ def hold_rigid(G: Array, b: Array, mu: Array, case: Array, independent: bool, li
     Parameters
     ----------
     G, b, mu, case, limit, p
-        As of `hold_cases`.
+        See `hold_cases`.
     independent : bool
         Whether rows are independent.
     """
@@ -116,7 +116,7 @@ def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float,
     Parameters
     ----------
     G, b, mu, limit
-        As of `newton_coulomb`.
+        See `newton_coulomb`.
     independent : bool
         Whether rows are independent.
     compliance : float
@@ -157,7 +157,7 @@ def improve_coulomb(
     Parameters
     ----------
     G, b, mu, limit
-        As of `newton_coulomb`.
+        See `newton_coulomb`.
     independent : bool
         Whether rows are independent.
     residual : float

@@ -33,7 +33,7 @@ _MOST_INNER, _SHARE = 60, 0.3
 
 @kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1])")
 def combine_contacts(blocks: Array, columns: Array, starts: Array, p: Array, z: Array) -> None:
-    """Write z = A p, shape (n,); the other arguments are as of `sweep_blocks`."""
+    """Write z = A p, shape (n,); the other arguments are those of `sweep_blocks`."""
     for j in range(len(z)):
         z[j] = 0.0
     for a in range(len(starts) - 1):
@@ -47,7 +47,7 @@ def combine_contacts(blocks: Array, columns: Array, starts: Array, p: Array, z: 
 def contacts_residual(
     blocks: Array, columns: Array, starts: Array, b: Array, mu: Array, p: Array, z: Array, u: Array
 ) -> float:
-    """Write z = A p and u = A' z + b, and return `coulomb_defect`; the arguments are as of `sweep_blocks`."""
+    """Write z = A p and u = A' z + b, and return `coulomb_defect`; the arguments are those of `sweep_blocks`."""
     combine_contacts(blocks, columns, starts, p, z)
     for a in range(len(mu)):
         u0, u1, u2 = b[3 * a], b[3 * a + 1], b[3 * a + 2]
@@ -70,7 +70,7 @@ def sweep_blocks(
     Parameters
     ----------
     blocks, columns, starts, local
-        As of `pack_contacts`.
+        See `pack_contacts`.
     b : ndarray, shape (3 m,)
         Velocities of the contacts without percussions, in the scaled and turned rows.
     mu : ndarray, shape (m,)
@@ -168,7 +168,7 @@ def accelerated_contacts(
     Parameters
     ----------
     blocks, columns, starts, local, b, mu
-        As of `sweep_blocks`.
+        See `sweep_blocks`.
     target : float
         The residual that is small enough.
     most : int

@@ -73,7 +73,7 @@ def capped_restitution(
     Parameters
     ----------
     x, metric, J, friction, residual, start
-        As of `project_frictional`.
+        See `project_frictional`.
     before, e : ndarray, shape (m,)
         Normal rates J_n v before the impact [m/s], and the restitution of each contact.
     rate : ndarray, shape (3 m,), optional

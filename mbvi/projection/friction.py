@@ -79,7 +79,7 @@ def law_of_contacts(
     motion : TreeFreeMotion
         The free motion.
     J, T, e, drift, opened, friction
-        As of `frictional_tree_law`, where friction is mu.
+        See `frictional_tree_law`, where friction is mu.
     last : FrictionalStart
         Ignored if it is of another number of contacts.
     residual : float
@@ -92,7 +92,7 @@ def law_of_contacts(
     rates : ndarray, shape (4, m)
         Percussions, and rates of normals under forces alone, after and before.
     residual : float
-        As of `FrictionalProjection`.
+        See `FrictionalProjection`.
     slip : ndarray, shape (4, m, 2)
         The same as `rates` of tangents.
     start : FrictionalStart

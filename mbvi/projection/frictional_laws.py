@@ -213,7 +213,7 @@ class FrictionalLaws:
     ) -> tuple[Array, Array, float, Array] | None:
         """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
 
-        They are as of `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
+        See `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
         has friction, where e is capped, or where the law is not solved exactly.
 
         Parameters
@@ -250,7 +250,7 @@ class FrictionalLaws:
         before : ndarray, shape (k,)
             Rates of their gaps before [m/s].
         x, metric, rows
-            As of `project`.
+            See `project`.
         """
         e, tangents = rows.restitution, rows.tangents
         if not self._energy_cap or tangents is None or not tangents.friction.any() or not e.any():

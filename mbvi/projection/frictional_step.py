@@ -47,7 +47,7 @@ def frictional_tree_law(
     Parameters
     ----------
     mass, damping, parent, v, h, torque, effects, twice
-        As of `advance_by`.
+        See `advance_by`.
     J, T : ndarray, shapes (m, nv) and (2 m, nv)
         Gradients of gaps, and of each contact those along its two tangents.
     e : ndarray, shape (m,)
@@ -57,7 +57,7 @@ def frictional_tree_law(
     opened : ndarray, shape (m,) or (0,)
         Speeds at which open contacts may close, 0 of others.
     mu, known, limit, start
-        As of `coulomb_law`.
+        See `coulomb_law`.
     w : ndarray, shape (nv,)
         Receives the velocity.
     rates : ndarray, shape (4, m)
@@ -68,9 +68,9 @@ def frictional_tree_law(
     Returns
     -------
     residual : float
-        As of `coulomb_law`; inf where M is not positive definite, `WITHOUT_FRICTION` where no mu is positive.
+        See `coulomb_law`; inf where M is not positive definite, `WITHOUT_FRICTION` where no mu is positive.
     unique : bool
-        As of `coulomb_law`.
+        See `coulomb_law`.
     """
     m, nv = J.shape
     most = 0.0

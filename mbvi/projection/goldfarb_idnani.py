@@ -25,7 +25,7 @@ def solve_on_active(d: Array, S: Array, size: int, L: Array, Q: Array, u: Array,
     Parameters
     ----------
     d, S, size, L, Q, u, z
-        As of `goldfarb_idnani`.
+        See `goldfarb_idnani`.
     """
     n = len(z)
     for i in range(size):
@@ -50,7 +50,7 @@ def start_from(W: Array, d: Array, chosen: Array, S: Array, L: Array, Q: Array, 
     chosen : ndarray of bool, shape (m,)
         The rows.
     W, d, S, L, Q, u, z
-        As of `goldfarb_idnani`.
+        See `goldfarb_idnani`.
     """
     size, most = 0, len(L) - 1
     for a in range(len(d)):

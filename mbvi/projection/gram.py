@@ -17,7 +17,7 @@ def sort_by_column(
     Parameters
     ----------
     data, columns, starts
-        As of `gram`.
+        See `gram`.
     first, row, value : ndarray, shapes (n + 1,), (k,), (k,)
         Receive where each column begins, and the rows and values of its entries.
     same : ndarray of bool, shape (n + 1,)

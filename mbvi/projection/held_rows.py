@@ -163,9 +163,9 @@ def hold_rows(
     Parameters
     ----------
     L, parent
-        Factor of the mass matrix, as of `tree.solve`.
+        Factor of the mass matrix; see `tree.solve`.
     W, near, Q
-        As of `held_tangents`.
+        See `held_tangents`.
     size : int
         Size of the basis Q.
     J, A, left : ndarray, shape (m, nv)

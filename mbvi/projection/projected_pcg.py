@@ -36,7 +36,7 @@ _AT_SHIFT, _AT_EXTRA, _AT_BEST, _AT_STALLED, _AT_WHOLE, _AT_CARRIED = range(6)
 
 @kernel("f8(u4[::1], u4[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
 def dual_residual(starts: Array, columns: Array, G: Array, d: Array, g: Array, u: Array) -> float:
-    """Write g = G u - d and return max |min(u, g)|; the arguments are as of `projected_pcg`."""
+    """Write g = G u - d and return max |min(u, g)|; the arguments are those of `projected_pcg`."""
     residual = 0.0
     for a in range(len(d)):
         value = -d[a]

@@ -177,7 +177,7 @@ class Projector:
         e : ndarray, shape (m,)
             Restitution of each.
         contacts : ndarray of int, shape (m,), optional
-            As of `project`.
+            See `project`.
         opened : ndarray, shape (m,), optional
             Speeds at which rows that are open may close, 0 of others; see `newton_law`.
 

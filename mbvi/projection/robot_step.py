@@ -33,7 +33,7 @@ def scale_rows(
     Parameters
     ----------
     J, W, x, lower, table
-        As of `solve_active_set`; J x is known.
+        See `solve_active_set`; J x is known.
     lengths, d : ndarray, shape (m,)
         Receive the lengths in the metric and the scaled violations.
 
@@ -86,9 +86,9 @@ def natural_residual(
     Parameters
     ----------
     J, A, x, lower, w, table
-        As of `solve_active_set`.
+        See `solve_active_set`.
     lengths, largest
-        As of `scale_rows`.
+        See `scale_rows`.
     u, slack : ndarray, shape (m,)
         Scaled percussions; receives the scaled slacks J w - lower.
     """
@@ -121,9 +121,9 @@ def first_set(W: Array, d: Array, last: Array, S: Array, L: Array, Q: Array, par
     Parameters
     ----------
     W, d, S, L, Q, part, z
-        As of `goldfarb_idnani`.
+        See `goldfarb_idnani`.
     last
-        As of `solve_active_set`.
+        See `solve_active_set`.
     """
     m = len(d)
     chosen, differs = np.empty(m, np.bool_), False

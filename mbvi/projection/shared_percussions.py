@@ -28,7 +28,7 @@ def newton_step(B: Array, u: Array, count: int, rank: int, shift: float, N: Arra
     Parameters
     ----------
     B, u, count, rank
-        As of `least_norm`.
+        See `least_norm`.
     shift : float
         Makes a singular matrix regular.
     N, y : ndarray, shapes (n, n), (n,), n >= rank

@@ -56,7 +56,7 @@ def extract_island(
     Parameters
     ----------
     starts, columns, G, label, local
-        As of `_solve_islands` and `sort_by_island`.
+        See `_solve_islands` and `sort_by_island`.
     rows : ndarray of int, shape (n,)
         Rows of the island.
     own_starts, own_columns, own_G : ndarray, shapes (n + 1,), (k,), (k,)
@@ -119,7 +119,7 @@ def scale_percussions(
     Parameters
     ----------
     starts, columns, G, d, target, u
-        As of `_solve_islands`.
+        See `_solve_islands`.
     residual : float
         The natural residual of u.
     """

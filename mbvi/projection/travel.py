@@ -15,7 +15,7 @@ NEARBY = 0.1
 
 @kernel("f8(f8[:,::1], f8[::1])")
 def largest_travel(squares: Array, displacement: Array) -> float:
-    """Return the largest displacement of a body, as of `ClearanceCache.travel`; squares of shape (families, nv)."""
+    """Return the largest displacement of a body; see `ClearanceCache.travel`; squares of shape (families, nv)."""
     families, n = squares.shape
     most = 0.0
     for i in range(families):
@@ -28,7 +28,7 @@ def largest_travel(squares: Array, displacement: Array) -> float:
 
 @kernel("f8(f8[:,::1], f8[::1])")
 def largest_bend(squares: Array, displacement: Array) -> float:
-    """Return about the second-order part of a gap, as of `ClearanceCache.bend`; its squares, shape (families, nv)."""
+    """Return about the second-order part of a gap; see `ClearanceCache.bend`; its squares, shape (families, nv)."""
     families, n = squares.shape
     most = 0.0
     for i in range(families):

@@ -137,7 +137,7 @@ def advance_by(
     Parameters
     ----------
     mass, parent
-        As of `factor`.
+        See `factor`.
     damping, v, torque, effects, out : ndarray, shape (nv,)
         The diagonal of D, velocity, torques and nonlinear effects, and the result.
     h : float
@@ -189,7 +189,7 @@ def advance_by(
 def advance(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool
 ) -> Array:
-    """Return the velocity after a time h under forces alone, shape (nv,), as of `advance_by`.
+    """Return the velocity after a time h under forces alone, shape (nv,); see `advance_by`.
 
     Raises
     ------
@@ -218,7 +218,7 @@ class TreeFreeMotion:
     Parameters
     ----------
     mass, damping, parent, v, h, torque, effects, twice
-        As of `advance_by`.
+        See `advance_by`.
     """
 
     __slots__ = ("kernel_arguments",)

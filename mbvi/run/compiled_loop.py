@@ -57,7 +57,7 @@ class CompiledLoop:
     mechanism : Mechanism
         The problem's, with a `pin.Data` of its own.
     loop : Loop
-        As of `loop_of`.
+        See `loop_of`.
     guard : TunnellingGuard
         Of the run.
     h : float

@@ -86,7 +86,7 @@ def _choose_rows(
     far : float
         Distance above which two contact points of one constraint count as different [m].
     lever, still
-        As of `record_depth`.
+        See `record_depth`.
     chosen : ndarray of int8, shape (k,)
         Receives 2 for rows that close, 1 for those that may take part, 0 for others.
 

@@ -31,7 +31,7 @@ class Rollouts:
     v : ndarray, shape (n, steps + 1, nv)
         Velocities.
     status : ndarray of int, shape (n,)
-        How each ended, as of `RolloutStatus`; 0 where all went well.
+        How each ended; see `RolloutStatus`; 0 where all went well.
     errors : tuple
         Of each rollout the error that ended it, or None.
     """
@@ -64,7 +64,7 @@ def rollout(
     problem : Problem
         The problem.
     q0, v0 : ndarray, shapes (n, nq) and (n, nv)
-        Initial states, as of `Problem.at`.
+        Initial states; see `Problem.at`.
     steps : int
         Number of steps.
     step : float

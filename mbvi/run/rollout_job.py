@@ -60,7 +60,7 @@ class Job:
     Attributes
     ----------
     q, v, status, errors
-        As of `Rollouts`.
+        See `Rollouts`.
     """
 
     def __init__(

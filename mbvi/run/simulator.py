@@ -75,7 +75,7 @@ class Simulator:
     def reset(
         self, q: Array | Sequence[float] | None = None, v: Array | Sequence[float] | None = None, t: float | None = None
     ) -> tuple[Array, Array]:
-        """Go to a state, as of `Problem.at`; by default that of the problem.
+        """Go to a state; see `Problem.at`; by default that of the problem.
 
         If v is not in T_K(q), the law (8) is applied once.
 

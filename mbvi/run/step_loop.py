@@ -50,15 +50,15 @@ class LoopRecord(NamedTuple):
     number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
         The log: constraints and numbers of rows.
     lever : ndarray, shape (c,)
-        As of `record_depth`.
+        See `record_depth`.
     before : ndarray, shape (4 MOST_ROWS,)
         Room for the percussions at the beginning of a step.
     share, shares : ndarray, shapes (nv,) and (nv, m)
-        As of `TunnellingGuard.shares`.
+        See `TunnellingGuard.shares`.
     thickness : ndarray, shape (m,)
         Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
     slow_speed : float
-        As of `TunnellingGuard`.
+        See `TunnellingGuard`.
     """
 
     t: Array
@@ -114,7 +114,7 @@ def may_pass(
     log : LoopRecord
         With the shares of the guard.
     limit : float
-        As of `TunnellingGuard`.
+        See `TunnellingGuard`.
     """
     n, pairs = log.shares.shape
     before = after = travel = fastest = 0.0
@@ -191,9 +191,9 @@ def run_paoli(
         Numbers of the first step, of that after the last, of the run's last step; one state in `every` is recorded, and
         the last one; number of states recorded before.
     limit : float
-        As of `may_pass`.
+        See `may_pass`.
     still : float
-        As of `record_depth`.
+        See `record_depth`.
 
     Returns
     -------

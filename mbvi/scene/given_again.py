@@ -84,7 +84,7 @@ def given_again(
     Parameters
     ----------
     control, force
-        As of `load`.
+        See `load`.
     scene : str
         What `describe` wrote.
     path : str

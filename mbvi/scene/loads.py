@@ -194,7 +194,7 @@ class LinkForce(_Force):
     centre : ndarray, shape (3,)
         Its centre of mass in that joint's frame [m].
     *force
-        As of `_Force`.
+        See `_Force`.
     """
 
     def __init__(self, robot: ArticulatedSystem, joint: int, centre: Array, *force: Any) -> None:

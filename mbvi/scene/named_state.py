@@ -28,12 +28,12 @@ def named_state(problem: Problem, places: Places, q: _Named | None, v: _Named | 
     places : Places
         The places in q and v of what moves.
     q, v : mapping or None
-        As of `Problem.state`.
+        See `Problem.state`.
 
     Raises
     ------
     InputError
-        As of `Problem.state`.
+        See `Problem.state`.
     """
     robots = {
         part.system.name: part.system

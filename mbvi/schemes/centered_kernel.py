@@ -1,4 +1,4 @@
-"""A step of `Centered` for a mechanism in one kernel; see `mechanism_steps`."""
+"""A step of `Centered` for a mechanism in one kernel; see `phases`."""
 
 from __future__ import annotations
 

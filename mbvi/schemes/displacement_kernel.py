@@ -115,7 +115,7 @@ def displace(
     lower : ndarray, shape (m,)
         How far rows must rise.
     sticks : ndarray of bool, shape (k,) or (0,)
-        As of `Sunk`.
+        See `Sunk`.
     moved, table
         Receive what `solve_active_set` writes.
     """
@@ -149,7 +149,7 @@ def least_displacement(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> int:
     Parameters
     ----------
     s : MechanismStep
-        As of `displace`, with the state at the end of the step.
+        See `displace`, with the state at the end of the step.
     active : RowBuffer
         The active rows there.
     sunk : Sunk

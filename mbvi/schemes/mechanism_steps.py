@@ -28,7 +28,7 @@ class LawMemory(NamedTuple):
     percussion : ndarray, shape (MOST_ROWS,)
         Percussions of the last projection.
     start : ndarray, shape (3 MOST_ROWS,)
-        The start of Coulomb's law, as of `FrictionalStart`.
+        The start of Coulomb's law; see `FrictionalStart`.
     size : ndarray of int, shape (3,)
         How many entries both have, and whether the answer at the start was unique.
     """
@@ -51,11 +51,11 @@ class Scales(NamedTuple):
     residual : float
         Relative residual that a projection may have.
     squares, turn_squares : ndarray, shape (families, nv)
-        As of `ClearanceCache`.
+        See `ClearanceCache`.
     late : ndarray of bool, shape (nv,) or (0,)
         The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
     part : ndarray of int, shape (nv,)
-        As of `independent_parts`.
+        See `independent_parts`.
     theta : float
         Of `MoreauJean`.
     projects : bool

@@ -58,7 +58,7 @@ def contacts_of_rows(
     percussion : ndarray, shape (k,)
         Percussion of each row within the time h [N s, N m s].
     point, normal : ndarray, shape (k, 3)
-        As of `Contact`.
+        See `Contact`.
     h : float
         Length of the step [s]; 0 for an instantaneous impact, whose forces are infinite.
     name : callable

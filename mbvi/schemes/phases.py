@@ -98,9 +98,9 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     h : float
         Length of the step [s].
     twice : bool
-        As of `advance_by`.
+        See `advance_by`.
     opened : ndarray, shape (k,) or (0,)
-        As of `closing_speeds`.
+        See `closing_speeds`.
     """
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual

@@ -50,7 +50,7 @@ def project_rows(
     lower : ndarray, shape (k,)
         Least J w; df/dt is part of it [m/s, rad/s].
     h : float, optional
-        As of `Projector.project`.
+        See `Projector.project`.
     """
     if rows.tangents is None or not rows.tangents.friction.any():
         plain = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)

@@ -91,7 +91,7 @@ def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: 
 def mark_rows(s: MechanismStep, half: float, bounces: bool) -> None:
     """Write what the rows of the law are at the end of the step (`middle`), where they are known.
 
-    `half` is the time from the law to there [s]; `bounces` as of `project_positions`.
+    `half` is the time from the law to there [s]; `bounces` that of `project_positions`.
     """
     rows, marks, known, k, m = s.rows, s.middle, s.ahead, s.rows.size[0], s.ahead.size[0]
     if bounces:
@@ -121,7 +121,7 @@ def join_law(
     Parameters
     ----------
     s, v
-        As of `project_positions`.
+        See `project_positions`.
     half : float
         The time from the law to the end of the step [s].
     near : RowBuffer
@@ -253,7 +253,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
 
 @kernel("void(MechanismStep, Sunk, b1)")
 def move_marks(s: MechanismStep, sunk: Sunk, bounces: bool) -> None:
-    """Write the gaps of the law's rows after the projection; `bounces` as of `project_positions`."""
+    """Write the gaps of the law's rows after the projection; `bounces` that of `project_positions`."""
     marks, known, m = s.middle, s.ahead, s.ahead.size[0]
     for i in range(marks.size[0]):
         marks.gap[i] += inner(marks.J[i], sunk.moved)

@@ -83,7 +83,7 @@ class AppliedLaw(NamedTuple):
     velocity : ndarray, shape (nv,)
         Velocity after.
     rates, residual, slip
-        As of `Step`.
+        See `Step`.
     rows : Rows
         The rows, with the restitution that was used.
     """
@@ -118,7 +118,7 @@ def law(
     rows : Rows
         The active constraints.
     opened : ndarray, shape (k,), optional
-        Speeds at which rows that are open may close, as of `closing_speeds`.
+        Speeds at which rows that are open may close; see `closing_speeds`.
     """
     if rows.rate is None and rows.tangents is None:
         found = projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint, opened)
@@ -176,7 +176,7 @@ def joins(gap: float, change: float, lever: float, tolerance: float) -> bool:
 
 
 def joining(problem: Problem, rows: Rows, change: Array) -> Array:
-    """Return which rows within the margin join the law, shape (k,), as of `joins`; `change` has the same shape."""
+    """Return which rows within the margin join the law, shape (k,); see `joins`; `change` has the same shape."""
     near = problem.constraints.levers(rows.constraint) * rows.gap <= NEAR * problem.tolerance
     return np.asarray(near | (np.abs(change - 2.0 * rows.gap) <= 2.5 * rows.gap))
 

@@ -21,7 +21,7 @@ from .step import STILL
 
 @kernel("b1(MechanismStep, f8[::1], f8, b1[::1], f8[::1])")
 def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Array) -> bool:
-    """Write which rows have a bound, and the least rates, as of `newton_bounds`; return whether some row may bounce.
+    """Write which rows have a bound, and the least rates; see `newton_bounds`; return whether some row may bounce.
 
     Parameters
     ----------
@@ -175,12 +175,12 @@ def displacing_velocity(s: MechanismStep, v: Array, h: float, bound: Array, lowe
     h : float
         Time step [s].
     bound, lower : ndarray, shape (k,)
-        Receive which rows have a bound, and the least rates, as of `newton_bounds`.
+        Receive which rows have a bound, and the least rates; see `newton_bounds`.
 
     Returns
     -------
     code : int
-        As of `project_bounds`.
+        See `project_bounds`.
     removes : bool
         Whether this velocity removes penetration; otherwise `s.v` is the velocity after the step.
     residual : float

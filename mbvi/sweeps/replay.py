@@ -30,7 +30,7 @@ def replay(
     html : path, optional
         Write a page that plays the run, instead of playing it.
     shapes : "visual" or "collision"
-        As of `Trajectory.replay_html`.
+        See `Trajectory.replay_html`.
 
     Returns
     -------

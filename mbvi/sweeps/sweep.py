@@ -107,7 +107,7 @@ def run_study(
     study, points : Study, Points
         What it holds.
     client : Client, optional
-        As of `sweep`.
+        See `sweep`.
     sizes : BatchSizes, optional
         Sizes of the batches.
     """

@@ -199,7 +199,7 @@ def turn_groups(
     Parameters
     ----------
     bodies, group, loose, centre
-        As of `write_groups` and `write_centres`.
+        See `write_groups` and `write_centres`.
     turn : ndarray, shape (n, 3)
         Rotation vector of each representative in the world, or its rate [rad, rad/s].
     q : ndarray, shape (nq,)

@@ -55,7 +55,7 @@ class JointTree(NamedTuple):
     carrier : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
     poses, columns, mass, effects : ndarray
-        The results, as of `Mechanism`.
+        The results; see `Mechanism`.
     base, arm : ndarray, shape (n, 3)
         Origin of the base of each joint, and where the joint is from there, in the world's axes [m].
     motion : ndarray, shape (nv, 6)
@@ -282,7 +282,7 @@ def joint_tree(model: pin.Model, carrier: Array) -> JointTree:
     model : pinocchio.Model
         The mechanism.
     carrier : ndarray of int, shape (nv,)
-        As of `JointTree`.
+        See `JointTree`.
     """
     joints, nv = list(model.joints)[1:], model.nv
     kinds = [_kind(joint) for joint in joints]

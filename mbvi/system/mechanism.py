@@ -109,9 +109,9 @@ def mechanism(model: pin.Model, data: pin.Data, support: Array, tree: JointTree,
     model, data : pinocchio.Model, pinocchio.Data
         The mechanism, and what holds Pinocchio's results.
     support, free : ndarray and FreeLinks
-        As of `Mechanism`.
+        See `Mechanism`.
     tree : JointTree
-        As of `joint_tree`; the record has results of its own, and room.
+        See `joint_tree`; the record has results of its own, and room.
 
     Raises
     ------

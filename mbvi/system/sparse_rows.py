@@ -75,7 +75,7 @@ def write_blocks(
     Parameters
     ----------
     first, second, left, right
-        As of `rows_of_two`.
+        See `rows_of_two`.
     data, columns, starts : ndarray, shapes (2 m b,), (2 m b,), (m + 1,)
         Receive the entries, their columns, and where each row begins.
     """

@@ -123,7 +123,7 @@ def free_velocities(v: Array, pull: Array, axes: Array, factors: Array, h: float
     pull : ndarray, shape (n, 3)
         Accelerations of the centres [m/s^2].
     axes, factors : ndarray, shapes (n, 3, 3) and (n, 3)
-        As of `principal`.
+        See `principal`.
     h : float
         Time [s].
     state : ndarray, shape (2, 3)
@@ -161,7 +161,7 @@ class FreeLinks(NamedTuple):
     centre : ndarray, shape (k, 3)
         Centres of mass, along the principal axes [m].
     axes, moments, factors : ndarray, shapes (k, 3, 3), (k, 3) and (k, 3)
-        As of `principal`.
+        See `principal`.
     state, room : ndarray, shapes (2, 3) and (6, 3)
         Room.
     """
@@ -201,7 +201,7 @@ def free_links(model: pin.Model) -> FreeLinks:
 
 @kernel("void(FreeLinks, f8[::1], f8[::1], f8, f8[::1], f8[::1])")
 def spin_effects(bodies: FreeLinks, v: Array, at: Array, h: float, torque: Array, effects: Array) -> None:
-    """Replace the gyroscopic part of the nonlinear effects of free bodies by its mean over a step, as of `spin`.
+    """Replace the gyroscopic part of the nonlinear effects of free bodies by its mean over a step; see `spin`.
 
     Parameters
     ----------

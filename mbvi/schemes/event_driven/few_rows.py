@@ -48,7 +48,7 @@ def held_rows(rows: SmoothRows, t: float, q: Array, touching: Array, closed: Arr
     Parameters
     ----------
     rows, t, q
-        As of `few_rows`.
+        See `few_rows`.
     touching, closed : ndarray of int
         Rows that touch, all of them, and those of them that are closed.
     """

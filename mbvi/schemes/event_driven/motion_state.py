@@ -28,7 +28,7 @@ class MotionState:
     problem : Problem
         System, constraints and initial state.
     tolerance : float
-        Intended bound of the error, as of `EventDriven`.
+        Intended bound of the error; see `EventDriven`.
     projector : Projector
         Solves the projections.
 
