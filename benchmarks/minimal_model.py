@@ -15,7 +15,7 @@ import numpy as np
 import mbvi
 from mbvi.compiled import compile_all
 from mbvi.constraints import HalfSpaceContacts
-from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape, Sphere
+from mbvi.geometry.shapes.shapes import HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies
 
 ROBOTS = Path(__file__).parents[1] / "robots"

@@ -149,7 +149,7 @@ def falling_lines(name: str, repeats: int) -> tuple[str, list[str], str]:
 def costs(title: str, problem: mbvi.Problem, parts: dict[str, Counts]) -> str:
     """Return a sentence on where the time of a step goes."""
     shapes = [s.shape for s in problem.scene.shapes] if problem.scene is not None else []
-    vertices = sum(len(s.vertices) for s in shapes if isinstance(s, mbvi.geometry.shapes.Hull))
+    vertices = sum(len(s.vertices) for s in shapes if isinstance(s, mbvi.geometry.shapes.shapes.Hull))
     shares = [
         f"{100 * c.search_part:.0f} % of a step of {'the ' * (name == 'default')}{name} are contact searches and "
         f"{100 * c.projection_part:.0f} % projections"

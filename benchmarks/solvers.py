@@ -31,7 +31,7 @@ import numpy as np  # noqa: E402
 import mbvi  # noqa: E402
 from mbvi.errors import ProjectionError  # noqa: E402
 from mbvi.projection import ChosenSolver, Metric, Projector  # noqa: E402
-from mbvi.projection.scaled_qp import ScaledQP  # noqa: E402
+from mbvi.projection.dense.scaled_qp import ScaledQP  # noqa: E402
 
 SOLVERS: dict[str, ChosenSolver | None] = {
     "default": None,

@@ -22,13 +22,14 @@ from .impacts import Forks, forks
 from .problem import Problem
 from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
 from .results import Diagnosis, Impact, Trajectory, load
-from .run.rollout import Rollouts, rollout
-from .run.rollout_job import RolloutStatus
+from .run.rollouts.rollout import Rollouts, rollout
+from .run.rollouts.rollout_job import RolloutStatus
 from .run.simulate import simulate, steps
 from .run.simulator import Simulator
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
-from .sweeps import plot_sweep, replay, sweep
+from .sweeps import plot_sweep, sweep
+from .sweeps.outputs import replay
 from .system import LagrangianSystem
 from .system.controls import CompiledControl, ConstantTorque, PDControl
 

@@ -14,13 +14,13 @@ from .arguments import LARGEST, Array, boolean, finite, positive, shown, vector
 from .arguments import friction as checked_friction
 from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint, ConstraintFamily
-from .constraints.given import checked_constraints
+from .constraints.families.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
 from .system import System, checked_system, parts_of
-from .system.free_body_table import FreeBodyTable, free_body_table
+from .system.free.free_body_table import FreeBodyTable, free_body_table
 
 if TYPE_CHECKING:
-    from .geometry.shapes import HalfSpace, PlacedShape
+    from .geometry.shapes.shapes import HalfSpace, PlacedShape
 
 # gap at and below which a constraint is active, in lengths of the scene
 ACTIVATION = 1e-8

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mbvi.problem import Problem
-    from mbvi.system.articulated import Control
+    from mbvi.system.mechanisms.articulated import Control
 
 _FOLDER = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
 # height of the base while the robot's lowest point is sought [m]

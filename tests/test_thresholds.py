@@ -5,13 +5,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.constraints import JointLimits, cache, half_space, pairs
-from mbvi.projection import fused_step, projector
+from mbvi.constraints import JointLimits, cache
+from mbvi.constraints.families import half_space, pairs
+from mbvi.projection import projector
+from mbvi.projection.dense import fused_step
 from mbvi.run import default_scheme
 from mbvi.scene import assembly
 from mbvi.schemes.event_driven import contact_rows as smooth
 from mbvi.system import blocks as block_systems
-from mbvi.system import bodies, planar, sparse_rows
+from mbvi.system.free import bodies, planar, sparse_rows
 from support.random_scenes import add_robot
 
 SCHEMES = {

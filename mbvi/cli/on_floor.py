@@ -14,10 +14,10 @@ import typer
 
 from ..errors import InadmissibleStartError, InputError
 from ..scene import Scene
-from ..scene.mjcf_file import compiled_model
+from ..scene.mjcf.file import compiled_model
 from ..scene.reductions import DEFAULT_REDUCTIONS
-from ..scene.robot_names import description_file, format_of, is_robot_name
-from ..scene.urdf_checks import read_xml
+from ..scene.urdf.checks import read_xml
+from ..scene.urdf.robot_names import description_file, format_of, is_robot_name
 
 if TYPE_CHECKING:
     from ..problem import Problem

@@ -17,9 +17,9 @@ from ..arguments import positive
 from ..errors import InputError, MbviWarning, TrajectoryFileError
 from ..run.interrupted import save_interrupted
 from ..schemes import EventDriven, Scheme
+from .names.schemes import SchemeName
+from .names.solvers import SolverName
 from .replay import Shapes, page_name, write_page
-from .scheme_names import SchemeName
-from .solver_names import SolverName
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -134,7 +134,7 @@ def chosen_scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | 
 def run_and_print(problem: Problem, request: Request) -> None:
     """Run a problem; print its impacts, energy, penetration and notes, and write its files."""
     from ..compiled import seconds_compiling
-    from ..results.energies import energies
+    from ..results.diagnosis.energies import energies
     from ..run.simulate import simulate as run_problem
 
     scheme, duration, out = request.scheme, request.duration, request.out

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..geometry.shapes import PlacedShape
+    from ..geometry.shapes.shapes import PlacedShape
     from ..problem import Problem
 
 

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..projection.friction import LARGEST_FRICTION
+from ..projection.coulomb.friction import LARGEST_FRICTION
 from ..system import System
-from ..system.sparse_rows import dense
+from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
+from .families.given import as_family
 from .family import ConstraintFamily
-from .given import as_family
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate, take
 from .tangents import Tangents, none_of, tangents_of_mechanism

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..compiled import kernel
 from ..system import System
-from .candidates import PairCandidates
+from .families.candidates import PairCandidates
 from .family import ConstraintFamily
 from .rows import Array, Rows
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..system import System
-from .candidates import PairCandidates
+from .families.candidates import PairCandidates
 from .rows import NO_POINT, Array, Rows
 from .tangents import Tangents, axes_of, tangents_of_mechanism
 

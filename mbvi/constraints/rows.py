@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel
-from ..system.sparse_rows import stack_rows, take_rows, times
+from ..system.free.sparse_rows import stack_rows, take_rows, times
 from . import tangents as tangent_rows
 from .tangents import Tangents
 

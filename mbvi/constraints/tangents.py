@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
-from ..system.articulated import row
-from ..system.sparse_rows import stack_rows, take_rows, times
+from ..system.free.sparse_rows import stack_rows, take_rows, times
+from ..system.mechanisms.articulated import row
 from ..system.system import Kinematics
 
 Array = np.ndarray

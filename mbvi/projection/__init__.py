@@ -1,15 +1,15 @@
 """Projections in the kinetic metric: solvers, metrics and the check of the residual."""
 
 from .acceptance import Acceptance, AcceptedDepth, StatedDepth
-from .dual_active_set import DualActiveSet
+from .coulomb.friction_sparse import project_frictional_sparse
+from .dense.dual_active_set import DualActiveSet
+from .dense.proxqp import ProxQP
+from .dense.scaled_qp import Projection
 from .free_motion import FreeMotion
-from .friction_sparse import project_frictional_sparse
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
 from .projector import ChosenSolver, Projector, checked_solver
-from .proxqp import ProxQP
-from .scaled_qp import Projection
-from .sparse_pcg import SparsePCG
+from .sparse.sparse_pcg import SparsePCG
 from .tree import TreeFreeMotion, TreeMetric
 
 __all__ = [

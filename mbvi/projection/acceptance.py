@@ -10,8 +10,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import ProjectionError
+from .dense.scaled_qp import ScaledQP
 from .metric import Array
-from .scaled_qp import ScaledQP
 
 # error of a rate, in accepted depths per step: an accepted depth also holds what earlier steps left
 _SHARE = 0.25

@@ -12,8 +12,8 @@ from scipy.sparse import csr_array
 
 from ..arguments import array
 from ..errors import InputError
-from .column_blocks import compose, cut
-from .sparse_whitening import whiten_bodies
+from .sparse.column_blocks import compose, cut
+from .sparse.sparse_whitening import whiten_bodies
 
 Array = np.ndarray
 

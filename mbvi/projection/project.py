@@ -7,10 +7,10 @@ from scipy.sparse import csr_array, issparse
 
 from ..arguments import array, shown
 from ..errors import InputError
-from .friction import LARGEST_FRICTION, project_frictional
+from .coulomb.friction import LARGEST_FRICTION, project_frictional
+from .dense.scaled_qp import Projection
 from .metric import Array, Metric, as_metric
 from .projector import Projector
-from .scaled_qp import Projection
 
 
 def project(

@@ -8,16 +8,16 @@ from scipy.sparse import csr_array
 from ..arguments import shown
 from ..errors import InfeasibleError, InputError, ProjectionError
 from .acceptance import OF_MECHANISMS, Acceptance, AcceptedDepth, StatedDepth
-from .column_blocks import touched_columns
-from .dual_active_set import DualActiveSet, dual_active_set
+from .coulomb.friction import FrictionalProjection, FrictionalStart
+from .coulomb.frictional_laws import FrictionalLaws, FrictionalRows
+from .dense.dual_active_set import DualActiveSet, dual_active_set
+from .dense.fused_step import FEW, MOST_FUSED, FusedStep, contradiction
+from .dense.proxqp import ProxQP
+from .dense.scaled_qp import Candidate, Projection, ScaledQP
 from .free_motion import FreeMotion
-from .friction import FrictionalProjection, FrictionalStart
-from .frictional_laws import FrictionalLaws, FrictionalRows
-from .fused_step import FEW, MOST_FUSED, FusedStep, contradiction
 from .metric import Array, DiagonalMetric, Metric
-from .proxqp import ProxQP
-from .scaled_qp import Candidate, Projection, ScaledQP
-from .sparse_pcg import SparsePCG, refine
+from .sparse.column_blocks import touched_columns
+from .sparse.sparse_pcg import SparsePCG, refine
 from .tree import TreeFreeMotion
 from .warm_start import LastPercussions, contact_keys
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .dense.scaled_qp import ScaledQP, WarmStart
 from .metric import Array
-from .scaled_qp import ScaledQP, WarmStart
 
 # contact points of one constraint with keys of their own; further points share the last key
 _POINTS = 64

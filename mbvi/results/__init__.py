@@ -1,7 +1,7 @@
 """Results of runs: trajectories, contacts, diagnosis, files and replays."""
 
-from .diagnosis import Diagnosis
-from .reading import load
+from .diagnosis.diagnosis import Diagnosis
+from .files.reading import load
 from .run_data import Impact
 from .trajectory import Trajectory
 

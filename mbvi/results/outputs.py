@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..arguments import between, choice, file_path, number, positive
 from ..errors import InputError
-from .diagnose import given_or_computed
-from .export import export
+from .diagnosis.diagnose import given_or_computed
+from .files.export import export
 from .run_data import RunData
 from .summary import impact_table
 from .tables import to_pandas, to_xarray
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from .diagnosis import Diagnosis
+    from .diagnosis.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class Outputs(RunData):
         TrajectoryFileError
             If the file cannot be written.
         """
-        from .rerun_file import write_rerun
+        from .files.rerun_file import write_rerun
 
         write_rerun(self, file_path(path))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arguments import integer
-from .energies import end_energies
+from .diagnosis.energies import end_energies
 from .run_data import Impact, RunData
 
 if TYPE_CHECKING:

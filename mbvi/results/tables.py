@@ -8,12 +8,12 @@ import numpy as np
 
 from ..arguments import choice
 from ..errors import InputError
-from .columns import CONTACT_FRICTION, CONTACTS, IMPACT_FRICTION, IMPACTS, STATES, Column
 from .contact_forces import recorded_contacts
 from .coordinates import coordinates
-from .energies import energies_of_run
+from .diagnosis.energies import energies_of_run
+from .files.columns import CONTACT_FRICTION, CONTACTS, IMPACT_FRICTION, IMPACTS, STATES, Column
+from .files.writing import contact_rows, impact_rows
 from .run_data import Array, RunData
-from .writing import contact_rows, impact_rows
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,16 +11,16 @@ import numpy as np
 from ..arguments import between, file_path, number
 from ..errors import InputError
 from .contact_forces import ContactNames, durations, force_on, forces_between, recorded_contacts
-from .diagnose import diagnose
-from .energies import energies_of_run, projection_energies
-from .hdf5 import save
+from .diagnosis.diagnose import diagnose
+from .diagnosis.energies import energies_of_run, projection_energies
+from .files.hdf5 import save
 from .outputs import Outputs
 from .run_data import Array
 from .summary import notebook, summary
 
 if TYPE_CHECKING:
     from ..constraints.contact import Contact
-    from .diagnosis import Diagnosis
+    from .diagnosis.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import DivergedError
-from ..geometry.shapes import HalfSpace, PlacedShape
+from ..geometry.shapes.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
 from ..schemes import Centered, EventDriven, Scheme, StewartTrinkle
 from ..system import System, located_parts, parts_of

@@ -12,7 +12,7 @@ import numpy as np
 from ..problem import Problem
 from ..projection import Projector
 from ..results.contacts import ContactLog
-from ..results.hdf5 import Writer
+from ..results.files.hdf5 import Writer
 from ..results.run_data import Array, Impact, RunRecord
 from ..results.trajectory import Trajectory
 from ..schemes import EventDriven

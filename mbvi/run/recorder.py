@@ -17,7 +17,7 @@ from ..schemes import Scheme, Step, Timing
 from ..schemes.contact_friction import friction_of
 from ..schemes.step import STILL
 from ..system import independent_parts
-from .impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
+from .loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, friction_of_impact, linked
 
 # contact points of one pair in consecutive steps count as the same point within this distance [lengths of the scene]
 _SAME_POINT = 0.1

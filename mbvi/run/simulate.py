@@ -11,18 +11,18 @@ from ..arguments import boolean, choice, file_path, integer, optional, positive,
 from ..errors import InputError, ProjectionError
 from ..problem import Problem, check_kept
 from ..projection import ChosenSolver, Projector, checked_solver
-from ..results.hdf5 import Writer
+from ..results.files.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..schemes import EventDriven, Scheme, Step
 from ..schemes.step import end_at
 from .accuracy import projector_of, residual_note
-from .compiled_loop import compiled_loop
 from .control_stability import failures_with_time, gain_notes
 from .default_scheme import default_scheme, time_stepping
 from .event_loop import run_event_driven
 from .given_scheme import checked_scheme
 from .interrupted import run_so_far
+from .loop.compiled_loop import compiled_loop
 from .progress import Progress
 from .recorder import Recorder
 from .retaken import SolvedSteps

@@ -16,8 +16,8 @@ from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
 from .accuracy import projector_of
 from .default_scheme import time_stepping
-from .loop_scope import is_compiled
-from .mechanism_run import MechanismRun, OwnProblem
+from .loop.loop_scope import is_compiled
+from .loop.mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step
 

@@ -21,16 +21,16 @@ from ..constraints import (
     SphereWalls,
 )
 from ..errors import InputError
-from ..geometry.shape_table import ShapeTable, indexed
-from ..geometry.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
+from ..geometry.shapes.shape_table import ShapeTable, indexed
+from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
 from ..system import BlockSystem, System
-from .actuation import actuated
 from .blocks import Blocks, blocks_of
+from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
-from .pair_settings import LeftOut, LeftOutAround, PairSetting
-from .passing import passing_robots
+from .pairs.passing import passing_robots
+from .pairs.settings import LeftOut, LeftOutAround, PairSetting
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS, Omission
 from .resolve import resolved

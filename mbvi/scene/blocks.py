@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..geometry.shapes import Array, HalfSpace, PlacedShape, Sphere
+from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
-from .certified_disjoint import always_apart
+from .forces.link_centres import with_centres
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
-from .link_centres import with_centres
+from .meshes.simplified import Simplified
+from .pairs.certified_disjoint import always_apart
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
-from .simplified import Simplified
-from .still_joints import counts_joints, without_still_joints
+from .urdf.still_joints import counts_joints, without_still_joints
 
 _PALETTE = (
     (0.20, 0.45, 0.70, 1.0),

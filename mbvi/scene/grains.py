@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arguments import all_positive, array, file_path, optional, positive, vectors
-from ..geometry.orientation import RotationLike, rotation_matrices
-from ..geometry.shapes import Array, Box, Hull
+from ..geometry.shapes.orientation import RotationLike, rotation_matrices
+from ..geometry.shapes.shapes import Array, Box, Hull
 from .inputs import many_masses, mesh_of, scaled
 from .items import BodyItem, SceneItems, SphereItem
 

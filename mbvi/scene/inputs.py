@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments import all_positive, array, positive
 from ..errors import InputError
 from ..geometry.motion import Motion
-from ..geometry.orientation import RotationLike
+from ..geometry.shapes.orientation import RotationLike
 
 Array = np.ndarray
 

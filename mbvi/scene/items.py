@@ -11,11 +11,11 @@ import pinocchio as pin
 from ..arguments import label, made_label
 from ..errors import InputError
 from ..geometry.motion import Motion
-from ..geometry.shapes import Array, Convex, HalfSpace
-from ..geometry.triangles import Surface
-from ..system.articulated import Control
+from ..geometry.shapes.shapes import Array, Convex, HalfSpace
+from ..geometry.shapes.triangles import Surface
+from ..system.mechanisms.articulated import Control
 from .state import State
-from .urdf import Robot
+from .urdf.robot import Robot
 
 SceneControl = Callable[[State], Mapping[str, Any] | None]
 Force = Callable[[float, Array, Array], Any]

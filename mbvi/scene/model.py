@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..constraints import ConstraintFamily
-from ..geometry.shapes import Array, HalfSpace, PlacedShape
+from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
-from .actuation import places_of
+from .forces.actuation import places_of
 from .named_state import named_state
 from .plane import axes_of, check_same_plane
 from .reductions import Omission, savings

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ..arguments import shown
 from ..errors import InadmissibleStartError, InputError
-from ..geometry.shapes import Array, HalfSpace, PlacedShape
+from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System
-from ..system.planar import planar_base
+from ..system.free.planar import planar_base
 from .reductions import Omission
 
 if TYPE_CHECKING:

@@ -25,25 +25,25 @@ from ..arguments import (
 )  # fmt: skip
 from ..errors import InputError, MbviWarning
 from ..geometry.motion import Motion, checked_motion
-from ..geometry.orientation import RotationLike, rotation_matrix
-from ..geometry.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
-from ..system.articulated import Control
-from .actions import Actions
+from ..geometry.shapes.orientation import RotationLike, rotation_matrix
+from ..geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
+from ..system.mechanisms.articulated import Control
 from .assembly import assemble
+from .forces.actions import Actions
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
-from .mjcf_models import MjcfModels
+from .mjcf.added import MjcfModels
 from .overview import overview, overview_html
-from .pair_rules import PairRules
-from .passing import passing_robots
+from .pairs.passing import passing_robots
+from .pairs.rules import PairRules
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
-from .robot_names import description_file
-from .still_joints import checked_locked
-from .urdf import load_robot, robot_name, unfollowed
-from .urdf_checks import check_mass_matrix
-from .urdf_start import initial_state, set_base_velocity
+from .urdf.checks import check_mass_matrix
+from .urdf.robot import load_robot, robot_name, unfollowed
+from .urdf.robot_names import description_file
+from .urdf.start import initial_state, set_base_velocity
+from .urdf.still_joints import checked_locked
 from .walls import Walls
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ import numpy as np
 from ..arguments import SMALLEST, array, file_path, finite, integers, vector
 from ..errors import InputError
 from ..geometry.motion import Motion, checked_motion
-from ..geometry.orientation import RotationLike, rotation_matrix
-from ..geometry.shapes import Array, HalfSpace
-from ..geometry.triangles import Surface
+from ..geometry.shapes.orientation import RotationLike, rotation_matrix
+from ..geometry.shapes.shapes import Array, HalfSpace
+from ..geometry.shapes.triangles import Surface
 from .inputs import scaled
 from .items import SceneItems, SurfaceItem
-from .meshes import triangles_of
+from .meshes.visual import triangles_of
 
 _SIDES = {
     "floor": (0, 0, 1),

@@ -12,10 +12,10 @@ from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .centered_kernel import centered_step
-from .closed_contacts import Applied
-from .nearby_rows import NearbyRows
-from .position_projection import project_positions
+from .kernels.centered import centered_step
+from .positions.closed_contacts import Applied
+from .positions.nearby_rows import NearbyRows
+from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
 

@@ -9,10 +9,10 @@ from ..constraints.rows import take
 from ..problem import Problem
 from ..projection import Projector
 from ..system.system import Array
-from .closed_contacts import Applied
-from .nearby_rows import NearbyRows
-from .paoli_kernel import paoli_step
-from .position_projection import project_positions
+from .kernels.paoli import paoli_step
+from .positions.closed_contacts import Applied
+from .positions.nearby_rows import NearbyRows
+from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, closing_speeds, joining, law, near_margin
 

@@ -13,12 +13,12 @@ from ..problem import Problem
 from ..projection import Projector
 from ..system import Spheres
 from ..system.system import Array
-from .end_repair import near_rows, repair
-from .open_gaps import bouncing_velocities, displacing_velocity, open_gaps
+from .kernels.stewart_trinkle import RETRY_DEPTH, stewart_trinkle_step
+from .positions.end_repair import near_rows, repair
+from .positions.open_gaps import bouncing_velocities, displacing_velocity, open_gaps
 from .row_projection import RowProjection, slip_rates
 from .scheme import Scheme, Timing
 from .step import Step
-from .stewart_trinkle_kernel import RETRY_DEPTH, stewart_trinkle_step
 
 # most retries of a step with added rows
 _MOST_RETRIES = 6

@@ -17,7 +17,7 @@ from typing import Any
 
 from ..compiled import seconds_compiling
 from ..errors import InputError
-from ..results.versions import versions
+from ..results.files.versions import versions
 from .one_run import killed_row, row_of
 from .rows import STATUS, Row, read_file, write_rows
 from .study import StudyFolder, written

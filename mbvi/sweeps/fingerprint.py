@@ -13,7 +13,7 @@ import numpy as np
 from ..arguments import shown
 from ..errors import InputError
 from ..problem import Problem
-from ..scene.description import describe
+from ..scene.saved.description import describe
 
 # what else a function names may change while it runs, such as a list that keeps what was built
 _CONSTANTS = (bool, int, float, complex, str, bytes, type(None), tuple, frozenset, np.ndarray, np.generic, Problem)

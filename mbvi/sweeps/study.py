@@ -17,7 +17,7 @@ from typing import Any
 
 from ..arguments import shown
 from ..errors import InputError, TrajectoryFileError
-from ..results.versions import versions
+from ..results.files.versions import versions
 from .fingerprint import digest
 from .points import Points
 

@@ -111,7 +111,7 @@ def run_study(
     sizes : BatchSizes, optional
         Sizes of the batches.
     """
-    from .dataset import dataset
+    from .outputs.dataset import dataset
 
     with folder.alone():
         missing = missing_runs(folder, len(points))

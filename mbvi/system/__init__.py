@@ -1,12 +1,12 @@
 """Mechanical systems: mass matrix M(q), forces g(t, q, v), and the retraction q + h v of their configurations."""
 
 from .actuated import ActuatedSystem
-from .articulated import ArticulatedSystem
 from .blocks import BlockSystem
-from .bodies import FreeBodies, Spheres
+from .free.bodies import FreeBodies, Spheres
+from .free.planar import PlanarBodies, PlanarSpheres
 from .given_system import checked_system
 from .lagrangian import LagrangianSystem
-from .planar import PlanarBodies, PlanarSpheres
+from .mechanisms.articulated import ArticulatedSystem
 from .system import System, independent_parts, located_parts, parts_of
 
 __all__ = [

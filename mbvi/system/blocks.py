@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..projection import BlockMetric, FreeMotion, TreeFreeMotion
-from .sparse_rows import MOST_DENSE, rows_from, side_by_side
+from .free.sparse_rows import MOST_DENSE, rows_from, side_by_side
 from .system import Array, Part, System
 
 

@@ -13,7 +13,7 @@ from ..compiled import plain_array
 from ..errors import InputError
 from .control_table import FUNCTION, HELD, ControlTable, tracking, write_torque
 from .given import called
-from .named_joints import expanded, in_order
+from .mechanisms.named_joints import expanded, in_order
 from .system import Array
 
 # by how much a time may differ from that of a step by rounding [steps]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.shapes import Box, Capsule, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Sphere
 from mbvi.problem import Problem
 from mbvi.scene import Scene
 

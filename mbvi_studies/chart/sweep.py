@@ -14,7 +14,7 @@ import numpy as np
 from mbvi.compiled import compile_all
 from mbvi.errors import MbviWarning
 from mbvi.problem import Problem
-from mbvi.results.energies import energies
+from mbvi.results.diagnosis.energies import energies
 from mbvi.results.trajectory import Trajectory
 from mbvi.run.simulate import simulate
 from mbvi.schemes import EventDriven

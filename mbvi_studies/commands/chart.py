@@ -10,7 +10,7 @@ import typer
 
 from mbvi.arguments import positive
 from mbvi.cli.help_texts import examples
-from mbvi.cli.scheme_names import SchemeName
+from mbvi.cli.names.schemes import SchemeName
 from mbvi.errors import InputError
 
 from ..pictures import check_pictures

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from mbvi.errors import MbviError
-from mbvi.geometry.shapes import Box, Sphere
+from mbvi.geometry.shapes.shapes import Box, Sphere
 from mbvi.problem import Problem
 from mbvi.run.simulate import steps
 from mbvi.schemes import Centered

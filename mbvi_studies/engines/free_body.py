@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbvi.geometry.shapes import Box, Sphere
+from mbvi.geometry.shapes.shapes import Box, Sphere
 
 from .bodies import Bodies, Body, NoModelError, Poses
 from .rig import Array, Rig, State

@@ -11,7 +11,7 @@ import dartpy as dart
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.shapes import Box, Sphere
+from mbvi.geometry.shapes.shapes import Box, Sphere
 
 from .bodies import Bodies, Body, Poses
 from .rig import Array, Rig, State

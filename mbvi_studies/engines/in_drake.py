@@ -28,7 +28,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry import shapes as ours
+from mbvi.geometry.shapes import shapes as ours
 
 from .bodies import Bodies, Poses
 from .rig import Array, Rig, State

@@ -8,7 +8,7 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from mbvi.geometry.shapes import Sphere
+from mbvi.geometry.shapes.shapes import Sphere
 
 from .bodies import Bodies, Poses, rotated
 from .rig import Array, Rig, State

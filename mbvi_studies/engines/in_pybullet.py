@@ -11,7 +11,7 @@ import numpy as np
 import pybullet as p
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.shapes import Box, Capsule, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Sphere
 
 from .bodies import Bodies, Body, Poses
 from .rig import Array, Rig, State

@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, DiscreteContactApproximation
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
-from mbvi.geometry.shapes import Box, Capsule, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Sphere
 
 from ..chart.piles import Pile, PilePoses
 from .discrete_drake import SETTING, DiscreteDrake

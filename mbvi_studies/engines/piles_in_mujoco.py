@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from mbvi.geometry.shapes import Box, Capsule, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Sphere
 
 from ..chart.errors import Array
 from ..chart.piles import Pile, PilePoses

@@ -15,10 +15,10 @@ from mujoco import rollout
 
 from mbvi.arguments import Array
 from mbvi.errors import InputError
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.problem import BuiltScene, Problem
 from mbvi.system import ArticulatedSystem
-from mbvi.system.articulated import Control
+from mbvi.system.mechanisms.articulated import Control
 
 # mass matrix and gravity must agree to this, relative to their largest entries
 _AGREEMENT = 1e-6

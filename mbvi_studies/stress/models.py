@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.shapes import Box, Sphere
+from mbvi.geometry.shapes.shapes import Box, Sphere
 from mbvi.problem import Problem
 from mbvi.system.system import Array
 

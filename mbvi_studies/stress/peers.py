@@ -10,7 +10,7 @@ from itertools import product
 from typing import Any
 
 from mbvi.compiled import compile_all
-from mbvi.results.energies import energies
+from mbvi.results.diagnosis.energies import energies
 from mbvi.results.trajectory import Trajectory
 
 from ..chart.workers import worker

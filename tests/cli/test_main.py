@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.cli.scheme_names import SchemeName
-from mbvi.cli.solver_names import SolverName
+from mbvi.cli.names.schemes import SchemeName
+from mbvi.cli.names.solvers import SolverName
 from mbvi.shipped import robot_path
 from support.paths import ROBOTS
 from support.programs import run

@@ -90,7 +90,7 @@ def test_a_kernel_that_is_in_the_cache_needs_no_others_to_be_loaded(tmp_path):
     code = """
 import numpy as np
 from mbvi.compiled import KERNELS
-from mbvi.geometry.normal_search import normalise
+from mbvi.geometry.narrow.normal_search import normalise
 a = np.array([3.0, 0.0, 4.0])
 assert normalise(a) == 5.0
 print(sum(item._code is not None for item in KERNELS))
@@ -156,7 +156,7 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_elsewhere_has_changed(
     package, cache_ = copy_of_the_package(tmp_path), str(tmp_path / "cache")
     code = """
 import numpy as np
-from mbvi.geometry.kinks import multipliers
+from mbvi.geometry.narrow.kinks import multipliers
 found = np.zeros(1)
 multipliers(np.array([1.0, 0.0, 0.0]), np.array([[1.0, 1.0, 0.0]]), 1, found)
 print(found[0])
@@ -175,7 +175,7 @@ NORMALISE = """
 import numpy as np
 import mbvi.compiled.kernels as kernels
 kernels._announce = lambda name: print("compiling", name)
-from mbvi.geometry.normal_search import normalise
+from mbvi.geometry.narrow.normal_search import normalise
 print(normalise(np.array([3.0, 0.0, 4.0])))
 """
 

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereCentres, SphereContacts, SphereWalls
-from mbvi.geometry.shape_table import indexed
-from mbvi.geometry.shapes import Box, Capsule, HalfSpace, PlacedShape
-from mbvi.geometry.verlet_list import VerletList, near_balls
+from mbvi.geometry.broad.verlet_list import VerletList, near_balls
+from mbvi.geometry.shapes.shape_table import indexed
+from mbvi.geometry.shapes.shapes import Box, Capsule, HalfSpace, PlacedShape
 from mbvi.system import BlockSystem, FreeBodies, Spheres
 
 SEEDS = st.integers(0, 10_000)

@@ -282,4 +282,4 @@ def test_only_the_adapter_looks_at_types_and_attributes_of_constraints():
         for file in package.rglob("*.py")
         if looks.search(file.read_text(encoding="utf-8"))
     }
-    assert found == {"constraints/given.py"}
+    assert found == {"constraints/families/given.py"}

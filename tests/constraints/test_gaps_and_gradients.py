@@ -10,14 +10,14 @@ import pytest
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, JointLimits, SignedDistances, SphereCentres, SphereContacts
-from mbvi.constraints.half_space import few_points_within, points_within
-from mbvi.geometry.pair_distances import distances_from_axes
-from mbvi.geometry.primitive_pairs import NONE
-from mbvi.geometry.refined_distance import UNIQUE
-from mbvi.geometry.shape_table import indexed
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.geometry.spread import FEW_POINTS
-from mbvi.geometry.support_points import Points, points_below
+from mbvi.constraints.families.half_space import few_points_within, points_within
+from mbvi.geometry.closed_form.primitive_pairs import NONE
+from mbvi.geometry.narrow.pair_distances import distances_from_axes
+from mbvi.geometry.narrow.refined_distance import UNIQUE
+from mbvi.geometry.narrow.spread import FEW_POINTS
+from mbvi.geometry.narrow.support_points import Points, points_below
+from mbvi.geometry.shapes.shape_table import indexed
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies, Spheres
 from support.kernel_arguments import few_points_within as few_points_arguments
 from support.paths import ROBOTS

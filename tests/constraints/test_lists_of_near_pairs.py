@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.constraints import BroadPhasePairs, SignedDistances, SphereCentres, SphereWalls
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.system import FreeBodies
 
 SEEDS = st.integers(0, 10_000)

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from mbvi.geometry.fewer_vertices import _distances, _needed, fewer_vertices
-from mbvi.geometry.fit_primitive import fit_primitive
-from mbvi.geometry.shapes import Hull
+from mbvi.geometry.shapes.fewer_vertices import _distances, _needed, fewer_vertices
+from mbvi.geometry.shapes.fit_primitive import fit_primitive
+from mbvi.geometry.shapes.shapes import Hull
 from support.plain.triangles import nearest_on_triangles
 
 

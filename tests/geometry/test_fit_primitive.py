@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.geometry.fit_primitive import fit_primitive
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, Sphere
+from mbvi.geometry.shapes.fit_primitive import fit_primitive
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Hull, Sphere
 
 BOX = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.15, 0.15) for z in (-0.05, 0.05)])
 

@@ -9,10 +9,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, SignedDistances
-from mbvi.geometry.flat_faces import flat_faces
-from mbvi.geometry.shape_table import indexed
-from mbvi.geometry.shapes import Box, HalfSpace, Hull, PlacedShape
-from mbvi.geometry.spread import FEW_POINTS, FLAT, few_corners, one_face
+from mbvi.geometry.narrow.spread import FEW_POINTS, FLAT, few_corners, one_face
+from mbvi.geometry.shapes.flat_faces import flat_faces
+from mbvi.geometry.shapes.shape_table import indexed
+from mbvi.geometry.shapes.shapes import Box, HalfSpace, Hull, PlacedShape
 from mbvi.projection import project
 from mbvi.projection.projector import Projector
 from mbvi.system import FreeBodies

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbvi.constraints import HalfSpaceContacts
-from mbvi.geometry.hull_graph import neighbours, outermost
-from mbvi.geometry.shapes import HalfSpace, Hull, PlacedShape
-from mbvi.geometry.spread import BESIDE, FEW_POINTS, spread_out
+from mbvi.geometry.narrow.spread import BESIDE, FEW_POINTS, spread_out
+from mbvi.geometry.shapes.hull_graph import neighbours, outermost
+from mbvi.geometry.shapes.shapes import HalfSpace, Hull, PlacedShape
 from mbvi.projection import project
 from mbvi.system import FreeBodies
 from support.comparisons import beside

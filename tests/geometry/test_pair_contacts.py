@@ -11,9 +11,9 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 import mbvi
 from mbvi.constraints import SignedDistances
-from mbvi.geometry.convex_polygon import common_polygon, convex_hull
-from mbvi.geometry.shape_table import indexed
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
+from mbvi.geometry.closed_form.convex_polygon import common_polygon, convex_hull
+from mbvi.geometry.shapes.shape_table import indexed
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Hull, PlacedShape
 from mbvi.system import FreeBodies
 from support.comparisons import beside
 from support.distance_kernel_arguments import rotation

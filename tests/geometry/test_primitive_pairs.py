@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
-from mbvi.geometry.refined_distance import FAILED
-from mbvi.geometry.separating_axis import SeparatingAxes
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.broad.separating_axis import SeparatingAxes
+from mbvi.geometry.closed_form.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
+from mbvi.geometry.narrow.refined_distance import FAILED
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from support.distance_kernel_arguments import refined, separated
 from support.polyhedron_overlap import overlap
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbvi.geometry.pair_distances import distances_from_axes
-from mbvi.geometry.proved_depth import better_direction, disc_radius, least_within
-from mbvi.geometry.separating_axis import SeparatingAxes, place_pair
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape
+from mbvi.geometry.broad.separating_axis import SeparatingAxes, place_pair
+from mbvi.geometry.narrow.pair_distances import distances_from_axes
+from mbvi.geometry.narrow.proved_depth import better_direction, disc_radius, least_within
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape
 from support.distance_kernel_arguments import rotation, unit
 from support.polyhedron_overlap import overlap
 

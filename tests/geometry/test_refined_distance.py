@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
-from mbvi.geometry import refined_distance
-from mbvi.geometry.refined_distance import FAILED, FLAT, UNIQUE
-from mbvi.geometry.separating_axis import SeparatingAxes
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
+from mbvi.geometry.broad.separating_axis import SeparatingAxes
+from mbvi.geometry.narrow import refined_distance
+from mbvi.geometry.narrow.refined_distance import FAILED, FLAT, UNIQUE
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, PlacedShape, Sphere
 from support.distance_kernel_arguments import SHAPES, refined, rotation, separated, unit
 from support.plain.separating_axis import _compose, reach_plain
 

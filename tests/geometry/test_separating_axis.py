@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.constraints import SignedDistances
-from mbvi.geometry.separating_axis import SeparatingAxes
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.broad.separating_axis import SeparatingAxes
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from mbvi.projection import Projector
 from support.paths import ROBOTS
 

@@ -7,7 +7,7 @@ import pytest
 
 import mbvi
 from mbvi.projection import DenseMetric, Projector
-from mbvi.projection.dual_active_set import dual_active_set
+from mbvi.projection.dense.dual_active_set import dual_active_set
 
 
 def dependent_rows(rng, rows, velocities):
@@ -39,7 +39,7 @@ def test_a_working_set_of_many_rows_gives_the_answer_of_all(seed, monkeypatch):
     d = -(A.T @ x)
     d /= d.max()
     whole = dual_active_set(A, d)
-    monkeypatch.setattr("mbvi.projection.dual_active_set._WORKING", 12)
+    monkeypatch.setattr("mbvi.projection.dense.dual_active_set._WORKING", 12)
     some = dual_active_set(A, d)
     assert np.allclose(some.z, whole.z, atol=1e-10 * np.abs(whole.z).max())
     assert not some.stopped
@@ -50,7 +50,7 @@ def test_a_working_set_of_many_rows_gives_the_answer_of_all(seed, monkeypatch):
 def test_an_error_says_which_bound_ended_the_solver(monkeypatch):
     rng = np.random.default_rng(0)
     x, J = dependent_rows(rng, 60, 12)
-    monkeypatch.setattr("mbvi.projection.proxqp._ITERATIONS", 1)
-    monkeypatch.setattr("mbvi.projection.proxqp._FEWEST_ITERATIONS", 1)
+    monkeypatch.setattr("mbvi.projection.dense.proxqp._ITERATIONS", 1)
+    monkeypatch.setattr("mbvi.projection.dense.proxqp._FEWEST_ITERATIONS", 1)
     with pytest.raises(mbvi.ProjectionError, match="after 1 iterations"):
         Projector(1e-12, mbvi.ProxQP()).project(x, DenseMetric(np.eye(12)), J, np.zeros(60))

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array, hstack, random_array
 
-from mbvi.projection.column_blocks import compose, cut
+from mbvi.projection.sparse.column_blocks import compose, cut
 
 
 def blocks(seed):

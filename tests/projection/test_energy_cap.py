@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mbvi.projection.energy_cap import capped_restitution, energy_gain
-from mbvi.projection.friction import project_frictional
+from mbvi.projection.coulomb.energy_cap import capped_restitution, energy_gain
+from mbvi.projection.coulomb.friction import project_frictional
 from mbvi.projection.metric import DenseMetric
 
 EXAMPLES = settings(max_examples=60, deadline=None)

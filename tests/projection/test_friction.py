@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.projection.coulomb_contact import coulomb_defect
-from mbvi.projection.existence import existence_margin
-from mbvi.projection.friction import project_frictional
+from mbvi.projection.coulomb.existence import existence_margin
+from mbvi.projection.coulomb.friction import project_frictional
+from mbvi.projection.coulomb.one_contact import coulomb_defect
 from mbvi.projection.metric import DenseMetric, as_metric
 
 EXAMPLES = settings(max_examples=60, deadline=None)

@@ -8,8 +8,8 @@ from scipy.sparse import block_array, csr_array
 
 import mbvi
 from mbvi.projection import DiagonalMetric, Projector, project_frictional_sparse
-from mbvi.projection.coulomb_sweeps import accelerated_contacts
-from mbvi.projection.friction import project_frictional
+from mbvi.projection.coulomb.friction import project_frictional
+from mbvi.projection.coulomb.sweeps import accelerated_contacts
 from support.contact_block_arguments import packed
 from support.friction_heap import law_residual, of_normals, sphere_heap
 

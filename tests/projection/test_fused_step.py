@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.projection import DenseMetric, Projector
-from mbvi.projection.fused_step import FusedStep
-from mbvi.projection.scaled_qp import ScaledQP
-from mbvi.projection.shared_percussions import least_norm
+from mbvi.projection.dense.fused_step import FusedStep
+from mbvi.projection.dense.scaled_qp import ScaledQP
+from mbvi.projection.dense.shared_percussions import least_norm
 from mbvi.projection.warm_start import LastPercussions
 from support.robot_problems import problem_of
 

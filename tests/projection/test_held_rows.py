@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbvi.projection.held_rows import FARTHEST, HARDLY, held_tangents, hold_rows, raises_near
+from mbvi.projection.positions.held_rows import FARTHEST, HARDLY, held_tangents, hold_rows, raises_near
 from mbvi.projection.tree import TreeMetric, solve
 
 PARENT = np.array([-1, 0, 1, 2, 3, 4, 5, 6, 5, 8])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.projection.fused_step import FusedStep
+from mbvi.projection.dense.fused_step import FusedStep
 
 sizes = st.integers(1, 7)
 seeds = st.integers(0, 2**32 - 1)

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 
 from mbvi.errors import ProjectionError
 from mbvi.projection import Acceptance, AcceptedDepth, DenseMetric, DiagonalMetric, Projector, StatedDepth
-from mbvi.projection.coulomb_contact import coulomb_defect
+from mbvi.projection.coulomb.one_contact import coulomb_defect
 
 H, TOLERANCE, DEPTH = 1e-3, 1e-8, 1e-6
 SEEDS = range(6)

@@ -9,9 +9,9 @@ from scipy.sparse import csr_array, vstack
 import mbvi
 from mbvi.compiled import compile_all
 from mbvi.projection import BodiesMetric, DiagonalMetric, Projector
-from mbvi.projection.accelerated_sweeps import accelerated_sweeps, extrapolate, sweep
-from mbvi.projection.refinement import refine_subset, solve_island
-from mbvi.system.sparse_rows import rows_of_two
+from mbvi.projection.sparse.accelerated_sweeps import accelerated_sweeps, extrapolate, sweep
+from mbvi.projection.sparse.refinement import refine_subset, solve_island
+from mbvi.system.free.sparse_rows import rows_of_two
 
 SEEDS = st.integers(0, 10_000)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import mbvi
-from mbvi.results.diagnose import given_or_computed
+from mbvi.results.diagnosis.diagnose import given_or_computed
 from mbvi.results.plots.panel import BINS, Curve, thinned
 from mbvi.results.plots.quantities import panels
 from support.paths import ROBOTS

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.results import checked_file, verification, writing
-from mbvi.results.pages import damaged_pages, find_record
+from mbvi.results.files import checked_file, verification, writing
+from mbvi.results.files.pages import damaged_pages, find_record
 from support.comparisons import same_states
 from support.faults import damaged_files as faults
 from support.paths import DATA, ROBOTS
@@ -142,7 +142,7 @@ def test_a_kill_between_any_two_writes_leaves_all_that_was_committed(every, kind
         same_states(back, whole)
         seen.append((len(back.t), back.complete))
 
-    monkeypatch.setattr("mbvi.results.writing._PIECE", 1 << 15)
+    monkeypatch.setattr("mbvi.results.files.writing._PIECE", 1 << 15)
     observed(monkeypatch, look)
     whole.save(tmp_path / "run.h5")
     assert seen == sorted(seen) and seen[-1][0] == len(whole.t) and len({n for n, _ in seen}) > 1

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from mbvi.run import compiled_loop
+from mbvi.run.loop import compiled_loop
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import AcceptedDepth, DiagonalMetric, Projector
-from mbvi.projection.scaled_qp import ScaledQP
+from mbvi.projection.dense.scaled_qp import ScaledQP
 from mbvi.run.accuracy import smallest_size
 from mbvi_studies.chart import piles
 from support.paths import ROBOTS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import compiled_loop
+from mbvi.run.loop import compiled_loop
 from support.paths import ROBOTS
 
 SIMULATE = sys.modules["mbvi.run.simulate"]

@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.constraints.mechanism_tables import copy_row
-from mbvi.run import compiled_loop
+from mbvi.constraints.mechanism.tables import copy_row
 from mbvi.run.accuracy import projector_of
-from mbvi.run.compiled_loop import Patience
+from mbvi.run.loop import compiled_loop
+from mbvi.run.loop.compiled_loop import Patience
 from mbvi.run.recorder import Recorder
 from mbvi.run.sleeping import Sleepers
 from mbvi.run.tunnelling import TunnellingGuard
-from mbvi.schemes import Step, open_gaps, position_projection, stewart_trinkle
-from mbvi.schemes.mechanism_steps import BOUNCES
+from mbvi.schemes import Step, stewart_trinkle
+from mbvi.schemes.kernels.records import BOUNCES
+from mbvi.schemes.kernels.stewart_trinkle import lower_to_the_end
+from mbvi.schemes.positions import open_gaps, position_projection
 from mbvi.schemes.step import NO_RATES
-from mbvi.schemes.stewart_trinkle_kernel import lower_to_the_end
 from mbvi_studies.published_robots import PUBLISHED as PUBLISHED_ROBOTS
 from mbvi_studies.published_robots import published_robot
 from support.loop_arguments import (
@@ -622,7 +623,7 @@ def test_stewart_trinkle_takes_the_loop_only_with_one_mechanism(always, loops):
 def test_without_calls_by_address_the_run_is_the_same_and_says_so(loops, monkeypatch):
     problem = quadruped(0.5, 0.6)
     run = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.15, progress=False)
-    monkeypatch.setattr("mbvi.system.articulated.reason_for_bindings", lambda: "another library")
+    monkeypatch.setattr("mbvi.system.mechanisms.articulated.reason_for_bindings", lambda: "another library")
     other = mbvi.simulate(copied(problem), mbvi.Paoli(), step=STEP, duration=0.15, progress=False)
     assert loops[0] is not None
     assert loops[1] is None

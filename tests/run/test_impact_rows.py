@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from mbvi.run.impact_rows import NO_ROWS, LaterRows, RecentPercussions, linked
+from mbvi.run.loop.impact_rows import NO_ROWS, LaterRows, RecentPercussions, linked
 
 
 def components(jacobian, chosen, seeds, parts):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run import compiled_loop
+from mbvi.run.loop import compiled_loop
 from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
 from support.paths import EXAMPLES, ROBOTS, real_robot

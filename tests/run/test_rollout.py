@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.run.rollout_job import RolloutStatus
+from mbvi.run.rollouts.rollout_job import RolloutStatus
 from support.paths import ROBOTS
 from support.robot_problems import problem_of
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.constraints.signed_distance import SignedDistances
-from mbvi.geometry.sweep import may_pass
+from mbvi.constraints.families.signed_distance import SignedDistances
+from mbvi.geometry.broad.sweep import may_pass
 from mbvi.shipped import robot_path
 
 SCHEMES = [

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.geometry.shapes import Box, Hull
-from mbvi.scene.description import describe, restore
+from mbvi.geometry.shapes.shapes import Box, Hull
+from mbvi.scene.saved.description import describe, restore
 
 LINK = """<link name="{name}">
 <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>

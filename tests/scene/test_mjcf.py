@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.geometry.shapes import Hull
+from mbvi.geometry.shapes.shapes import Hull
 
 mujoco = pytest.importorskip("mujoco")
 

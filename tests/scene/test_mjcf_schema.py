@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.scene.mjcf_schema import unknown_parts
+from mbvi.scene.mjcf.schema import unknown_parts
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -7,8 +7,8 @@ import pytest
 
 import mbvi
 from mbvi.constraints import HalfSpaceContacts, SignedDistances
-from mbvi.geometry.shapes import PlacedShape, Sphere
-from mbvi.scene.description import describe, restore
+from mbvi.geometry.shapes.shapes import PlacedShape, Sphere
+from mbvi.scene.saved.description import describe, restore
 from mbvi.system import FreeBodies
 from support.paths import ROBOTS, real_robot
 from support.poses import places_of

@@ -355,7 +355,7 @@ def test_a_single_joint_strikes_a_wall(tmp_path):
 
 
 def test_a_round_mesh_with_too_many_neighbours_is_thinned(rng):
-    from mbvi.geometry.shapes import Hull
+    from mbvi.geometry.shapes.shapes import Hull
 
     angle = np.linspace(0, 2 * np.pi, 500, endpoint=False)
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(500)], axis=1)

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mbvi.geometry.shapes import Box, Capsule, Hull, PlacedShape, Sphere, length_unit
-from mbvi.scene.self_pairs import Overlaps
+from mbvi.geometry.shapes.shapes import Box, Capsule, Hull, PlacedShape, Sphere, length_unit
+from mbvi.scene.urdf.self_pairs import Overlaps
 
 _TOUCHING = 1e-5
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 import mbvi
-from mbvi.run.compiled_loop import LONG
-from mbvi.run.loop_scope import is_compiled
+from mbvi.run.loop.compiled_loop import LONG
+from mbvi.run.loop.loop_scope import is_compiled
 from mbvi_studies.chart.errors import fitted_order
 from support.paths import ROBOTS, real_robot
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.schemes.end_repair import near_rows, repair
+from mbvi.schemes.positions.end_repair import near_rows, repair
 
 EDGE = 0.04
 

@@ -9,7 +9,7 @@ import pytest
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.results.energies import energy_of_projection
+from mbvi.results.diagnosis.energies import energy_of_projection
 from support.robot_problems import OWN, REAL, path_of
 
 SCHEMES = {"default": mbvi.Centered(project_positions=True), "moreau_jean": mbvi.MoreauJean(project_positions=True)}

@@ -8,9 +8,9 @@ import mbvi
 from mbvi.constraints.rows import take
 from mbvi.projection import Projector
 from mbvi.projection.metric import BlockMetric, BodiesMetric, DenseMetric
-from mbvi.schemes.closed_contacts import Applied
-from mbvi.schemes.least_displacement import _held
-from mbvi.schemes.position_projection import _sticking
+from mbvi.schemes.positions.closed_contacts import Applied
+from mbvi.schemes.positions.least_displacement import _held
+from mbvi.schemes.positions.position_projection import _sticking
 
 G = 9.81
 

@@ -7,7 +7,7 @@ import mbvi
 from mbvi import motion
 from mbvi.constraints.rows import take
 from mbvi.projection import FreeMotion, Projector
-from mbvi.schemes import position_projection
+from mbvi.schemes.positions import position_projection
 from mbvi.schemes.step import closing_speeds, law
 
 QUADRUPED = "robots/quadruped/quadruped.urdf"

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.run import compiled_loop
-from mbvi.system.free_momentum import keep_momentum
+from mbvi.run.loop import compiled_loop
+from mbvi.system.free.free_momentum import keep_momentum
 from support.momentum import momentum
 
 SIMULATE = sys.modules["mbvi.run.simulate"]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.constraints import AdmissibleSet
-from mbvi.schemes.nearby_rows import NearbyRows
+from mbvi.schemes.positions.nearby_rows import NearbyRows
 from support.paths import ROBOTS
 
 

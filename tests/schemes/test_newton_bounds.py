@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import mbvi
 from mbvi import packing
 from mbvi.projection import Projector
-from mbvi.schemes.newton_bounds import newton_bounds
+from mbvi.schemes.positions.newton_bounds import newton_bounds
 from mbvi.shipped import robot_path
 from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS

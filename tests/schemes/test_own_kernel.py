@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import mbvi
-from mbvi.run.kernel_scheme import KernelScheme
+from mbvi.run.loop.kernel_scheme import KernelScheme
 from mbvi.schemes import Scheme, Step, Timing
-from mbvi.schemes.phases import DONE, Array, MechanismStep, find, jump, kernel, move
+from mbvi.schemes.kernels.phases import DONE, Array, MechanismStep, find, jump, kernel, move
 from mbvi.schemes.step import NO_RATES, law
 from support.paths import ROBOTS
 

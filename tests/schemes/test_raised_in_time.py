@@ -7,7 +7,7 @@ import pytest
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.schemes import least_displacement, position_projection
+from mbvi.schemes.positions import least_displacement, position_projection
 from support.paths import real_robot
 from support.robot_problems import OWN, path_of
 

@@ -7,10 +7,11 @@ import pytest
 
 import mbvi
 from mbvi.projection import DenseMetric, FreeMotion, Projector
-from mbvi.schemes import Step, position_projection
-from mbvi.schemes.closed_contacts import Applied
-from mbvi.schemes.nearby_rows import NearbyRows
-from mbvi.schemes.position_projection import project_positions
+from mbvi.schemes import Step
+from mbvi.schemes.positions import position_projection
+from mbvi.schemes.positions.closed_contacts import Applied
+from mbvi.schemes.positions.nearby_rows import NearbyRows
+from mbvi.schemes.positions.position_projection import project_positions
 from support.robot_problems import problem_of
 
 STEP, DRIFT, TOLERANCE = 1.0, 0.5, 1e-8

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import mbvi
-from mbvi.run.compiled_loop import LONG
-from mbvi.run.loop_scope import is_compiled
+from mbvi.run.loop.compiled_loop import LONG
+from mbvi.run.loop.loop_scope import is_compiled
 from mbvi_studies.chart.errors import fitted_order
 from support.paths import DATA, ROBOTS
 from support.spin_arguments import random_inertias

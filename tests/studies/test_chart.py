@@ -11,7 +11,7 @@ import pytest
 
 import mbvi
 from mbvi import reference
-from mbvi.cli.scheme_names import SchemeName
+from mbvi.cli.names.schemes import SchemeName
 from mbvi_studies.chart.cases import CASES, DEFAULT_CASES, MANY_CONSTRAINTS
 from mbvi_studies.chart.costs import ROUNDING, cost, slope, table
 from mbvi_studies.chart.errors import errors, fitted_order, sampled_errors

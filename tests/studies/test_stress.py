@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import mbvi
 from mbvi.cli.main import app
-from mbvi.geometry.shapes import Sphere
+from mbvi.geometry.shapes.shapes import Sphere
 from mbvi_studies.engines import PEERS
 from mbvi_studies.engines.bodies import Bodies, Body, NoModelError, Poses
 from mbvi_studies.engines.free_body import refuse

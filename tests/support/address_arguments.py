@@ -3,9 +3,9 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.system import pinocchio_address
-from mbvi.system.joint_tree import joint_tree
-from mbvi.system.mechanism import mechanism
+from mbvi.system.mechanisms import pinocchio_address
+from mbvi.system.mechanisms.joint_tree import joint_tree
+from mbvi.system.mechanisms.mechanism import mechanism
 from support.robot_arguments import moving_robot
 
 # by the address of their array of calls

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from mbvi.geometry import box_box, box_patch, shape_cores
-from mbvi.geometry.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
+from mbvi.geometry.closed_form import box_box, box_patch
+from mbvi.geometry.closed_form.primitive_pairs import BOXES, FIRST_BALL, NONE, SECOND_BALL, PrimitivePairs
+from mbvi.geometry.shapes import shape_cores
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from support.distance_kernel_arguments import rotation, unit
 
 BOXES_AND_CAPSULES = [Box((0.3, 0.4, 0.2)), Box((0.2, 0.2, 0.5)), Capsule(0.1, 0.4), Capsule(0.15, 0.3)]

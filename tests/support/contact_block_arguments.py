@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import csr_array
 
-from mbvi.projection.contact_blocks import pack_contacts as pack
+from mbvi.projection.sparse.contact_blocks import pack_contacts as pack
 
 
 def contact_rows(rng, most=6):

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from mbvi.geometry import core_search, kinks, refined_distance, separating_axis
-from mbvi.geometry import normal_search as search
-from mbvi.geometry.contact_patch import MOST_GATHERED
-from mbvi.geometry.proved_depth import MOST_POINTS
-from mbvi.geometry.separating_axis import SeparatingAxes, place_pair
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
+from mbvi.geometry.broad import separating_axis
+from mbvi.geometry.broad.separating_axis import SeparatingAxes, place_pair
+from mbvi.geometry.narrow import core_search, kinks, refined_distance
+from mbvi.geometry.narrow import normal_search as search
+from mbvi.geometry.narrow.contact_patch import MOST_GATHERED
+from mbvi.geometry.narrow.proved_depth import MOST_POINTS
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 
 CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.9, 0.8, -0.7]])
 SHAPES = [

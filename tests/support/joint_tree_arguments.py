@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.system.joint_tree import joint_tree, place_joints, weigh_joints
-from mbvi.system.mechanism import free_joint
+from mbvi.system.mechanisms.joint_tree import joint_tree, place_joints, weigh_joints
+from mbvi.system.mechanisms.mechanism import free_joint
 from support.robot_arguments import rotation, unit
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.sparse import block_array, csr_array
 
-from mbvi.constraints import HalfSpaceContacts, sphere_walls
-from mbvi.constraints.half_space import points_within
-from mbvi.geometry import triangles
-from mbvi.geometry.separating_axis import SeparatingAxes
-from mbvi.geometry.shape_table import ShapeTable
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from mbvi.geometry.spread import FEW_POINTS
+from mbvi.constraints import HalfSpaceContacts
+from mbvi.constraints.families import sphere_walls
+from mbvi.constraints.families.half_space import points_within
+from mbvi.geometry.broad.separating_axis import SeparatingAxes
+from mbvi.geometry.narrow.spread import FEW_POINTS
+from mbvi.geometry.shapes import triangles
+from mbvi.geometry.shapes.shape_table import ShapeTable
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from support.address_arguments import ADDRESS_ARGUMENTS, results_by_address
 from support.closed_form_arguments import CLOSED_FORM_ARGUMENTS
 from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS

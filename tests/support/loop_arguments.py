@@ -14,8 +14,8 @@ import pytest
 
 import mbvi
 from mbvi.compiled import Kernel
-from mbvi.run import compiled_loop, loop_scope, step_loop
-from mbvi.system.mechanism import place
+from mbvi.run.loop import compiled_loop, loop_scope, step_loop
+from mbvi.system.mechanisms.mechanism import place
 from support.paths import DATA, ROBOTS
 
 STEP, DURATION = 1e-3, 0.2

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from mbvi.system.bodies import FreeBodies, Spheres
+from mbvi.system.free.bodies import FreeBodies, Spheres
 
 
 def momentum(problem, q, v):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.system.free_body_table import FreeBodyTable
+from mbvi.system.free.free_body_table import FreeBodyTable
 
 LEGS = 3
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
-from mbvi.geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, Sphere
+from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, Sphere
 
 
 class Free(NamedTuple):

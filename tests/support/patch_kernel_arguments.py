@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from mbvi.geometry.contact_patch import MOST_GATHERED
-from mbvi.geometry.convex_polygon import convex_hull
-from mbvi.geometry.refined_distance import FAILED, UNIQUE
-from mbvi.geometry.shapes import HalfSpace, Hull
+from mbvi.geometry.closed_form.convex_polygon import convex_hull
+from mbvi.geometry.narrow.contact_patch import MOST_GATHERED
+from mbvi.geometry.narrow.refined_distance import FAILED, UNIQUE
+from mbvi.geometry.shapes.shapes import HalfSpace, Hull
 from support.distance_kernel_arguments import axes_of, refined, rotation, unit, world_of
 
 # a disk of many vertices, all of which can lie in one plane

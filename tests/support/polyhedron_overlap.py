@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.polyhedra import Hull, Polyhedron
+from mbvi.geometry.shapes.polyhedra import Hull, Polyhedron
 
 # edges with a smaller sine of their angle are parallel: their cross product is no axis
 _PARALLEL = 1e-9

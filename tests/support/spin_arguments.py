@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from mbvi.system.mechanism import free_joint
-from mbvi.system.spinning import free_links, principal
+from mbvi.system.free.spinning import free_links, principal
+from mbvi.system.mechanisms.mechanism import free_joint
 
 
 def random_inertias(rng, n):

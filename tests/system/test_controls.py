@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.run.loop_scope import asks_python, is_compiled
+from mbvi.run.loop.loop_scope import asks_python, is_compiled
 from support.paths import ROBOTS
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -6,7 +6,7 @@ import pytest
 
 import mbvi
 from mbvi.system import ArticulatedSystem, BlockSystem, FreeBodies, PlanarSpheres, Spheres
-from mbvi.system.joined import can_be_joined, joined
+from mbvi.system.mechanisms.joined import can_be_joined, joined
 from support.paths import ROBOTS
 
 GRAVITY = np.array([0.3, -0.2, -9.81])

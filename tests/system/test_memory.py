@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbvi.system import ArticulatedSystem, articulated, memory
-from mbvi.system.joint_tree import joint_tree
-from mbvi.system.memory import read_results, results_in_place
+from mbvi.system import ArticulatedSystem
+from mbvi.system.mechanisms import articulated, memory
+from mbvi.system.mechanisms.joint_tree import joint_tree
+from mbvi.system.mechanisms.memory import read_results, results_in_place
 from support.paths import ROBOTS, real_robot
 
 

@@ -8,11 +8,12 @@ import pinocchio as pin
 import pytest
 
 import mbvi
-from mbvi.system import ArticulatedSystem, articulated, pinocchio_address
-from mbvi.system.joint_tree import joint_tree
-from mbvi.system.mechanism import mechanism
-from mbvi.system.pinocchio_check import reason_for_bindings
-from mbvi.system.spinning import free_links
+from mbvi.system import ArticulatedSystem
+from mbvi.system.free.spinning import free_links
+from mbvi.system.mechanisms import articulated, pinocchio_address
+from mbvi.system.mechanisms.joint_tree import joint_tree
+from mbvi.system.mechanisms.mechanism import mechanism
+from mbvi.system.mechanisms.pinocchio_check import reason_for_bindings
 from support.paths import ROBOTS, real_robot
 
 pytestmark = pytest.mark.skipif(reason_for_bindings() is not None, reason=f"{reason_for_bindings()}")

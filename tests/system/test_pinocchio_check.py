@@ -11,7 +11,7 @@ import time
 import pinocchio as pin
 import pytest
 
-from mbvi.system import pinocchio_address, pinocchio_check
+from mbvi.system.mechanisms import pinocchio_address, pinocchio_check
 from support.paths import ROBOTS
 from support.programs import run
 

@@ -6,8 +6,8 @@ from scipy.sparse import csr_array
 
 import mbvi
 from mbvi.projection import DiagonalMetric, FreeMotion, Projector
-from mbvi.projection.column_blocks import touched_columns
-from mbvi.system.sparse_rows import stack_rows, take_rows, times
+from mbvi.projection.sparse.column_blocks import touched_columns
+from mbvi.system.free.sparse_rows import stack_rows, take_rows, times
 
 
 def sparse_rows(rng, m, n=12):

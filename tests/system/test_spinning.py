@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from mbvi.system import ArticulatedSystem, FreeBodies
-from mbvi.system.spinning import free_links, principal, spin
+from mbvi.system.free.spinning import free_links, principal, spin
 from mbvi_studies.chart.errors import fitted_order
 from support.spin_arguments import model_of_free_links, random_inertias
 

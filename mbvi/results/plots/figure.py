@@ -13,7 +13,7 @@ from .quantities import panels
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..diagnosis import Diagnosis
+    from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import RunData
 
 # size of a panel [inches], and panels beside each other

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..energies import energies, energies_of_run
+from ..diagnosis.energies import energies, energies_of_run
 from ..summary import regimes
 from .panel import Array, Curve, Level, Panel, thinned
 
 if TYPE_CHECKING:
     from ...problem import Problem
-    from ..diagnosis import Diagnosis
+    from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import RunData
 
 BLUE, ORANGE, GREEN, RED, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8f5aa8"

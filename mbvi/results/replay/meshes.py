@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import meshcat.geometry as g
 import numpy as np
 
-from ...geometry.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
-from ...geometry.triangles import Surface
-from ...scene.meshes import Mesh
+from ...geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
+from ...geometry.shapes.triangles import Surface
+from ...scene.meshes.visual import Mesh
 
 Array = np.ndarray
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ...arguments import choice
 from ...errors import InputError, MbviWarning
-from ...geometry.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
-from ...scene.visuals import visual_shapes
+from ...geometry.shapes.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
+from ...scene.urdf.visuals import visual_shapes
 
 if TYPE_CHECKING:
     from ...geometry.motion import Motion as Drive

@@ -20,7 +20,7 @@ from .nodes import cast_shadow, label
 from .page import Page
 
 if TYPE_CHECKING:
-    from ...geometry.shapes import PlacedShape
+    from ...geometry.shapes.shapes import PlacedShape
     from ...scene.model import SceneModel
     from .motion import PlayableRun
 

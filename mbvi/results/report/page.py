@@ -19,7 +19,7 @@ from ..summary import summary
 from .sections import diagnosis_section, impact_section, model_section, rerun_section, version_section
 
 if TYPE_CHECKING:
-    from ..diagnosis import Diagnosis
+    from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import RunData
 
 _PAGE = """<!DOCTYPE html>

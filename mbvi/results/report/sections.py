@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..hdf5 import save
+from ..files.hdf5 import save
+from ..files.versions import versions
 from ..summary import regimes
-from ..versions import versions
 
 if TYPE_CHECKING:
-    from ..diagnosis import Diagnosis
+    from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import Impact, RunData
 
 # impacts in the table, and rows of each

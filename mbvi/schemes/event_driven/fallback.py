@@ -9,7 +9,7 @@ import numpy as np
 from ...constraints.rows import take
 from ...errors import ProjectionError
 from ...projection import FreeMotion
-from ...projection.travel import MOST_LINEARISATIONS
+from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...system.system import Array
 from ..paoli import Paoli
 from ..step import closes, still_rates

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...constraints.rows import Array
-from ...geometry.spread import FEW_POINTS
+from ...geometry.narrow.spread import FEW_POINTS
 from ...geometry.vectors import within_plane
 from .contact_rows import SmoothRows
 

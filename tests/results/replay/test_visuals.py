@@ -18,10 +18,10 @@ import mbvi
 from mbvi.results.replay.browser import Browser
 from mbvi.results.replay.page import Page
 from mbvi.results.replay.replay import page_of
-from mbvi.scene.collada import collada_mesh
 from mbvi.scene.inputs import mesh_of
-from mbvi.scene.meshes import Mesh, visual_mesh
-from mbvi.scene.visuals import visual_shapes
+from mbvi.scene.meshes.collada import collada_mesh
+from mbvi.scene.meshes.visual import Mesh, visual_mesh
+from mbvi.scene.urdf.visuals import visual_shapes
 from support.browser import HEIGHT, WIDTH, distinct_colors, look, needs_browser
 from support.browser import shown as page_shown
 from support.paths import REAL_ROBOTS, ROBOTS, real_robot

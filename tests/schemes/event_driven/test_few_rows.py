@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.geometry.spread import FEW_POINTS
+from mbvi.geometry.narrow.spread import FEW_POINTS
 from mbvi.projection.projector import Projector
 from mbvi.schemes.event_driven.integrator import EventDrivenIntegrator
 from mbvi_studies.published_robots import published_robot

@@ -18,9 +18,9 @@ import h5py
 import numpy as np
 
 import mbvi
-from mbvi.results.columns import DENSE, FRICTION, RECORDED, TABLES, Sums, as_kept
-from mbvi.results.metadata import read_metadata
-from mbvi.results.pages import PAGE, find_record, pack, sums_of
+from mbvi.results.files.columns import DENSE, FRICTION, RECORDED, TABLES, Sums, as_kept
+from mbvi.results.files.metadata import read_metadata
+from mbvi.results.files.pages import PAGE, find_record, pack, sums_of
 from support.programs import LIMIT
 
 # a change of a file in place: returns what was done

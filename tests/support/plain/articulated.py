@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/system/articulated.py."""
+"""Plain numpy forms of the kernels in mbvi/system/mechanisms/articulated.py."""
 
 from __future__ import annotations
 

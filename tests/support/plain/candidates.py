@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/candidates.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/candidates.py."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/collinear.py."""
+"""Plain numpy forms of the kernels in mbvi/geometry/narrow/collinear.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.collinear import _BESIDE
+from mbvi.geometry.narrow.collinear import _BESIDE
 
 
 def first_of_lines_plain(points: Array, line: Array, kept: Array) -> int:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbvi.projection.coulomb_contact import solve_contact
+from mbvi.projection.coulomb.one_contact import solve_contact
 from support.contact_block_arguments import matrix
 
 

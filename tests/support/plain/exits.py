@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.features import FACING
-from mbvi.geometry.shapes import Capsule, Convex, Cylinder
+from mbvi.geometry.shapes.features import FACING
+from mbvi.geometry.shapes.shapes import Capsule, Convex, Cylinder
 
 
 def exit_from(shape: Convex, points: Array, direction: Array) -> Array:

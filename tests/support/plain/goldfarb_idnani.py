@@ -1,11 +1,11 @@
-"""Plain numpy form of the kernel in mbvi/projection/goldfarb_idnani.py, on QR factors computed again for every set."""
+"""Plain numpy form of the kernel in mbvi/projection/dense/goldfarb_idnani.py, on new QR factors for every set."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.projection.goldfarb_idnani import _DEPENDENT, LAST_DIGITS
+from mbvi.projection.dense.goldfarb_idnani import _DEPENDENT, LAST_DIGITS
 
 
 def goldfarb_idnani_plain(

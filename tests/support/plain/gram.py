@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/projection/gram.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse/gram.py."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/half_space.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/half_space.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.hull_graph import outermost
-from mbvi.geometry.support_points import Points, spread_below
+from mbvi.geometry.narrow.support_points import Points, spread_below
+from mbvi.geometry.shapes.hull_graph import outermost
 from support.plain.articulated import separation_plain
 from support.plain.support_points import stand_plain
 

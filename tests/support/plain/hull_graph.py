@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/hull_graph.py."""
+"""Plain numpy forms of the kernels in mbvi/geometry/shapes/hull_graph.py."""
 
 from __future__ import annotations
 

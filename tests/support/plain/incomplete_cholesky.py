@@ -1,11 +1,11 @@
-"""Plain numpy forms of the kernels in mbvi/projection/incomplete_cholesky.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse/incomplete_cholesky.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.projection.incomplete_cholesky import _LEAST
+from mbvi.projection.sparse.incomplete_cholesky import _LEAST
 
 
 def incomplete_cholesky_plain(

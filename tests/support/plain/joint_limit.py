@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/joint_limit.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/joint_limit.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/pairs.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/pairs.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/projection/projected_pcg.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse/projected_pcg.py."""
 
 from __future__ import annotations
 

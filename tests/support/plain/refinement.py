@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/projection/refinement.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse/refinement.py."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mbvi.arguments import Array
-from mbvi.projection.refinement import _LEFT, _MOST_ROUNDS, _MOST_ROWS, _OFF, _ROUNDS
+from mbvi.projection.sparse.refinement import _LEFT, _MOST_ROUNDS, _MOST_ROWS, _OFF, _ROUNDS
 from support.plain.projected_pcg import projected_pcg_plain
 
 

@@ -1,13 +1,13 @@
-"""Plain numpy forms of the kernels in mbvi/projection/robot_step.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/dense/robot_step.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.projection.goldfarb_idnani import LAST_DIGITS
-from mbvi.projection.robot_step import _MARGIN, ROUNDING
-from mbvi.projection.scaled_qp import FAR
+from mbvi.projection.dense.goldfarb_idnani import LAST_DIGITS
+from mbvi.projection.dense.robot_step import _MARGIN, ROUNDING
+from mbvi.projection.dense.scaled_qp import FAR
 from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.shared_percussions import least_norm_plain
 from support.plain.tree import advance_plain, factor_plain, solve_plain

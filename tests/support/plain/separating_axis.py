@@ -1,11 +1,11 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/separating_axis.py."""
+"""Plain numpy forms of the kernels in mbvi/geometry/broad/separating_axis.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.separating_axis import Shapes
+from mbvi.geometry.broad.separating_axis import Shapes
 
 
 def reach_plain(place: Array, n: Array, shapes: Shapes, pair: int, side: int) -> float:

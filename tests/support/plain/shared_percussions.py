@@ -1,4 +1,4 @@
-"""Plain form of the kernel in mbvi/projection/shared_percussions.py, by scipy's nonnegative least squares."""
+"""Plain form of the kernel in mbvi/projection/dense/shared_percussions.py, by scipy's nonnegative least squares."""
 
 from __future__ import annotations
 

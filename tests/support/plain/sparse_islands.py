@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/projection/sparse_islands.py."""
+"""Plain numpy forms of the kernels in mbvi/projection/sparse/sparse_islands.py."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mbvi.arguments import Array
-from mbvi.projection.sparse_islands import _ROUNDING, _SMALL
+from mbvi.projection.sparse.sparse_islands import _ROUNDING, _SMALL
 from support.plain.goldfarb_idnani import goldfarb_idnani_plain
 from support.plain.refinement import solve_island_plain
 

@@ -1,11 +1,11 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/sphere_walls.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/sphere_walls.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.constraints.sphere_walls import _BOX, _PLANE
+from mbvi.constraints.families.sphere_walls import _BOX, _PLANE
 
 
 def wall_contacts_plain(

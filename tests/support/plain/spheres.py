@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/constraints/spheres.py."""
+"""Plain numpy forms of the kernels in mbvi/constraints/families/spheres.py."""
 
 from __future__ import annotations
 

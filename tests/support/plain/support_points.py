@@ -1,11 +1,11 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/support_points.py."""
+"""Plain numpy forms of the kernels in mbvi/geometry/narrow/support_points.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbvi.arguments import Array
-from mbvi.geometry.support_points import _LEVEL
+from mbvi.geometry.narrow.support_points import _LEVEL
 
 
 def lowest_plain(places: Array, body: int, numbers: Array, i: int, out: Array) -> None:

@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/system/turning.py."""
+"""Plain numpy forms of the kernels in mbvi/system/free/turning.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain numpy forms of the kernels in mbvi/geometry/verlet_list.py."""
+"""Plain numpy forms of the kernels in mbvi/geometry/broad/verlet_list.py."""
 
 from __future__ import annotations
 

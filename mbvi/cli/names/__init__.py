@@ -1,0 +1,1 @@
+"""Names of schemes and solvers on the command line."""

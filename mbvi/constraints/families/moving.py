@@ -1,0 +1,156 @@
+"""Walls with a prescribed motion: any family, evaluated in the frame that moves with its walls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...arguments import all_finite
+from ...errors import DivergedError
+from ...geometry.motion import Motion
+from ...system import System
+from ..family import ConstraintFamily
+from ..rows import Array, Rows
+from ..tangents import Tangents, axes_of
+from .sphere_centres import SphereCentres
+
+
+class MovingFrame:
+    """A system in the coordinates of a frame with a prescribed motion, at the time and q of the last `set_state`.
+
+    Walls that move with the frame stand still in it: families made for still walls evaluate them without change.
+
+    Parameters
+    ----------
+    system : System
+        What moves the bodies.
+    motion : Motion
+        How the frame moves.
+    where : SphereCentres
+        Where centres of spheres are in q.
+    """
+
+    # poses come from `placements` alone
+    single_mechanism = False
+
+    def __init__(self, system: System, motion: Motion, where: SphereCentres) -> None:
+        self._system, self._motion, self._where = system, motion, where
+        self.nq, self.nv, self.bodies = system.nq, system.nv, system.bodies
+
+    def set_state(self, t: float, q: Array) -> Array:
+        """Set time and configuration; return q with the centres of spheres in coordinates of the frame."""
+        turn, place = self._motion.pose(t)
+        self._turn, self._place = np.asarray(turn), np.asarray(place)
+        self._velocity, self._spin = self._motion.twist(t)
+        flat = np.concatenate([self._turn.ravel(), self._place, self._velocity, self._spin])
+        if not all_finite(flat):
+            raise DivergedError(
+                f"the motion {self._motion!r} is not finite at t = {t:.9g} s: correct its pose or twist"
+            )
+        self._q, inside = q, q.copy()
+        self._where.of(inside)[:] = (self._where.of(q) - self._place) @ self._turn
+        return inside
+
+    def placements(self, q: Array, bodies: Array) -> Array:
+        """Return the placements of bodies in the frame, at the configuration of the last `set_state`; see `System`."""
+        places = self._system.placements(self._q, bodies)
+        places[:, 3] -= self._place
+        return places @ self._turn
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Any:
+        """Return gradients for points and normals in coordinates of the frame; see `System`."""
+        return self._system.separation_rows(self._q, first, second, *self.world(point, normal))
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
+        """Return the most that each velocity moves a point of a body; see `System`."""
+        return self._system.reach(body, centre, radius)
+
+    def world(self, point: Array, normal: Array) -> tuple[Array, Array]:
+        """Return points and normals in the world from those in the frame, shapes (k, 3)."""
+        return point @ self._turn.T + self._place, normal @ self._turn.T
+
+    def rate(self, point: Array, normal: Array) -> Array:
+        """Return df/dt of gaps between walls of the frame and bodies that stand still, shape (k,) [m/s].
+
+        Points and normals are in the world; the normals point out of the walls.
+        """
+        return -np.vecdot(normal, self.velocity(point))
+
+    def velocity(self, point: Array) -> Array:
+        """Return the velocities of points of the walls, shape (k, 3) [m/s]."""
+        return np.asarray(self._velocity + np.cross(self._spin, point))
+
+    def separation_in_world(self, first: Array, second: Array, point: Array, normal: Array) -> Any:
+        """Return gradients for points and normals in the world; see `System.separation_rows`."""
+        return self._system.separation_rows(self._q, first, second, point, normal)
+
+
+class MovingWalls(ConstraintFamily):
+    """A family of walls that move together; a wall is the first of every pair.
+
+    Parameters
+    ----------
+    frame : MovingFrame
+        The frame of the walls, for which the family was made.
+    constraint : ConstraintFamily
+        The family of the walls in that frame, where they stand still.
+
+    Notes
+    -----
+    It has no envelope, and is queried at every step: a gap can fall while q stays the same.
+    """
+
+    moving = True
+
+    def __init__(self, frame: MovingFrame, constraint: ConstraintFamily) -> None:
+        self.frame, self.constraint = frame, constraint
+        self.size, self.restitution, self.smooth = constraint.size, constraint.restitution, constraint.smooth
+        self.friction = constraint.friction
+
+    def name(self, number: int) -> str:
+        """Return the name of one pair."""
+        return self.constraint.name(number)
+
+    def friction_of(self, numbers: Array) -> Array:
+        """Return the coefficients of friction of some pairs, shape (k,)."""
+        return self.constraint.friction_of(numbers)
+
+    def tangents(self, t: float, q: Array, rows: Rows, friction: Array) -> Tangents:
+        """Return the tangents of some rows; those of the walls move with them."""
+        self.frame.set_state(t, q)
+        axes, first, second = axes_of(rows.normal), *self.constraint.bodies_of(rows.constraint)
+        first, second, point = (np.repeat(part, 2, axis=0) for part in (first, second, rows.point))
+        jacobian = self.frame.separation_in_world(first, second, point, axes.reshape(-1, 3))
+        rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
+        return Tangents(friction, axes, jacobian, rate.ravel())
+
+    @property
+    def count(self) -> int:
+        """How many constraints there are."""
+        return self.constraint.count
+
+    def describe(self) -> str:
+        """Return one line of `Problem.report()`, in words."""
+        return f"{self.constraint.describe()}, with a prescribed motion"
+
+    def contacts(self, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows within the tolerance, or None."""
+        rows = self.constraint.contacts(t, self.frame.set_state(t, q), tolerance)
+        if rows is None:
+            return None
+        point, normal = self.frame.world(rows.point, rows.normal)
+        return rows._replace(point=point, normal=normal, rate=self.frame.rate(point, normal))
+
+    def gap(self, t: float, q: Array) -> Array:
+        """Return the signed distance of every pair, shape (m,) [m]."""
+        return np.asarray(self.constraint.gap(t, self.frame.set_state(t, q)))
+
+    def gradient(self, t: float, q: Array) -> Array:
+        """Return the gradient of every pair's distance, shape (m, nv)."""
+        return np.asarray(self.constraint.gradient(t, self.frame.set_state(t, q)))
+
+    def rate(self, t: float, q: Array) -> Array:
+        """Return df/dt of every pair at a fixed q, shape (m,) [m/s]."""
+        point, normal = self.constraint.nearest_points(self.frame.set_state(t, q))
+        return self.frame.rate(*self.frame.world(point, normal))

@@ -1,0 +1,1 @@
+"""The constraints of a mechanism in kernels."""

@@ -1,0 +1,237 @@
+"""The active rows of one mechanism in one kernel.
+
+The kernel does what `AdmissibleSet.active` does, on the same arrays: clearances and candidates of `ClearanceCache`, the
+support points of `HalfSpaceContacts`, the axes of `SignedDistances`. The compiled loop calls it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled import kernel, record
+from ...geometry.narrow.support_points import Points, lowest, points_below, spread_below
+from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
+from ...system.mechanisms.articulated import row
+from ...system.mechanisms.mechanism import Mechanism, place
+from ...system.mechanisms.pinocchio_address import tangent
+from ..cache import IDLE, consume_clearance
+from ..families.candidates import list_candidates
+from ..rows import Array
+from ..tangents import write_axes
+from .balls import Balls, touching_balls
+from .pairs import PairShapes, pair_contacts
+from .tables import (
+    BALLS,
+    FOUND,
+    HALF_SPACES,
+    LIMITS,
+    MOST_ROWS,
+    PAIRS,
+    TOO_MANY,
+    Clearances,
+    Limits,
+    PairFamily,
+    RowBuffer,
+)
+
+
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily")
+class MechanismConstraints(NamedTuple):
+    """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
+
+    The last entry has the numbers of `SphereContacts`, which are not those of pairs one after the other.
+    """
+
+    cache: Clearances
+    limits: Limits
+    points: Points
+    walls: PairFamily
+    shapes: tuple[Array, ...]
+    pairs: PairFamily
+    near: PairShapes
+    balls: Balls
+    touching: PairFamily
+
+
+@kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
+def limit_rows(limits: Limits, family: int, q: Array, tolerance: float, rows: RowBuffer) -> tuple[int, float]:
+    """Append the limits of a family within a tolerance [m].
+
+    Return a code, and how far gaps may fall before the next query [m].
+    """
+    nearest, nv = np.inf, rows.J.shape[1]
+    for a in range(limits.begin[family], limits.begin[family + 1]):
+        gap = limits.sign[a] * q[limits.position[a]] + limits.offset[a]
+        nearest = min(nearest, limits.lever[a] * gap)
+        if limits.lever[a] * gap <= tolerance:
+            m = rows.size[0]
+            if m == MOST_ROWS:
+                return TOO_MANY, -np.inf
+            rows.number[m], rows.gap[m], rows.e[m] = limits.number[a], gap, limits.e[a]
+            rows.lever[m], rows.mu[m] = limits.lever[a], 0.0
+            for c in range(3):
+                rows.point[m, c] = rows.normal[m, c] = np.nan
+            for k in range(nv):
+                rows.J[m, k] = 0.0
+            rows.J[m, limits.velocity[a]] = limits.sign[a]
+            rows.size[0] = m + 1
+    # a row must be found at every step, so that no step can be skipped while there is one
+    return FOUND, -np.inf if nearest <= tolerance else nearest - tolerance
+
+
+@kernel("Tuple((i8, b1))(f8[:,:,::1], f8[:,::1], f8[:,::1], Points, PairFamily, f8, RowBuffer)")
+def half_space_contacts(
+    poses: Array, columns: Array, support: Array, points: Points, family: PairFamily, tolerance: float,
+    rows: RowBuffer,
+) -> tuple[int, bool]:  # fmt: skip
+    """Append the contacts of the candidates with half-spaces; return a code, and whether a candidate has none.
+
+    Parameters
+    ----------
+    poses, columns, support
+        See `Kinematics`.
+    points : Points
+        The support points of the shapes.
+    family : PairFamily
+        The pairs.
+    tolerance : float
+        Gap at and below which a point is a contact [m].
+    rows : RowBuffer
+        The rows.
+    """
+    any_empty, out = False, points.out
+    for i in range(family.listed[0]):
+        pair = family.candidates[i]
+        count, family.clearance[pair] = points_below(poses, points, pair, tolerance, 0)
+        any_empty = any_empty or count == 0
+        count = spread_below(poses, points, pair, tolerance, 0, count)
+        if rows.size[0] + count > MOST_ROWS:
+            return TOO_MANY, True
+        for j in range(count):
+            m, k = rows.size[0], points.found[j]
+            lowest(poses, points.body[pair], points.numbers, k, out)
+            for c in range(3):
+                rows.point[m, c], rows.normal[m, c] = out[c], points.numbers[k, 12 + c]
+            row(columns, support[0], support[points.body[pair]], out, points.numbers[k, 12:15], rows.J[m])
+            rows.number[m], rows.gap[m], rows.e[m] = family.number[pair], out[3], family.e[pair]
+            rows.lever[m], rows.mu[m] = 1.0, family.mu[pair]
+            rows.size[0] = m + 1
+    return FOUND, any_empty
+
+
+@kernel("void(f8[:,::1], f8[:,::1], PairFamily, i8, RowBuffer)")
+def append_tangents(columns: Array, support: Array, family: PairFamily, begin: int, rows: RowBuffer) -> None:
+    """Write the gradients along the tangents of the rows of one family, from row `begin` on; none where mu is 0."""
+    end, nv, rough = rows.size[0], rows.J.shape[1], False
+    for a in range(begin, end):
+        rough = rough or rows.mu[a] > 0.0
+    if rough:
+        write_axes(rows.normal[begin:end], rows.axes[begin:end])
+    for a in range(begin, end):
+        for c in range(2):
+            if rough:
+                pair = rows.number[a] - family.number[0]
+                first, second = support[family.bodies[0, pair]], support[family.bodies[1, pair]]
+                row(columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
+            else:
+                for k in range(3):
+                    rows.axes[a, c, k] = 1.0 if k == c else 0.0
+                for k in range(nv):
+                    rows.T[2 * a + c, k] = 0.0
+
+
+@kernel("void(Mechanism, MechanismConstraints, RowBuffer, i8)")
+def write_gradients(mechanism: Mechanism, constraints: MechanismConstraints, rows: RowBuffer, a: int) -> None:
+    """Write the gradients of row a for where the mechanism is placed, unless it is a joint limit.
+
+    Its point, normal and tangents are as they stand.
+    """
+    for family in (constraints.walls, constraints.pairs, constraints.touching):
+        pair = rows.number[a] - family.number[0] if len(family.number) > 0 else -1
+        if 0 <= pair < len(family.number):
+            first, second = mechanism.support[family.bodies[0, pair]], mechanism.support[family.bodies[1, pair]]
+            row(mechanism.columns, first, second, rows.point[a], rows.normal[a], rows.J[a])
+            if len(rows.T) > 0 and rows.mu[a] > 0.0:
+                for c in range(2):
+                    row(mechanism.columns, first, second, rows.point[a], rows.axes[a, c], rows.T[2 * a + c])
+
+
+@kernel("i8(Mechanism, MechanismConstraints, f8[::1], f8[::1], f8[::1], f8, RowBuffer)")
+def active_rows(
+    mechanism: Mechanism, constraints: MechanismConstraints, origin: Array, displacement: Array, q: Array,
+    tolerance: float, rows: RowBuffer,
+) -> int:  # fmt: skip
+    """Find the rows within a tolerance, family by family; return a code.
+
+    Where the code is not `FOUND`, the caches are such that `AdmissibleSet.active` finds the rows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism.
+    constraints : MechanismConstraints
+        The constraints.
+    origin, displacement, q, tolerance
+        See `AdmissibleSet.active`, where these are origin, moved, q and tolerance.
+    rows : RowBuffer
+        Receives the rows.
+    """
+    cache, walls = constraints.cache, constraints.walls
+    same, code = len(origin) == len(q), FOUND
+    for i in range(len(origin)):
+        same = same and origin[i] == cache.q[i]
+    moved = cache.moved
+    if same:
+        for i in range(len(moved)):
+            moved[i] = displacement[i]
+    else:
+        tangent(mechanism.calls, cache.q, q, moved)
+    for i in range(len(q)):
+        cache.q[i] = q[i]
+    exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
+    rows.size[0], frictional, families = 0, len(rows.T) > 0, len(cache.kind)
+    # spheres among each other come last; they have no clearance
+    for k in range(families + (len(constraints.balls.pairs) > 0)):
+        kind, begin, spent, any_empty = BALLS, rows.size[0], False, False
+        if k < families:
+            spent, kind = exhausted >> k & 1 > 0, cache.kind[k]
+            if not (spent or cache.always[k]):
+                continue
+            if code != FOUND:
+                # the query of this family is left to Python
+                cache.clearance[k] = -np.inf
+        if code != FOUND:
+            continue
+        family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
+        if kind == LIMITS:
+            code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
+            cache.clearance[k] = clearance + tolerance
+        elif kind == BALLS:
+            code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
+        else:
+            place(mechanism, q)
+            if spent:
+                count, least = list_candidates(
+                    family.clearance, family.reach, cache.travel[k], tolerance, family.candidates
+                )
+                family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
+            if kind == HALF_SPACES:
+                code, any_empty = half_space_contacts(
+                    mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
+                )
+            else:
+                code, any_empty = pair_contacts(
+                    mechanism, constraints.shapes, constraints.near, family, tolerance, rows
+                )
+            if code != FOUND:
+                cache.clearance[k] = -np.inf
+        if frictional and code == FOUND:
+            append_tangents(mechanism.columns, mechanism.support, family, begin, rows)
+        if code == FOUND and (kind == HALF_SPACES or kind == PAIRS):
+            family.listed[1] = family.listed[1] + 1 if any_empty else 0
+            if family.listed[1] == IDLE:
+                # a candidate without a row may be skipped: list the candidates again at the next query
+                cache.clearance[k], family.listed[1] = -np.inf, 0
+    return code

@@ -1,0 +1,194 @@
+"""The constraints of one mechanism as the compiled loop takes them; it shares the arrays of their caches."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...geometry.shapes.shape_table import Shapes, ShapeTable
+from ..admissible_set import AdmissibleSet
+from ..families.half_space import HalfSpaceContacts
+from ..families.joint_limit import JointLimits
+from ..families.signed_distance import SignedDistances
+from ..families.spheres import SphereContacts
+from ..family import ConstraintFamily
+from ..rows import Array
+from .balls import Balls
+from .rows import MechanismConstraints
+from .tables import BALLS, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
+
+_KINDS: dict[type, int] = {
+    JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
+}  # fmt: skip
+
+
+def row_buffer(nv: int, frictional: bool) -> RowBuffer:
+    """Return room for rows of a mechanism with nv velocities."""
+    gap, e, lever, mu = np.zeros((4, MOST_ROWS))
+    point, normal = np.zeros((2, MOST_ROWS, 3))
+    J, T = np.zeros((MOST_ROWS, nv)), np.zeros((2 * MOST_ROWS if frictional else 0, nv))
+    count, number, axes = np.zeros(1, np.int64), np.zeros(MOST_ROWS, np.int64), np.zeros((MOST_ROWS, 2, 3))
+    return RowBuffer(count, number, gap, e, lever, mu, point, normal, J, T, axes)
+
+
+class MechanismState:
+    """The constraints of one mechanism in arrays.
+
+    Parameters
+    ----------
+    constraints : AdmissibleSet
+        Of which `can_be_compiled` is true.
+
+    Attributes
+    ----------
+    arrays : MechanismConstraints
+        As kernels take them.
+    """
+
+    def __init__(self, constraints: AdmissibleSet) -> None:
+        self._set, cache, families = constraints, constraints.cache, constraints.families
+        nq, nv = constraints.system.nq, constraints.system.nv
+        # spheres among each other have no clearances
+        kinds = [_KINDS[type(family)] for family in families if _KINDS[type(family)] != BALLS]
+        slots = {kind: k for k, kind in enumerate(kinds)}
+        tables: dict[int, Any] = {}
+        self._listed: list[Array | None] = [None] * len(kinds)
+        self._candidates: list[Array] = [np.zeros(0, np.int64)] * len(kinds)
+        for kind in (HALF_SPACES, PAIRS):
+            tables[kind] = _no_pairs(nv)
+            if kind in slots:
+                k = slots[kind]
+                tables[kind] = table = _pair_family(constraints, k, cache.candidates(k))
+                self._listed[k], self._candidates[k] = table.listed, table.candidates
+        walls: Any = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
+        pairs: Any = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
+        shapes, near = pairs.loop_tables()
+        # elsewhere bodies are counted among those of the walls' pairs
+        points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
+        self._clearances = Clearances(
+            np.array(kinds, dtype=np.int64), *cache.arrays, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
+        )
+        self.arrays = MechanismConstraints(
+            self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
+            *_balls(constraints),
+        )  # fmt: skip
+
+    def enter(self) -> bool:
+        """Copy the state of the caches to the arrays; return False if the loop cannot start from it."""
+        if any(family.some_rest for family in self._set.families):
+            return False
+        cache, state = self._set.cache, self._clearances
+        if cache.reclaim is not None:
+            cache.reclaim()
+        if not cache.lend(state.q, state.always, self._listed):
+            return False
+        for k, room in enumerate(self._candidates):
+            candidates = cache.candidates(k)
+            if candidates is not None:
+                room[: len(candidates.index)] = candidates.index
+        cache.reclaim = self.leave
+        return True
+
+    @property
+    def entered(self) -> bool:
+        """Whether the arrays have the state, which a function of the user may have reclaimed."""
+        return bool(self._set.cache.reclaim == self.leave)
+
+    @property
+    def memory(self) -> list[Array]:
+        """The arrays that queries change, and that later queries depend on."""
+        cache, _, points, walls, shapes, pairs, near, *_ = self.arrays
+        return [
+            cache.travel, cache.clearance, cache.q, cache.always, walls.clearance, walls.candidates, walls.listed,
+            pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
+        ]  # fmt: skip
+
+    @cached_property
+    def reach(self) -> Array:
+        """The reach of each constraint, shape (n, nv): positive where its gradient may have an entry."""
+        parts: Any = [family.reach_of(np.arange(family.size)) for family in self._set.families]
+        return np.concatenate([np.zeros((0, self._set.system.nv)), *parts])
+
+    def leave(self) -> None:
+        """Copy the state back to the caches, if the arrays have it."""
+        if not self.entered:
+            return
+        self._set.cache.reclaim = None
+        self._set.cache.take_back(self._clearances.q, self._clearances.always, self._listed, self._candidates)
+
+
+def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
+    """Return the family of pairs of shapes, if there is one."""
+    return next((family for family in constraints.families if _KINDS.get(type(family)) == PAIRS), None)
+
+
+def can_be_compiled(constraints: AdmissibleSet) -> bool:
+    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs.
+
+    Spheres among each other come last.
+    """
+    kinds = [_KINDS.get(type(family)) for family in constraints.families]
+    if kinds and kinds[-1] == BALLS:
+        kinds.pop()
+    several = [kind for kind in kinds if kind != LIMITS]
+    if None in kinds or BALLS in kinds or len(set(several)) < len(several):
+        return False
+    if len(constraints.cache.arrays[0]) < len(kinds):
+        return False
+    found = (constraints.cache.candidates(k) for k in range(len(kinds)))
+    return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
+
+
+def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:
+    family, start, e = constraints.numbered()[k]
+    n = family.size
+    numbers = np.arange(n)
+    own = family.restitution_of(numbers)
+    return PairFamily(
+        candidates.reach, candidates.clearance, np.zeros(n, np.int64), np.zeros(2, np.int64), start + numbers,
+        np.array(family.bodies_of(numbers), dtype=np.int64).reshape(2, n), np.where(np.isnan(own), e, own),
+        constraints.friction_of(k, numbers),
+    )  # fmt: skip
+
+
+def _no_pairs(nv: int) -> PairFamily:
+    no, none = np.zeros(0, np.int64), np.zeros(0)
+    return PairFamily(np.zeros((nv, 0)), none, no, np.zeros(2, np.int64), no, np.zeros((2, 0), np.int64), none, none)
+
+
+def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
+    last: Any = constraints.families[-1] if constraints.families else None
+    none = _no_pairs(constraints.system.nv)
+    if _KINDS.get(type(last)) != BALLS:
+        no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
+        return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
+    pairs, where, n = last.all_pairs(), last.where, len(last.radii)
+    k, position = len(pairs), where.start + where.stride * np.arange(n)
+    room: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
+    # they have no clearances
+    family = _pair_family(constraints, len(constraints.families) - 1, none)
+    return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
+
+
+def _no_walls(constraints: AdmissibleSet) -> Any:
+    return HalfSpaceContacts(constraints.system, [], [], [], np.zeros(0))
+
+
+def _no_shapes(constraints: AdmissibleSet) -> Any:
+    return SignedDistances(constraints.system, ShapeTable([]), np.zeros((0, 2), np.int64), np.zeros(0))
+
+
+def _limits(constraints: AdmissibleSet) -> Limits:
+    begin, no, none = [0], np.zeros(0), np.zeros(0, np.int64)
+    parts: Any = [(no, no, no, none, none, no, none)]
+    for family, start, e in constraints.numbered():
+        begin.append(begin[-1])
+        if _KINDS[type(family)] == LIMITS:
+            limits: Any = family
+            own, number = family.restitution_of(np.arange(family.size)), start + np.arange(family.size)
+            parts.append((*limits.arrays, np.where(np.isnan(own), e, own), number))
+            begin[-1] += family.size
+    fields: Any = *(np.concatenate(part) for part in zip(*parts, strict=True)), np.array(begin, dtype=np.int64)
+    return Limits(*fields)

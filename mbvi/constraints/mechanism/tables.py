@@ -1,0 +1,144 @@
+"""The constraints of one mechanism in arrays, as the kernels of the compiled loop take them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...compiled import kernel, record
+from ..rows import Array
+
+# most rows that the kernel finds; more are left to Python
+MOST_ROWS = 400
+# what a family is
+LIMITS, HALF_SPACES, PAIRS, BALLS = range(4)
+# what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
+FOUND, TOO_MANY, UNRESOLVED = range(3)
+
+
+@record("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1]")
+class RowBuffer(NamedTuple):
+    """Room for rows.
+
+    Attributes
+    ----------
+    size : ndarray of int, shape (1,)
+        How many there are.
+    number, gap, e, lever, mu : ndarray, shape (MOST_ROWS,)
+        Constraint, gap [m or rad], restitution, the factor that makes a length of the gap, coefficient of friction.
+    point, normal : ndarray, shape (MOST_ROWS, 3)
+        Contact points [m] and normals.
+    J, T : ndarray, shapes (MOST_ROWS, nv), (2 MOST_ROWS, nv)
+        Gradients, and those along two tangents; the latter have no rows in problems without friction.
+    axes : ndarray, shape (MOST_ROWS, 2, 3)
+        The tangents.
+    """
+
+    size: Array
+    number: Array
+    gap: Array
+    e: Array
+    lever: Array
+    mu: Array
+    point: Array
+    normal: Array
+    J: Array
+    T: Array
+    axes: Array
+
+
+@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
+class Clearances(NamedTuple):
+    """The state of a `ClearanceCache`.
+
+    Attributes
+    ----------
+    kind : ndarray of int, shape (n,)
+        `LIMITS`, `HALF_SPACES` or `PAIRS` for each family.
+    envelope, travel, clearance
+        See `consume_clearance`.
+    q : ndarray, shape (nq,)
+        The configuration of the last query.
+    always : ndarray of bool, shape (n,)
+        The families of which some candidates must be measured at every step.
+    moved : ndarray, shape (nv,)
+        Room for the displacement since then.
+    """
+
+    kind: Array
+    envelope: Array
+    travel: Array
+    clearance: Array
+    q: Array
+    always: Array
+    moved: Array
+
+
+@record("f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1]")
+class Limits(NamedTuple):
+    """Joint limits of all mechanisms.
+
+    Attributes
+    ----------
+    sign, offset, lever, position, velocity, e : ndarray, shape (m,)
+        See `JointLimits`.
+    number : ndarray of int, shape (m,)
+        The constraints.
+    begin : ndarray of int, shape (families + 1,)
+        Where the limits of each family begin; others have none.
+    """
+
+    sign: Array
+    offset: Array
+    lever: Array
+    position: Array
+    velocity: Array
+    e: Array
+    number: Array
+    begin: Array
+
+
+@record("f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[:,::1], f8[::1], f8[::1]")
+class PairFamily(NamedTuple):
+    """Pairs of shapes.
+
+    Attributes
+    ----------
+    reach, clearance, candidates
+        See `list_candidates`, shapes (nv, n), (n,) and (n,).
+    listed : ndarray of int, shape (2,)
+        How many candidates there are, and at how many queries in a row one of them had no row.
+    number : ndarray of int, shape (n,)
+        The constraints.
+    bodies : ndarray of int, shape (2, n)
+        The first and the second body of each pair.
+    e, mu : ndarray, shape (n,)
+        Restitution and friction.
+    """
+
+    reach: Array
+    clearance: Array
+    candidates: Array
+    listed: Array
+    number: Array
+    bodies: Array
+    e: Array
+    mu: Array
+
+
+@kernel("void(RowBuffer, i8, RowBuffer)")
+def copy_row(rows: RowBuffer, a: int, others: RowBuffer) -> None:
+    """Append row a of some rows to others."""
+    m, nv = others.size[0], rows.J.shape[1]
+    others.number[m], others.gap[m], others.e[m] = rows.number[a], rows.gap[a], rows.e[a]
+    others.lever[m], others.mu[m] = rows.lever[a], rows.mu[a]
+    for c in range(3):
+        others.point[m, c], others.normal[m, c] = rows.point[a, c], rows.normal[a, c]
+    for k in range(nv):
+        others.J[m, k] = rows.J[a, k]
+    if len(rows.T) > 0:
+        for c in range(2):
+            for k in range(3):
+                others.axes[m, c, k] = rows.axes[a, c, k]
+            for k in range(nv):
+                others.T[2 * m + c, k] = rows.T[2 * a + c, k]
+    others.size[0] = m + 1

@@ -1,0 +1,1 @@
+"""Which pairs of shapes may be near each other."""

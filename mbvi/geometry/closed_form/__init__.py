@@ -1,0 +1,1 @@
+"""Contacts of simple shapes and of spheres with meshes in closed form."""

@@ -1,0 +1,1 @@
+"""Distances of convex shapes by search, and the points where they touch."""

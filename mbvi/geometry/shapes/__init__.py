@@ -1,0 +1,1 @@
+"""Shapes: convex ones, meshes, and the tables in which kernels read them."""

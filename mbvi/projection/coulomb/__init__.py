@@ -1,0 +1,1 @@
+"""Solvers of Coulomb's law."""

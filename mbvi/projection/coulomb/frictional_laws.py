@@ -1,0 +1,308 @@
+"""Coulomb's law for rows with tangents, one step after the other: which solver takes them, and from which start."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array, vstack
+from scipy.sparse.csgraph import connected_components
+
+from ...compiled import plain_array
+from ...errors import ProjectionError
+from ..acceptance import OF_MECHANISMS, Acceptance
+from ..dense.scaled_qp import Projection
+from ..free_motion import FreeMotion
+from ..metric import Array, Metric
+from ..tree import TreeFreeMotion
+from ..warm_start import LastPercussions, contact_keys
+from .energy_cap import capped_restitution
+from .few_contacts import MOST_CONTACTS
+from .friction import EXACT, NO_START, FrictionalProjection, FrictionalStart, law_of_contacts, project_frictional
+from .friction_sparse import FineRows, project_frictional_sparse
+
+# entries of the rows of few contacts up to which they are solved as dense ones
+_MOST_DENSE = 2_000_000
+
+_NONE = np.zeros(0)
+
+
+class FrictionalRows(Protocol):
+    """What the projection needs of rows with tangents, which `constraints.Rows` has."""
+
+    @property
+    def constraint(self) -> Array:
+        """The constraint of each row, shape (k,)."""
+
+    @property
+    def jacobian(self) -> Array | csr_array:
+        """Gradients, shape (k, nv)."""
+
+    @property
+    def restitution(self) -> Array:
+        """Restitution, shape (k,)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates of gaps at v = 0, shape (k,)."""
+
+    @property
+    def tangents(self) -> TangentRows | None:
+        """Their tangents."""
+
+
+class TangentRows(Protocol):
+    """What it needs of tangents, which `constraints.Tangents` has."""
+
+    @property
+    def friction(self) -> Array:
+        """Coefficients, shape (k,)."""
+
+    @property
+    def jacobian(self) -> Array | csr_array:
+        """Gradients, shape (2 k, nv)."""
+
+    @property
+    def rate(self) -> Array | None:
+        """Rates at v = 0, shape (2 k,)."""
+
+
+class FrictionalLaws:
+    """Coulomb's law in one step after the other, each started from the last percussions.
+
+    Parameters
+    ----------
+    residual : float
+        The relative residual of few contacts, and of all contacts of mechanisms.
+    energy_cap : bool
+        Whether `capped_restitution` limits e.
+    acceptance : Acceptance
+        Which answers are accepted.
+
+    Attributes
+    ----------
+    yielding : ndarray of bool, shape (k,), or None
+        Which contacts of the last `project` had their bounds lowered; None if none had.
+    jams : int
+        In how many laws there were such contacts.
+    """
+
+    def __init__(self, residual: float, energy_cap: bool, acceptance: Acceptance) -> None:
+        self._residual, self._energy_cap, self._acceptance = residual, energy_cap, acceptance
+        self._last, self.start = LastPercussions(), NO_START
+        self.yielding: Array | None = None
+        self.jams = 0
+
+    def forget(self) -> None:
+        """Forget the last percussions: the next laws start from none."""
+        self._last, self.start = LastPercussions(), NO_START
+
+    def project(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return the velocity of Coulomb's law with J w >= lower on normals; percussions have shape (3 k,).
+
+        Of few contacts also their velocities. Bodies that jam may have no velocity with which contacts part as fast as
+        `lower` demands. Among them contacts are only kept from closing then (`yielding`), for which there is one where
+        walls are at rest.
+
+        Parameters
+        ----------
+        x : ndarray, shape (nv,)
+            Velocity under the forces alone.
+        metric : Metric
+            M.
+        rows : Rows
+            Rows with tangents.
+        lower : ndarray, shape (k,)
+            Least normal rates.
+        residual, rate : float
+            The relative residual of more contacts of free bodies, and the error of velocities that they may have.
+
+        Raises
+        ------
+        ProjectionError
+            If the law is not solved with the lower bounds either.
+        """
+        self.yielding = None
+        try:
+            return self._project(x, metric, rows, lower, residual, rate)
+        except ProjectionError:
+            still = np.zeros(len(lower)) if rows.rate is None else -rows.rate
+            parting = lower > still
+            if not parting.any():
+                raise
+            self.yielding, self.jams = parting & self._jammed(x, metric, rows, lower, residual, rate), self.jams + 1
+            return self._project(x, metric, rows, np.where(self.yielding, still, lower), residual, rate)
+
+    def _jammed(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> Array:
+        """Return which contacts belong to bodies for which the law is not solved, shape (k,)."""
+        assert rows.tangents is not None
+        J = _contact_rows(rows)
+        W = abs(metric.whiten_rows(J))
+        count, label = connected_components(W @ W.T, directed=False)
+        bounds, mu, fine = _bounds(rows, lower), rows.tangents.friction, self._fine_rows(J, rows.constraint)
+        jammed = np.full(len(lower), count == 1)
+        for island in range(count if count > 1 else 0):
+            some = label[::3] == island
+            own = None if fine is None else FineRows(fine.contacts[some], fine.residual, fine.rates[some])
+            try:
+                project_frictional_sparse(
+                    x, metric, J[np.repeat(some, 3)], bounds[some].ravel(), mu[some], residual, rate=rate, fine=own,
+                    bound=self._acceptance.bound,
+                )  # fmt: skip
+            except ProjectionError:
+                jammed |= some
+        return jammed
+
+    def _project(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return what `project` returns, with the bounds as they are; errors name the contact that closes fastest."""
+        try:
+            return self._solved(x, metric, rows, lower, residual, rate)
+        except ProjectionError as error:
+            if error.constraint is None:
+                error.constraint = int(rows.constraint[(lower - rows.jacobian @ x).argmax()])
+            raise
+
+    def _solved(
+        self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
+    ) -> FrictionalProjection | Projection:
+        """Return what `_project` does."""
+        tangents, m, bound = rows.tangents, len(lower), self._acceptance.bound
+        assert tangents is not None
+        bounds = _bounds(rows, lower)
+        if _are_few(m, len(x)):
+            J, mu = _wide(rows.jacobian, tangents), tangents.friction
+            found = project_frictional(x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start)
+            self._accept(found, self._residual, rows, lower)
+            self.start = FrictionalStart(found.start, found.unique)
+            return found
+        keys = contact_keys(rows.constraint)
+        J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
+        fine = self._fine_rows(J, rows.constraint)
+        many = project_frictional_sparse(
+            x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate, fine, bound
+        )
+        first = residual if fine is None or not fine.contacts.any() else fine.residual
+        self._accept(many, first, rows, lower)
+        self._last.keep(many.percussion.reshape(-1, 3), keys)
+        return many
+
+    def _fine_rows(self, J: csr_array, numbers: Array) -> FineRows | None:
+        """Return which contacts are those of mechanisms, given all their rows and their constraints; None in no run."""
+        stated = self._acceptance.stated
+        if stated is None:
+            return None
+        contacts = stated.of_mechanisms(J).reshape(-1, 3)
+        return FineRows(np.asarray(contacts.any(axis=1)), min(self._residual, OF_MECHANISMS), stated.aims(numbers))
+
+    def _accept(
+        self, found: FrictionalProjection | Projection, residual: float, rows: FrictionalRows, lower: Array
+    ) -> None:
+        """Raise `ProjectionError` if a row sinks too deep; see `Acceptance.check`."""
+        closing = lower - rows.jacobian @ found.velocity
+        about = {"w": found.velocity, "J": rows.jacobian, "lower": lower}
+        self._acceptance.check(found.residual, residual, rows.constraint, closing, lambda: about)
+
+    def law(
+        self, motion: FreeMotion | TreeFreeMotion, rows: FrictionalRows, opened: Array | None
+    ) -> tuple[Array, Array, float, Array] | None:
+        """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
+
+        See `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
+        has friction, where e is capped, or where the law is not solved exactly.
+
+        Parameters
+        ----------
+        motion : TreeFreeMotion
+            The free motion; None is returned for others.
+        rows : Rows
+            Rows with tangents.
+        opened : ndarray, shape (k,), or None
+            Speeds at which rows that are open may close, 0 of others.
+        """
+        tangents, J, m = rows.tangents, rows.jacobian, len(rows.restitution)
+        if type(motion) is not TreeFreeMotion or tangents is None or not isinstance(J, np.ndarray):
+            return None
+        T = tangents.jacobian
+        if m > MOST_CONTACTS or self._energy_cap or not isinstance(T, np.ndarray):
+            return None
+        drift = _NONE if rows.rate is None and tangents.rate is None else _drift(rows, tangents).ravel()
+        e, mu = plain_array(rows.restitution), plain_array(tangents.friction)
+        J, T, opened = plain_array(J), plain_array(T), _NONE if opened is None else plain_array(opened)
+        found = law_of_contacts(motion, J, T, e, drift, opened, mu, self.start, EXACT * self._residual)
+        if found is None:
+            return None
+        self.start = found[4]
+        return found[:4]
+
+    def capped_restitution(self, x: Array, metric: Metric, rows: FrictionalRows, before: Array) -> Array | None:
+        """Return the largest restitution of rows, at most their own, with which an impact gains no energy.
+
+        None where e is not capped, where rows have no friction or do not bounce, or for more than 32 contacts.
+
+        Parameters
+        ----------
+        before : ndarray, shape (k,)
+            Rates of their gaps before [m/s].
+        x, metric, rows
+            See `project`.
+        """
+        e, tangents = rows.restitution, rows.tangents
+        if not self._energy_cap or tangents is None or not tangents.friction.any() or not e.any():
+            return None
+        if not _are_few(len(e), len(x)):
+            return None
+        rate = _drift(rows, tangents)
+        J = _wide(rows.jacobian, tangents)
+        return capped_restitution(
+            x, metric, J, before - rate[:, 0], e, tangents.friction, rate.ravel(), self._residual
+        ).e
+
+
+def _are_few(contacts: int, nv: int) -> bool:
+    """Return whether contacts with friction are solved as dense rows."""
+    return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
+
+
+def _drift(rows: FrictionalRows, tangents: TangentRows) -> Array:
+    """Return the rates of contacts at v = 0, each normal followed by its tangents, shape (m, 3)."""
+    rate = np.zeros((len(rows.restitution), 3))
+    if rows.rate is not None:
+        rate[:, 0] = rows.rate
+    if tangents.rate is not None:
+        rate[:, 1:] = tangents.rate.reshape(-1, 2)
+    return rate
+
+
+def _wide(J: Array | csr_array, tangents: TangentRows) -> Array:
+    """Return dense rows of contacts, each normal followed by its tangents, shape (3 m, nv)."""
+    wide = np.empty((J.shape[0], 3, J.shape[1]))
+    wide[:, 0], wide[:, 1:] = _full(J), _full(tangents.jacobian).reshape(len(wide), 2, -1)
+    return wide.reshape(-1, J.shape[1])
+
+
+def _full(rows: Array | csr_array) -> Array:
+    return rows if isinstance(rows, np.ndarray) else rows.toarray()
+
+
+def _bounds(rows: FrictionalRows, lower: Array) -> Array:
+    """Return the bounds of normals and the rates of tangents at which contacts stick, shape (k, 3)."""
+    bounds = np.zeros((len(lower), 3))
+    bounds[:, 0] = lower
+    if rows.tangents is not None and rows.tangents.rate is not None:
+        bounds[:, 1:] = -rows.tangents.rate.reshape(-1, 2)
+    return bounds
+
+
+def _contact_rows(rows: FrictionalRows) -> csr_array:
+    """Return sparse rows of contacts, each normal followed by its tangents, shape (3 k, nv)."""
+    assert rows.tangents is not None
+    m = rows.jacobian.shape[0]
+    order = np.stack([np.arange(m), m + 2 * np.arange(m), m + 2 * np.arange(m) + 1], axis=1).ravel()
+    both = vstack([csr_array(rows.jacobian), csr_array(rows.tangents.jacobian)], format="csr")
+    return csr_array(both)[order]

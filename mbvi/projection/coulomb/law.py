@@ -1,0 +1,209 @@
+"""The kernel of an impact with Coulomb friction: from rows and velocities to percussions, cases and the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ..metric import Array
+from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
+from .newton import OPEN, find_cases, resume_newton, tangential_scale
+from .one_contact import closing_order, coulomb_defect, sweep_contacts
+from .quick import MOST_NEWTON, quick_coulomb
+
+# what is known of the last problem: nothing, its percussions where they were unique, else those of compliant contacts
+NOTHING, UNIQUE, COMPLIANT = 0, 1, 2
+_RESUMED_STEPS = 6
+# most sweeps over more contacts, and their multiplications, about two seconds
+_MOST_SWEEPS, _WORK = 20_000, 2e9
+
+
+@kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
+def delassus(J: Array, A: Array, G: Array, scale: Array) -> None:
+    """Write J A', shape (n, n), scaled to unit normal entries, and the scale of each contact, shape (m,).
+
+    A contact whose normal row vanishes has the scale 0, and zeros in G.
+    """
+    m, nv = len(scale), J.shape[1]
+    for a in range(m):
+        i = 3 * a
+        # its own block first: it gives the scale
+        for c in range(a, -1, -1):
+            j = 3 * c
+            s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+            for k in range(nv):
+                x, y, z = J[i, k], J[i + 1, k], J[i + 2, k]
+                f, g, h = A[j, k], A[j + 1, k], A[j + 2, k]
+                s00, s01, s02 = s00 + x * f, s01 + x * g, s02 + x * h
+                s10, s11, s12 = s10 + y * f, s11 + y * g, s12 + y * h
+                s20, s21, s22 = s20 + z * f, s21 + z * g, s22 + z * h
+            if c == a:
+                scale[a] = 1.0 / np.sqrt(s00) if s00 > 0.0 else 0.0
+                s01, s02, s12 = 0.5 * (s01 + s10), 0.5 * (s02 + s20), 0.5 * (s12 + s21)
+                s10, s20, s21 = s01, s02, s12
+            f = scale[a] * scale[c]
+            G[i, j], G[i, j + 1], G[i, j + 2] = f * s00, f * s01, f * s02
+            G[i + 1, j], G[i + 1, j + 1], G[i + 1, j + 2] = f * s10, f * s11, f * s12
+            G[i + 2, j], G[i + 2, j + 1], G[i + 2, j + 2] = f * s20, f * s21, f * s22
+            for r in range(3):
+                for q in range(3):
+                    G[j + q, i + r] = G[i + r, j + q]
+
+
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def apply_percussions(
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, scale: Array, p: Array, u: Array, w: Array, table: Array
+) -> float:
+    """Write the velocity that scaled percussions p bring about, and scaled velocities u; return `coulomb_defect`.
+
+    The other arguments are those of `coulomb_law` and `delassus`.
+    """
+    n, nv = J.shape
+    for k in range(nv):
+        w[k] = x[k]
+    for i in range(n):
+        table[0, i] = p[i] * scale[i // 3]
+        if p[i] != 0.0:
+            for k in range(nv):
+                w[k] += table[0, i] * A[i, k]
+    for i in range(n):
+        speed = 0.0
+        for k in range(nv):
+            speed += J[i, k] * w[k]
+        table[2, i] = speed
+        u[i] = (speed - lower[i]) * scale[i // 3]
+    return coulomb_defect(u, p, mu)
+
+
+@kernel("Tuple((b1, f8))(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
+def free_speeds(J: Array, x: Array, lower: Array, table: Array) -> tuple[bool, float]:
+    """Write zero percussions and twice J x; return whether some contact closes, and the largest terms that cancel.
+
+    The arguments are those of `coulomb_law`.
+    """
+    n, nv = J.shape
+    closing, cancelled = False, 0.0
+    for i in range(n):
+        speed, terms = 0.0, 0.0
+        for k in range(nv):
+            speed += J[i, k] * x[k]
+            terms += abs(J[i, k] * x[k])
+        table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
+        cancelled = max(cancelled, terms)
+        # a speed within rounding of the terms that cancel in it closes nothing
+        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms)
+    return closing, cancelled
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
+def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, b: Array) -> float:
+    """Write the scaled velocities J x - lower, shape (n,); return the largest scaled speed.
+
+    It is inf where a contact that moves nothing demands a positive rate. The arguments are those of `coulomb_law` and
+    `free_speeds`.
+    """
+    largest = 0.0
+    for i in range(len(b)):
+        s = scale[i // 3]
+        if i % 3 == 0 and s == 0.0 and lower[i] > 0.0:
+            return np.inf
+        b[i] = (table[1, i] - lower[i]) * s
+        largest = max(largest, abs(table[1, i]) * s, abs(b[i]), 1e-9 * cancelled * s)
+    return largest
+
+
+@kernel("b1(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
+def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
+    """Write percussions p of the law for scaled rows; return whether they are known to be unique.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        See `coulomb.solve_coulomb`.
+    known : int
+        See `coulomb_law`.
+    soft, p : ndarray, shape (n,)
+        Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
+        compliant contacts.
+    """
+    m = len(mu)
+    if m > MOST_CONTACTS:
+        if m > MOST_NEWTON or not quick_coulomb(G, b, mu, limit, p) <= limit:
+            order = np.empty(m, np.int64)
+            closing_order(b, order)
+            sweep_contacts(G, b, mu, order, min(_MOST_SWEEPS, int(_WORK / G.size)), limit, p)
+        return False
+    weak, independent = couples_weakly(G, mu), independent_rows(G, mu)
+    unique = independent and weak
+    residual = np.inf
+    if unique and known == UNIQUE:
+        residual = resume_newton(G, b, mu, _RESUMED_STEPS, limit, p)
+    # written so that a NaN is refused too
+    if not residual <= limit:
+        solve_coulomb(G, b, mu, limit, independent, weak and known == COMPLIANT, soft, p)
+    return unique
+
+
+@kernel(
+    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
+)
+def coulomb_law(
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, known: int, limit: float, start: Array, w: Array,
+    table: Array, case: Array,
+) -> tuple[float, bool]:  # fmt: skip
+    """Write the velocity w that Coulomb's law gives, with M (w - x) = J' p.
+
+    Parameters
+    ----------
+    J, A : ndarray, shape (n, nv), n = 3 m
+        Of each contact the normal and two tangents, and M^-1 times each of them. Tangents may be zero rows.
+    x, w : ndarray, shape (nv,)
+        The velocity under forces alone, and the result.
+    lower : ndarray, shape (n,)
+        Of each contact the least normal rate, and the rates of the tangents at which it sticks.
+    mu : ndarray, shape (m,)
+        Coefficients of friction.
+    known : int
+        NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
+    limit : float
+        The residual that ends the iterations.
+    start : ndarray, shape (n,)
+        Percussions of a problem like this, those of compliant contacts unless unique; receives those of this one.
+    table : ndarray, shape (3, n)
+        Receives percussions, J x and J w.
+    case : ndarray of int, shape (m,)
+        Receives OPEN, STICK or SLIP.
+
+    Returns
+    -------
+    residual : float
+        `coulomb_defect` relative to the largest scaled speed.
+    unique : bool
+        Whether rows are independent and friction acts little on normals, so that there is one answer.
+    """
+    n, nv = J.shape
+    m = n // 3
+    closing, cancelled = free_speeds(J, x, lower, table)
+    if not closing:
+        for k in range(nv):
+            w[k] = x[k]
+        for a in range(m):
+            case[a] = OPEN
+        return 0.0, True
+    G, scale, tangential = np.empty((n, n)), np.empty(m), np.empty(m)
+    b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    delassus(J, A, G, scale)
+    largest = scale_speeds(table, lower, scale, cancelled, b)
+    if largest == np.inf:
+        return np.inf, False
+    for i in range(n):
+        s = scale[i // 3]
+        p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
+        soft[i] = p[i]
+    unique = solve_scaled(G, b, mu, known, limit, soft, p)
+    residual = apply_percussions(J, A, x, lower, mu, scale, p, u, w, table) / largest
+    tangential_scale(G, tangential)
+    find_cases(u, p, mu, tangential, case)
+    for i in range(n):
+        start[i] = table[0, i] if unique else soft[i] * scale[i // 3]
+    return residual, unique

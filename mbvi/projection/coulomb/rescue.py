@@ -1,0 +1,194 @@
+"""Kernels for the problems of Coulomb's law that Newton's method does not solve at once; the best found is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ..metric import Array
+from .newton import SHIFT, find_cases, hold_cases, newton_coulomb, tangential_scale
+from .one_contact import closing_order, contact_velocities, coulomb_defect, sweep_contacts
+
+# compliance of every contact, relative to its own G_nn, whose answer is followed to rigid contacts; the least, and the
+# factor between
+COMPLIANCE, RIGID, _STIFFER = 1e-4, 1e-9, 0.1
+# the largest compliance
+_SOFT = 1.0
+# returned where percussions grow without bound as compliance falls
+UNBOUNDED = -1.0
+# residual of the problems within an iteration
+_CLOSE = 1e-12
+# proximal point iteration: first weight, its factor, least weight, most iterations
+_WEIGHT, _LESS, _LEAST, _MOST_PROXIMAL = 1.0, 0.3, 1e-9, 40
+# sweeps of the first round, their factor from round to round; Newton steps after each, and errors remembered in them
+_FIRST_SWEEPS, _MORE_SWEEPS, _STEPS, _REMEMBERED = 3, 3, 60, 3
+# rounds of sweeps
+_ROUNDS = 7
+_HELD_STEPS, _POLISHING_SWEEPS = 30, 300
+# percussions that grow by such a factor in so many steps of compliance have no limit
+_GROWTH, _MOST_GROWTHS = 5.0, 3
+# a residual up to this is a solution, of which last digits are left to cheap methods
+_SOLVED = 1e-9
+# shift of dependent rows: less of the rounding gets into percussions that the velocity does not depend on
+_HELD_SHIFT = 1e-7
+
+
+@kernel("f8(f8[::1], f8, f8, f8[::1])")
+def keep_better(trial: Array, residual: float, best: float, p: Array) -> float:
+    """Copy a trial to p if its residual is less than the best so far; return the lesser of both."""
+    # written so that a NaN is not kept
+    if residual < best:
+        best = residual
+        for i in range(len(p)):
+            p[i] = trial[i]
+    return best
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
+def proximal_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
+    """Improve percussions by proximal point iterations with Newton's method inside; return the residual.
+
+    The arguments are those of `newton_coulomb`; p is the start and receives the best found. Each iteration solves the
+    law with G + weight I and b - weight p. A large weight decouples the contacts.
+    """
+    n = len(b)
+    H, c, u, point = G.copy(), np.empty(n), np.empty(n), p.copy()
+    best, weight = np.inf, _WEIGHT
+    for _ in range(_MOST_PROXIMAL):
+        for i in range(n):
+            H[i, i], c[i] = G[i, i] + weight, b[i] - weight * point[i]
+        newton_coulomb(H, c, mu, 15, 1e-3 * limit if weight < 1e-5 else 1e-6, SHIFT, 3, point)
+        largest = contact_velocities(G, b, point, u)
+        best = keep_better(point, coulomb_defect(u, point, mu) / largest, best, p)
+        if best <= limit:
+            break
+        weight = max(_LESS * weight, _LEAST)
+    return best
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")
+def sweeps_and_newton(G: Array, b: Array, mu: Array, limit: float, p: Array) -> float:
+    """Improve percussions by ever more sweeps, each time with Newton's method after them; return the residual.
+
+    The arguments are those of `newton_coulomb`; p is the start and receives the best found.
+    """
+    trial, swept, order = np.empty(len(b)), p.copy(), np.empty(len(mu), np.int64)
+    closing_order(b, order)
+    best, sweeps = np.inf, _FIRST_SWEEPS
+    for _ in range(_ROUNDS):
+        best = keep_better(swept, sweep_contacts(G, b, mu, order, sweeps, limit, swept), best, p)
+        if best <= limit:
+            break
+        keep_better(swept, 0.0, 1.0, trial)
+        residual = newton_coulomb(G, b, mu, _STEPS, limit, SHIFT, _REMEMBERED, trial)
+        best = keep_better(trial, residual, best, p)
+        if best <= limit:
+            break
+        sweeps *= _MORE_SWEEPS
+    return best
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], i8[::1], b1, f8, f8[::1])")
+def hold_rigid(G: Array, b: Array, mu: Array, case: Array, independent: bool, limit: float, p: Array) -> float:
+    """Solve the equations of given cases, of dependent rows with ever smaller shifts; return the residual.
+
+    Parameters
+    ----------
+    G, b, mu, case, limit, p
+        See `hold_cases`.
+    independent : bool
+        Whether rows are independent.
+    """
+    shift = 0.0 if independent else _HELD_SHIFT
+    residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+    while residual > limit and shift > 1e-3 * SHIFT:
+        shift *= 0.1
+        residual = hold_cases(G, b, mu, case, _HELD_STEPS, limit, shift, p)
+    return residual
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1])")
+def stiffen(G: Array, b: Array, mu: Array, independent: bool, compliance: float, limit: float, p: Array) -> float:
+    """Follow the answer of compliant contacts as they get stiffer; write the best found and return its residual.
+
+    Where percussions grow as compliance falls, as where the law has no solution, this ends with `UNBOUNDED`.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        See `newton_coulomb`.
+    independent : bool
+        Whether rows are independent.
+    compliance : float
+        That of the contacts whose percussions p holds.
+    p : ndarray, shape (n,)
+        See `compliance`; receives the best found.
+    """
+    n, m = len(b), len(mu)
+    H, u, scale, case = G.copy(), np.empty(n), np.empty(m), np.empty(m, np.int64)
+    soft, trial, best = p.copy(), np.empty(n), np.inf
+    size, growths = np.inf, 0
+    while compliance > RIGID and best > _SOLVED:
+        compliance *= _STIFFER
+        for i in range(n):
+            H[i, i] = G[i, i] + compliance
+        if newton_coulomb(H, b, mu, _STEPS, _CLOSE, 1e-2 * SHIFT, _REMEMBERED, soft) > _CLOSE:
+            sweeps_and_newton(H, b, mu, _CLOSE, soft)
+        contact_velocities(H, b, soft, u)
+        tangential_scale(H, scale)
+        find_cases(u, soft, mu, scale, case)
+        keep_better(soft, 0.0, 1.0, trial)
+        best = keep_better(trial, hold_rigid(G, b, mu, case, independent, limit, trial), best, p)
+        last, size = size, 0.0
+        for i in range(n):
+            size = max(size, abs(soft[i]))
+        growths = growths + 1 if compliance < COMPLIANCE and size > _GROWTH * last else 0
+        if growths == _MOST_GROWTHS:
+            return UNBOUNDED
+    return best
+
+
+@kernel("f8(f8[:,::1], f8[::1], f8[::1], b1, f8, f8, f8[::1], f8[::1])")
+def improve_coulomb(
+    G: Array, b: Array, mu: Array, independent: bool, residual: float, limit: float, soft: Array, p: Array
+) -> float:
+    """Improve percussions of a given residual by one method after the other; return the residual reached.
+
+    Parameters
+    ----------
+    G, b, mu, limit
+        See `newton_coulomb`.
+    independent : bool
+        Whether rows are independent.
+    residual : float
+        That of p.
+    soft : ndarray, shape (n,)
+        Percussions of contacts with COMPLIANCE.
+    p : ndarray, shape (n,)
+        The start, which receives the best found.
+    """
+    trial, order = np.empty(len(b)), np.empty(len(mu), np.int64)
+    for attempt in range(6):
+        if residual <= limit or (attempt > 2 and residual <= _SOLVED):
+            break
+        keep_better(soft if attempt == 3 else p, 0.0, 1.0, trial)
+        if attempt == 0 or attempt == 2:
+            found = newton_coulomb(G, b, mu, _STEPS, limit, 1e3 * SHIFT if attempt == 0 else SHIFT, _REMEMBERED, trial)
+        elif attempt == 1:
+            closing_order(b, order)
+            found = sweep_contacts(G, b, mu, order, _POLISHING_SWEEPS, limit, trial)
+        elif attempt == 3:
+            found = stiffen(G, b, mu, independent, COMPLIANCE, limit, trial)
+            if found == UNBOUNDED:
+                # very compliant contacts may be those of another answer
+                for i in range(len(p)):
+                    trial[i] = 0.0
+                found = stiffen(G, b, mu, independent, _SOFT, limit, trial)
+            if found == UNBOUNDED:
+                break
+        elif attempt == 4:
+            found = sweeps_and_newton(G, b, mu, limit, trial)
+        else:
+            found = proximal_newton(G, b, mu, limit, trial)
+        residual = keep_better(trial, found, residual, p)
+    return residual

@@ -1,0 +1,1 @@
+"""Displacements that move rows out of penetration."""

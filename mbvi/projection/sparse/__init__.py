@@ -1,0 +1,1 @@
+"""Solvers for the sparse rows of many bodies."""

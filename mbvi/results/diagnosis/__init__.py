@@ -1,0 +1,1 @@
+"""What a run says about itself: the diagnosis, jumps of velocity, energies."""

@@ -1,0 +1,292 @@
+"""Computes the diagnosis of a run from its states and the instants with several active constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...arguments import shown
+from ...constraints.rows import take
+from ...errors import InputError, ProjectionError
+from ...impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
+from ...projection import Projector
+from ...schemes.observer import observer
+from ...system.free.sparse_rows import dense
+from ..run_data import Impact, RunData
+from .diagnosis import Array, Diagnosis, Instant
+from .energies import energy_of_projection
+from .jumps import Jumps
+
+if TYPE_CHECKING:
+    from ...constraints import Rows
+    from ...problem import Problem
+    from ...projection import Metric
+    from ...schemes import Scheme, Step
+
+# most single impacts followed at one instant
+_MOST_IMPACTS = 2_000
+# a gradient depends on others if the sine of its angle to their span is below this
+_DEPENDENT = 1e-6
+# differences of times, in steps, and of velocities, relative to the speed, that count as zero
+_INSTANT, _ROUNDING = 1e-6, 1e-10
+# energies relative to the sum of percussions times speeds that count as zero
+_ENERGY_ROUNDING = 1e-9
+# most numbers of all gradients and angles at one instant
+_MOST_ENTRIES = 30_000_000
+# most constraints in one impact of a run that is diagnosed without being asked
+_MOST_AT_ONCE = 32
+# length below which a gradient counts as zero
+_VANISHING = 1e-12
+
+
+class _State(NamedTuple):
+    """A state of a run, the velocity before it, and the step that led there.
+
+    `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted. `again`
+    takes the step once more; None where that is not known.
+    """
+
+    t: float
+    q: Array
+    before: Array
+    v: Array
+    h: float
+    step: Step | None = None
+    again: Callable[[], Step | None] | None = None
+
+
+def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
+    """Return the diagnosis of a run; see `Trajectory.diagnosis`."""
+    if run.problem is None:
+        raise InputError("this run carries no problem to look at; simulate it again, or build its problem by a Scene")
+    if not (isinstance(tolerance, (int, float)) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance must lie between 0 and 1; got {tolerance!r}")
+    problem, system = run.problem, run.problem.system
+    struck = np.array([impact.time for impact in run.impacts])
+    found, jumps = _Instants(problem, tolerance), Jumps(problem)
+    variation = energy = excess = raised = 0.0
+    vanishing: dict[str, None] = {}
+    for state in _states(run):
+        t, q, before, v, h, step, again = state
+        metric = system.metric(q)
+        if again is not None and problem.constraints.frictional:
+            jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
+        variation += float(np.linalg.norm(v - before))
+        if step is not None:
+            rest = (1.0 - run.record.timing.jump) * h
+            raised += energy_of_projection(problem, t, q, step.q, step.v, rest)
+            gained = 0.5 * float(step.percussion @ (step.before + step.after))
+            lengths = problem.constraints.levers(step.active.constraint) * step.active.gap
+            # rows near enough to close within the step join the law; those that stay open are no contacts
+            active = _dense(take(step.active, (step.percussion > 0.0) | (lengths <= problem.tolerance)))
+            if step.slip is not None:
+                gained += 0.5 * float(np.vdot(step.slip[0], step.slip[2] + step.slip[3]))
+        else:
+            # the same by the balance of percussions, less the work of the forces within the step
+            gained = 0.5 * float((v - before) @ metric.apply(v + before))
+            if run.step > 0.0:
+                gained -= 0.5 * h * float(system.force(t, q, before) @ (v + before))
+            elif h > 0.0:
+                # located impacts take no time: between two states there are none
+                gained = 0.0
+            active = _dense(problem.constraints.active(t, q, problem.tolerance))
+            if active.rate is not None:
+                percussions = metric.apply(v - before) - h * system.force(t, q, before)
+                gained += float(np.linalg.lstsq(active.jacobian.T, percussions)[0] @ active.rate)
+        if run.lacks_functions:
+            gained = np.nan
+        energy += gained
+        excess = np.nan if run.lacks_functions else max(excess, energy)
+        lost = np.linalg.norm(active.jacobian, axis=1) < _VANISHING
+        vanishing |= dict.fromkeys(map(problem.constraints.name, active.constraint[lost].tolist()))
+        if len(active.gap) > 1:
+            k = int(np.searchsorted(struck, t - _INSTANT * run.step))
+            impact = k < len(struck) and bool(struck[k] <= t + _INSTANT * run.step)
+            found.add(state, active, metric, gained, impact and (run.step > 0.0 or h == 0.0))
+        else:
+            found.end()
+    found.end()
+    unseen = run.step > 0.0 and _stepping_scheme(run) is None and bool((np.diff(run.t) > 1.5 * run.step).any())
+    return Diagnosis(
+        tuple(found.instants),
+        np.nan if (unseen or found.not_followed) and np.isinf(found.horizon) else found.horizon,
+        tolerance,
+        variation,
+        max((float(i.percussion.max()) for i in run.impacts), default=0.0),
+        excess,
+        tuple(vanishing),
+        unseen,
+        found.not_followed,
+        tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
+        tuple(jumps.found),
+        raised,
+    )
+
+
+def given_or_computed(run: RunData, diagnosis: Diagnosis | None) -> tuple[Diagnosis | None, str]:
+    """Return a diagnosis for plots and pages, or None and why there is none: many constraints at once cost too much."""
+    if diagnosis is not None:
+        if not isinstance(diagnosis, Diagnosis):
+            raise InputError(f"diagnosis must be what run.diagnosis() returned; got {shown(diagnosis)}")
+        return diagnosis, ""
+    if run.problem is None:
+        return None, "the file of this run could not bring its problem back"
+    most = max((len(impact.constraints) for impact in run.impacts), default=0)
+    if most > _MOST_AT_ONCE:
+        return None, f"{most} constraints take part in one impact; give diagnosis=run.diagnosis(), which may take long"
+    return diagnose(run), ""
+
+
+def _gains_by_friction(impact: Impact) -> bool:
+    """Return whether an impact with friction raised the kinetic energy beyond rounding."""
+    if impact.regime is None:
+        return False
+    scale = impact.percussion @ (np.abs(impact.before) + np.abs(impact.after))
+    return bool(impact.energy_change > _ENERGY_ROUNDING * scale)
+
+
+def _dense(active: Rows) -> Rows:
+    """Return rows with full gradients."""
+    rows, columns = active.jacobian.shape
+    if rows * (rows + columns) > _MOST_ENTRIES:
+        raise InputError(f"the diagnosis compares every active row with every other, and {rows} at once are too many")
+    tangents = active.tangents
+    if tangents is not None:
+        tangents = tangents._replace(jacobian=dense(tangents.jacobian))
+    return active._replace(jacobian=dense(active.jacobian), tangents=tangents)
+
+
+def _stepping_scheme(run: RunData) -> Scheme | None:
+    """Return the scheme that can take the steps of a run again, None where there is none."""
+    if run.step <= 0.0 or run.record.scheme is None or run.lacks_functions:
+        return None
+    return cast("Scheme", run.record.scheme)
+
+
+def _states(run: RunData) -> Iterator[_State]:
+    """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
+
+    So is every state of a scheme that applies the law within its steps or projects positions. Where a file names an
+    unknown scheme, the law is taken to act where the velocity jumps, on the rows that are active there.
+    """
+    assert run.problem is not None
+    problem, jump, scheme = run.problem, run.record.timing.jump, _stepping_scheme(run)
+    # Coulomb's law for many contacts is solved as exactly as in the run
+    projector = Projector(friction_residual=max(1e-6, float(np.max(run.residual, initial=0.0))))
+    # a control may look at the contacts of the step before, and only that step gives them
+    observe = observer(problem)
+    # only the step separates the work of moving walls and of projected positions from that of the impact
+    again = scheme is not None and (
+        jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
+    )
+    problem.system.start()
+    yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
+    for i in range(1, len(run.t)):
+        t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
+        while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
+            step = scheme.step(problem, t, q, v, run.step, projector)
+            acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
+            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
+            if observe is not None:
+                observe(step, run.step)
+            t, q, v = step.t, step.q, step.v
+        h = end - t
+        acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
+        take = None if scheme is None else partial(_taken, scheme, problem, t, q, v, h, projector)
+        last = take() if again and take is not None else None
+        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
+        if observe is not None and last is not None:
+            observe(last, h)
+
+
+def _as_it_is(step: Step) -> Step:
+    return step
+
+
+def _taken(scheme: Scheme, *arguments: Any) -> Step | None:
+    """Return a step, None if it cannot be solved: the run has then retaken it in parts, which its notes say."""
+    try:
+        return scheme.step(*arguments)
+    except ProjectionError:
+        return None
+
+
+class _Instants:
+    """Collects instants; consecutive instants with the same rows and no impact become one stretch."""
+
+    def __init__(self, problem: Problem, tolerance: float) -> None:
+        self._problem, self._tolerance = problem, tolerance
+        self.instants: list[Instant] = []
+        self.horizon, self.not_followed = np.inf, 0
+        # the present stretch: its rows, its instant so far, its largest violation of (12)
+        self._stretch: tuple[bytes, Instant, float] | None = None
+
+    def end(self) -> None:
+        """End the present stretch."""
+        if self._stretch is not None:
+            self.instants.append(self._stretch[1])
+            self._stretch = None
+
+    def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
+        """Add an instant with several active rows."""
+        columns, _ = unit_gradients(metric, active.jacobian)
+        cosines, e = cosines_between(columns), active.restitution
+        worst = float(condition_12_violation(cosines, e, self._tolerance).max())
+        found, frictional = None, active.tangents is not None and bool(active.tangents.friction.any())
+        if impact and frictional:
+            self.not_followed += 1
+        elif impact and worst and not np.isfinite(self.horizon):
+            before = state.before
+            if active.rate is not None:
+                # relative to moving walls, in the sense of least squares where they move apart
+                before = before + np.linalg.lstsq(active.jacobian, active.rate)[0]
+            found = follow(metric, active.jacobian, before, e, _MOST_IMPACTS)
+            jump = state.v - state.before
+            moved, speed = (np.sqrt(w @ metric.apply(w)) for w in (jump, state.before))
+            # a spread of outcomes within rounding is no fork
+            if found.spread > max(self._tolerance * moved, _ROUNDING * speed):
+                self.horizon = state.t
+        names = tuple(map(self._problem.constraints.name, active.constraint.tolist()))
+        free = independent(columns, cosines, _DEPENDENT)
+        free_slip = not frictional or _independent_tangents(metric, active)
+        kept = csr_array(cosines)
+        new = Instant(state.t, state.t, names, e, impact, not worst, free, gained, found, kept, free_slip)
+        if impact:
+            self.end()
+            self.instants.append(new)
+            return
+        rows, so_far = active.constraint.tobytes(), self._stretch
+        if so_far is None or so_far[0] != rows:
+            self.end()
+            self._stretch = rows, new, worst
+        else:
+            self._stretch = rows, _joined(so_far[1], new, worst > so_far[2]), max(worst, so_far[2])
+
+
+def _joined(first: Instant, second: Instant, worse: bool) -> Instant:
+    return Instant(
+        first.time,
+        second.until,
+        first.constraints,
+        first.restitution,
+        False,
+        first.condition_12 and second.condition_12,
+        first.independent and second.independent,
+        first.energy_change + second.energy_change,
+        None,
+        (second if worse else first)._cosines,
+        first.friction_independent and second.friction_independent,
+    )
+
+
+def _independent_tangents(metric: Metric, active: Rows) -> bool:
+    """Return whether gradients, and tangents where there is friction, are linearly independent."""
+    tangents = active.tangents
+    assert tangents is not None
+    rows = np.concatenate([active.jacobian, tangents.jacobian[np.repeat(tangents.friction > 0.0, 2)]])
+    columns, _ = unit_gradients(metric, rows)
+    return independent(columns, cosines_between(columns), _DEPENDENT)

@@ -1,0 +1,1 @@
+"""Files of runs, of mbvi and of other programs."""

@@ -1,0 +1,298 @@
+"""The compiled loop: steps of a mechanism in one kernel, up to a step that Python takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+
+import numpy as np
+
+from ...compiled import held
+from ...constraints import Rows
+from ...constraints.contact import Contact
+from ...constraints.mechanism.state import MechanismState, pairs_of_shapes, row_buffer
+from ...constraints.mechanism.tables import MOST_ROWS
+from ...constraints.tangents import Tangents
+from ...problem import Problem
+from ...projection import Projector
+from ...results.contacts import ContactLog
+from ...schemes import Centered, MoreauJean, Scheme, Step
+from ...schemes.contact_friction import friction_of
+from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
+from ...schemes.observer import contacts_of_step
+from ...schemes.positions.nearby_rows import largest_reach
+from ...schemes.step import STILL
+from ...system.mechanisms.joined import joined
+from ...system.mechanisms.mechanism import Mechanism
+from ...system.system import independent_parts, parts_of
+from ..recorder import RECENT, Recorder
+from ..tunnelling import TunnellingGuard
+from .asked_forces import AskedForces
+from .impact_rows import LaterRows
+from .loop_scope import asks_python, control_of, is_compiled, is_one_mechanism, loop_of
+from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
+
+Array = np.ndarray
+
+# steps in one call of the kernel, so that bars and files go on
+CHUNK = 2000
+# rows of these for which there is room
+_ROWS = 40_000
+# place of its percussion in a row of the log
+_PERCUSSION = 8
+# after so many attempts in a row that took no step, so many steps are Python's without one
+_ATTEMPTS, _WAIT = 3, 7
+# steps of a run after which the loop takes other systems than one mechanism: shorter runs do without its kernels
+LONG = 10_000
+_NOTHING = np.zeros(0)
+
+
+class CompiledLoop:
+    """Steps of mechanisms and free bodies in kernels, which call functions of the user where these act.
+
+    Parameters
+    ----------
+    problem, scheme, projector, recorder
+        Those of a run of which `is_compiled` is true.
+    mechanism : Mechanism
+        The problem's, with a `pin.Data` of its own.
+    loop : Loop
+        See `loop_of`.
+    guard : TunnellingGuard
+        Of the run.
+    h : float
+        Length of a step [s].
+    every, total : int
+        One state in `every` is recorded, and that of step number `total`.
+
+    Attributes
+    ----------
+    codes : ndarray of int, shape (8,)
+        How many calls of the kernel ended with each code.
+    idle : bool
+        Whether the last call of `run` was not an attempt.
+    """
+
+    def __init__(
+        self, problem: Problem, mechanism: Mechanism, loop: Loop, scheme: Scheme, projector: Projector,
+        recorder: Recorder, guard: TunnellingGuard, h: float, every: int, total: int,
+    ) -> None:  # fmt: skip
+        self._problem, self._projector, self._recorder = problem, projector, recorder
+        self._loop, self._limit, self._h, self._every, self._total = loop, guard.limit, h, every, total
+        # counted from the start: a run begins as a shorter one does, to the last bit
+        self._begin = 0 if is_one_mechanism(problem.system) else LONG
+        self._state = MechanismState(problem.constraints)
+        self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
+        self._memory = self._step.memory
+        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
+        self._log = loop_record(problem, guard, *states)
+        self._held = held(self._step), held(self._log)
+        self._patience, self.idle = Patience(), False
+        self.codes = np.zeros(8, np.int64)
+
+    def run(self, state: Step, done: int, whole: int) -> tuple[Step, int, bool]:
+        """Take steps after `done` ones, up to `whole`, and record them.
+
+        Returns
+        -------
+        state : Step
+            The last state.
+        done : int
+            How many steps are taken.
+        complete : bool
+            Whether none of them was left to Python.
+        """
+        self.idle = done < self._begin or self._patience.waits() or not self._state.enter()
+        if self.idle:
+            return state, done, False
+        problem, recorder, memory = self._problem, self._recorder, self._memory
+        self._projector.lend(memory.percussion, memory.start, memory.size)
+        q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
+        with nullcontext() if self._asked is None else self._asking():
+            following, count, code = self._loop(
+                *self._held, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
+                count, self._limit, STILL * problem.length,
+            )  # fmt: skip
+        self.codes[code] += 1
+        self._state.leave()
+        self._projector.take_back(memory.percussion, memory.start, memory.size)
+        taken = following - 1 - done
+        self._patience.took(taken)
+        if recorder.contacts is not None:
+            # before the states, so that an interrupt leaves no state without its contacts
+            self._record_contacts(recorder.contacts, done, taken)
+        recorder.count = count
+        if taken:
+            self._replay(done, taken)
+            state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
+        if self._asked is not None:
+            if taken:
+                self._pass_contacts(taken - 1)
+            self._asked.check()
+        return state, done + taken, code in (DONE, FULL)
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Let the kernel call functions of the user, and pass them the contacts of each step that it has taken."""
+        assert self._asked is not None
+        passed, taken = 0, self._log.taken
+
+        def pass_contacts() -> None:
+            nonlocal passed
+            if taken[0] > passed:
+                passed = taken.item(0)
+                self._pass_contacts(passed - 1)
+
+        taken[0], self._asked.before = 0, pass_contacts
+        with self._asked.interruptible():
+            yield
+
+    def _pass_contacts(self, j: int) -> None:
+        """Pass the contacts of step j of this call to the controls, for which they are looked up when these ask."""
+        observe, constraints = self._problem.system.observe, self._problem.constraints
+        if observe is None:
+            return
+        part = slice(*self._log.begin[j : j + 2].tolist())
+        # copies, because a control may keep its state and look at contacts later
+        number, rows = self._log.number[part].copy(), self._log.rows[part].copy()
+
+        def contacts() -> tuple[Contact, ...]:
+            step = step_of_rows(number, rows, 0.0, constraints.empty.jacobian)
+            return contacts_of_step(step, self._h, constraints.name)
+
+        observe(contacts)
+
+    def _record_contacts(self, contacts: ContactLog, done: int, taken: int) -> None:
+        """Record the contacts of the steps of the last call."""
+        ends = self._log.begin[: taken + 1].tolist()
+        all_rows = logged_rows(self._log, slice(0, ends[-1]), 0.0, self._problem.constraints.empty.jacobian)
+        rows, friction = all_rows.active, friction_of(all_rows)
+        for j in range(taken):
+            part, i = slice(ends[j], ends[j + 1]), done + j + 1
+            contacts.add(
+                rows.constraint[part], rows.point[part], rows.normal[part], all_rows.percussion[part],
+                None if friction is None else friction.take(part),
+            )  # fmt: skip
+            if i % self._every == 0 or i == self._total:
+                contacts.close()
+
+    def _replay(self, done: int, taken: int) -> None:
+        """Record the impacts of the steps of the last call, and in which steps their rows had percussions."""
+        recorder, log, begin = self._recorder, self._log, self._log.begin[: taken + 1].tolist()
+        for event in np.flatnonzero(log.event[:taken]).tolist():
+            if event:
+                recorder.last = self._logged(done, event - 1)
+            first = max(0, event - RECENT)
+            part = slice(begin[first], begin[event])
+            later = LaterRows(log.number[part], log.rows[part, _PERCUSSION].copy(), event - first)
+            recorder.impact(self._logged(done, event), later)
+        for j in range(max(0, taken - RECENT), taken):
+            part = slice(begin[j], begin[j + 1])
+            recorder.recent.add(log.number[part].copy(), log.rows[part, _PERCUSSION].copy()[None])
+
+    def _logged(self, done: int, j: int) -> Step:
+        t = self._problem.t0 + (done + j) * self._h + self._h
+        step = logged_step(self._log, j, t, self._problem.constraints.empty.jacobian)
+        if self._problem.system.single_mechanism:
+            return step
+        # the recorder asks which bodies each row acts on
+        return step._replace(active=step.active._replace(jacobian=self._state.reach[step.active.constraint]))
+
+
+class Patience:
+    """How many steps Python takes where the loop leaves every one to it: attempts cost time."""
+
+    def __init__(self) -> None:
+        self._wait = self._failed = 0
+
+    def waits(self) -> bool:
+        """Return whether the next step is Python's, and count it."""
+        self._wait -= 1
+        return self._wait >= 0
+
+    def took(self, steps: int) -> None:
+        """Learn how many steps the loop took in an attempt."""
+        self._failed = 0 if steps else self._failed + 1
+        self._wait = _WAIT if self._failed >= _ATTEMPTS else 0
+
+
+def logged_step(log: LoopRecord, j: int, t: float, none: Array) -> Step:
+    """Return step j of a log; see `logged_rows`."""
+    return logged_rows(log, slice(*log.begin[j : j + 2].tolist()), t, none)
+
+
+def logged_rows(log: LoopRecord, part: slice, t: float, none: Array) -> Step:
+    """Return `step_of_rows` of some rows of a log, which are copied."""
+    return step_of_rows(log.number[part].copy(), log.rows[part].copy(), t, none)
+
+
+def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
+    """Return a step with rows of a log, and with what recorders and contacts need of them; its state is left out.
+
+    `none` is a Jacobian without rows.
+    """
+    tangents = slip = None
+    if rows.shape[1] == ROUGH:
+        tangents = Tangents(rows[:, 12], rows[:, 13:19].reshape(-1, 2, 3), none, None)
+        slip = rows[:, 19:].reshape(-1, 4, 2).transpose(1, 0, 2)
+    active = Rows(
+        number, rows[:, 0], none, rows[:, 1].copy(), np.ascontiguousarray(rows[:, 2:5]), rows[:, 5:8],
+        None, tangents,
+    )  # fmt: skip
+    return Step(t, _NOTHING, _NOTHING, active, np.ascontiguousarray(rows[:, 8:12].T), 0.0, slip)
+
+
+def mechanism_step(
+    problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState,
+    asked: AskedForces | None,
+) -> MechanismStep:  # fmt: skip
+    """Return what steps a problem that the loop takes, with room for one step; `asked` is what acts by Python."""
+    system, constraints = problem.system, problem.constraints
+    nq, nv, frictional = system.nq, system.nv, constraints.frictional
+    control, acted = control_of(system) if asked is None else (asked.table, np.array([0, nq, 0, nv]))
+    memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
+    theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
+    projects = isinstance(scheme, Centered) and scheme.project_positions
+    squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
+    # forces from outside act on all parts
+    parts = (system,) if system.loaded else parts_of(system)
+    late = np.concatenate([np.full(part.nv, part.velocity_dependent) for part in parts])
+    late, reach = late if late.any() else late[:0], largest_reach(problem)
+    scales = Scales(
+        problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
+        theta, projects, system.loaded,
+    )  # fmt: skip
+    rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
+    return MechanismStep(
+        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
+        np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
+    )  # fmt: skip
+
+
+def loop_record(
+    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
+) -> LoopRecord:
+    """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
+    width = ROUGH if problem.constraints.frictional else PLAIN
+    return LoopRecord(
+        t, q, v, penetration, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool),
+        np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
+        *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
+    )  # fmt: skip
+
+
+def compiled_loop(
+    problem: Problem, scheme: Scheme, projector: Projector, recorder: Recorder, guard: TunnellingGuard, h: float,
+    every: int, total: int,
+) -> CompiledLoop | None:  # fmt: skip
+    """Return the loop of a run, or None if its steps are Python's: see docs/developer/architecture.md."""
+    loop = loop_of(scheme)
+    if loop is None or not is_compiled(problem, scheme) or projector.solver:
+        return None
+    if projector.accepted is not None or (not is_one_mechanism(problem.system) and total <= LONG):
+        return None
+    mechanism = joined(problem.system).mechanism()
+    if mechanism is None:
+        return None
+    return CompiledLoop(problem, mechanism, loop, scheme, projector, recorder, guard, h, every, total)

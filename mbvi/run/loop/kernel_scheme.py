@@ -1,0 +1,110 @@
+"""Schemes that are given as a kernel alone: the compiled loop takes their steps, and single ones are taken here."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from ...compiled import held
+from ...constraints import Rows
+from ...constraints.mechanism.state import MechanismState
+from ...constraints.tangents import Tangents
+from ...errors import ProjectionError, UnsuitableError
+from ...problem import Problem
+from ...projection import Projector
+from ...schemes import Scheme, Step, Timing
+from ...schemes.kernels.records import DONE, MechanismStep
+from ...system.mechanisms.joined import joined
+from ...system.system import Array
+from .asked_forces import AskedForces
+from .compiled_loop import mechanism_step
+from .loop_scope import asks_python, is_compiled
+
+
+class KernelScheme(Scheme):
+    """A scheme whose step is a kernel, for mechanisms and a few free bodies.
+
+    Parameters
+    ----------
+    kernel : callable
+        A function marked by `mbvi.compiled.kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")`: it takes a
+        `MechanismStep`, t [s], q, v and h [s], writes the state after the step to it, and returns `DONE` or what a
+        phase returned instead.
+    timing : Timing, optional
+        Where in its step the velocity jumps; by default at the end.
+    """
+
+    def __init__(self, kernel: Any, timing: Timing | None = None) -> None:
+        self.kernel, self.timing = kernel, Timing() if timing is None else timing
+        self._of_problems: WeakKeyDictionary[Problem, _OneStep] = WeakKeyDictionary()
+
+    @property
+    def name(self) -> str:
+        """The name of the kernel."""
+        return str(self.kernel.__name__)
+
+    @property
+    def step_kernel(self) -> Any:
+        """The kernel; see `Scheme`."""
+        return self.kernel
+
+    def check(self, problem: Problem) -> None:
+        """See `Scheme`."""
+        if not is_compiled(problem, self):
+            raise UnsuitableError(f"{self.name} is a kernel, which takes mechanisms and a few free bodies")
+
+    def step(self, problem: Problem, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
+        """See `Scheme`.
+
+        Raises
+        ------
+        ProjectionError
+            If the kernel does not solve its law.
+        """
+        if problem not in self._of_problems:
+            self._of_problems[problem] = _OneStep(problem, self, projector.residual)
+        return self._of_problems[problem].take(t, q, v, h, projector)
+
+
+class _OneStep:
+    """Single steps of a problem by a kernel."""
+
+    def __init__(self, problem: Problem, scheme: KernelScheme, residual: float) -> None:
+        mechanism = joined(problem.system).mechanism()
+        if mechanism is None:
+            raise UnsuitableError(f"{scheme.name} is a kernel, but Pinocchio cannot be called by address here")
+        self._state, self._kernel = MechanismState(problem.constraints), scheme.kernel
+        self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
+        self._step = mechanism_step(problem, scheme, residual, mechanism, self._state, self._asked)
+        self._held, self._none = held(self._step), problem.constraints.empty
+
+    def take(self, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
+        """Return the state at t + h."""
+        step, memory = self._step, self._step.memory
+        if not self._state.enter():
+            raise UnsuitableError("the caches of this problem are not those of kernels")
+        projector.lend(memory.percussion, memory.start, memory.size)
+        with nullcontext() if self._asked is None else self._asked.interruptible():
+            code = self._kernel(self._held, t, q.copy(), v.copy(), h)
+        self._state.leave()
+        if self._asked is not None:
+            self._asked.check()
+        m = step.rows.size[0]
+        if code != DONE:
+            raise ProjectionError(f"the kernel of the step ended with code {code} at {m} rows", {})
+        projector.take_back(memory.percussion, memory.start, memory.size)
+        rates = step.rates[: 4 * m].reshape(4, m).copy()
+        slip = step.slip[: 8 * m].reshape(4, m, 2).copy() if len(step.slip) else None
+        active = rows_of(step) if m else self._none
+        return Step(t + h, step.q.copy(), step.v.copy(), active, rates, step.residual.item(0), slip if m else None)
+
+
+def rows_of(step: MechanismStep) -> Rows:
+    """Return copies of the rows of a step."""
+    rows, m = step.rows, step.rows.size[0]
+    tangents = Tangents(rows.mu[:m].copy(), rows.axes[:m].copy(), rows.T[: 2 * m].copy(), None) if len(rows.T) else None
+    return Rows(
+        rows.number[:m].copy(), rows.gap[:m].copy(), rows.J[:m].copy(), rows.e[:m].copy(), rows.point[:m].copy(),
+        rows.normal[:m].copy(), None, tangents,
+    )  # fmt: skip

@@ -1,0 +1,80 @@
+"""What the compiled loop takes: systems, constraints, controls and schemes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...constraints.mechanism.state import can_be_compiled
+from ...problem import Problem
+from ...schemes import Scheme
+from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side
+from ...system.controls import LoopControl
+from ...system.mechanisms.articulated import ArticulatedSystem
+from ...system.mechanisms.joined import can_be_joined
+from ...system.system import Array, Part, System, located_parts, parts_of
+from .step_loop import Loop, loop_with, run_stewart_trinkle
+
+# most velocities of free bodies, and most with friction: with more of them at rest the Python step, in which they
+# sleep, costs less
+_MOST_FREE, _MOST_ROUGH = 30, 18
+
+
+def is_compiled(problem: Problem, scheme: Scheme) -> bool:
+    """Return whether the loop takes the steps of a scheme; the projections may still be such that it does not."""
+    system = problem.system
+    loop = loop_of(scheme)
+    if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
+        return False
+    # among several bodies `StewartTrinkle` linearises contacts again at the end of a step
+    if loop is run_stewart_trinkle and not system.single_mechanism:
+        return False
+    most = _MOST_ROUGH if problem.constraints.frictional else _MOST_FREE
+    if sum(part.nv for part in parts_of(system) if part.free_bodies) > most:
+        return False
+    return can_be_compiled(problem.constraints)
+
+
+def asks_python(system: System) -> bool:
+    """Return whether a function of the user acts on a system, which the loop calls."""
+    return system.loaded or _tables(system) is None
+
+
+def is_one_mechanism(system: System) -> bool:
+    """Return whether a system is one mechanism, on which forces from outside may act."""
+    parts = parts_of(system)
+    return len(parts) == 1 and parts[0].single_mechanism
+
+
+def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
+    """Return the controls of mechanisms, and what they act on; None if kernels do not evaluate them."""
+    found = []
+    for part in located_parts(system):
+        if part.system.controlled:
+            control = part.system.control if isinstance(part.system, ArticulatedSystem) else None
+            if not isinstance(control, LoopControl):
+                return None
+            found.append((control.table, part))
+    return found if len(found) <= 1 or all(table.kind == TRACKING for table, _ in found) else None
+
+
+def control_of(system: System) -> tuple[ControlTable, Array]:
+    """Return the control of a system that does not ask Python, and where what it knows begins and ends in q and v."""
+    tables, nq, nv = _tables(system) or [], system.nq, system.nv
+    if not tables:
+        return no_control(nv), np.array([0, nq, 0, nv])
+    if len(tables) == 1:
+        table, part = tables[0]
+        return table, np.array([part.q, part.q + part.system.nq, part.v, part.v + part.system.nv])
+    ends = [(table, part.q + part.system.nq, part.v + part.system.nv) for table, part in tables]
+    return side_by_side(ends, nq, nv), np.array([0, nq, 0, nv])
+
+
+def loop_of(scheme: Scheme) -> Loop | None:
+    """Return the loop of a scheme; None if it has none."""
+    for kind in type(scheme).__mro__:
+        if "step_kernel" in vars(kind):
+            return None if scheme.step_kernel is None else loop_with(scheme.step_kernel)
+        if "step" in vars(kind):
+            # the step of a subclass is not that of the kernel
+            return None
+    return None

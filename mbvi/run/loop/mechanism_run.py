@@ -1,0 +1,205 @@
+"""A problem of one mechanism that the compiled loop steps, on a copy of its own."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from copy import copy
+
+import numpy as np
+
+from ...compiled import held
+from ...constraints import Rows
+from ...constraints.mechanism.state import MechanismState
+from ...problem import Problem
+from ...projection import Projector
+from ...schemes import Scheme, Step
+from ...schemes.step import NO_RATES, STILL
+from ...system.mechanisms.articulated import ArticulatedSystem, Control
+from ...system.mechanisms.mechanism import Mechanism
+from ...system.system import Array
+from ..accuracy import projector_of
+from ..control_stability import failures_with_time
+from ..retaken import SolvedSteps
+from ..start import admitted, closes_none, first_step
+from ..tunnelling import TunnellingGuard
+from .asked_forces import AskedForces
+from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
+from .loop_scope import asks_python, loop_of
+from .step_loop import DONE, FULL
+
+# no state is recorded
+_NEVER = 1 << 62
+
+
+class OwnProblem:
+    """A problem of one mechanism with its own caches and `pin.Data`, so that a thread can run it beside others.
+
+    It starts from what the caches of the given problem held when that was built.
+
+    Attributes
+    ----------
+    problem : Problem
+        The copy; model, shapes and scene are shared.
+    state : MechanismState
+        Its constraints in arrays.
+    mechanism : Mechanism or None
+        None where Pinocchio cannot be called by address.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        system = problem.system
+        assert isinstance(system, ArticulatedSystem)
+        problem.constraints.renew()
+        self.problem = controlled_copy(problem, system.control)
+        self.state = MechanismState(self.problem.constraints)
+        own = self.problem.system
+        assert isinstance(own, ArticulatedSystem)
+        self.mechanism: Mechanism | None = own.mechanism()
+
+    @property
+    def control(self) -> Control | None:
+        """Its control."""
+        system = self.problem.system
+        assert isinstance(system, ArticulatedSystem)
+        return system.control
+
+    def set_control(self, control: Control | None) -> None:
+        """Replace the control."""
+        system = self.problem.system
+        assert isinstance(system, ArticulatedSystem)
+        system.set_control(control)
+
+
+def controlled_copy(problem: Problem, control: Control | None) -> Problem:
+    """Return a copy of a problem of one mechanism with a control, and with caches of its own."""
+    system, new = problem.system, copy(problem)
+    assert isinstance(system, ArticulatedSystem)
+    new.system = ArticulatedSystem(system.model, system.name, control)
+    new.constraints = problem.constraints.moved_by(new.system)
+    return new
+
+
+class MechanismRun:
+    """Runs of a problem by a scheme of the compiled loop: what kernels need, and the steps that they leave to Python.
+
+    Parameters
+    ----------
+    own : OwnProblem
+        The problem.
+    scheme : Scheme
+        Of the loop.
+    h : float
+        Length of a step [s].
+    room : int
+        States for which there is room.
+
+    Attributes
+    ----------
+    problem : Problem
+        The problem that is run now, of which some may share the system and the constraints.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        The present state; the same arrays always.
+    done : int
+        Number of the step that ended there.
+    """
+
+    def __init__(self, own: OwnProblem, scheme: Scheme, h: float, room: int) -> None:
+        problem, loop = own.problem, loop_of(scheme)
+        assert loop is not None and own.mechanism is not None
+        self.scheme, self._loop, self._h, self._state = scheme, loop, h, own.state
+        self._guard, self._still = TunnellingGuard(problem, scheme, h), STILL * problem.length
+        self._solved = SolvedSteps(problem, scheme, self._guard)
+        self.start(problem)
+        problem.system.start()
+        self._asked = AskedForces(problem.system, own.state) if asks_python(problem.system) else None
+        self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
+        self.q, self.v = problem.q0.copy(), problem.v0.copy()
+        self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
+        self._held = held(self._step), held(self._log)
+        # where states are recorded
+        self._recorded = self._log.q, self._log.v
+        # the last step, or its place in the log
+        self._last: Step | int = 0
+
+    def start(self, problem: Problem) -> None:
+        """Begin another run: nothing is known of its projections yet."""
+        self.problem, self._patience, self._since, self.done = problem, Patience(), 1, 0
+        self._made: Projector | None = None
+
+    @property
+    def _projector(self) -> Projector:
+        """The projector of the run, made when Python needs it."""
+        if self._made is None:
+            self._made = projector_of(self.problem, self.scheme, None, None, None, self._h)[0]
+        return self._made
+
+    def initial_step(self) -> Step:
+        """Go to the initial state of the problem, and return it."""
+        self._last = found = first_step(self.problem, self._projector)
+        self._go_on(found)
+        return found
+
+    def begin_with(self, q: Array, v: Array, active: Rows) -> None:
+        """Go to an initial state of which the rows are known; what the constraints hold after their query is set."""
+        self.q[:], self.v[:], self._step.memory.size[:] = q, v, 0
+        if not closes_none(active, v):
+            self._state.leave()
+            self._go_on(admitted(self.problem, self._projector, q, v, active))
+
+    def take(self, first: int, end: int, q: Array, v: Array) -> int:
+        """Take steps from number `first` on, at most up to `end` - 1; return the number of the next.
+
+        They are recorded in q and v, shapes (end, nq) and (end, nv), unless these have one row.
+        """
+        if self._since < first or not self._patience.waits():
+            every, count = (1, first) if len(q) > 1 else (_NEVER, 0)
+            if q is not self._recorded[0] or v is not self._recorded[1]:
+                self._recorded = q, v
+                self._held[1].replace(q=q, v=v)
+            with nullcontext() if self._asked is None else self._asked.interruptible():
+                following, _, code = self._loop(
+                    *self._held, self.q, self.v, self.problem.t0, self._h, first,
+                    min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
+                )  # fmt: skip
+            if following > first:
+                self._last = following - 1 - first
+            taken, first, self.done = following - self._since, following, following - 1
+            if self._asked is not None:
+                self._asked.check()
+            if code == DONE and taken < CHUNK:
+                return first
+            # `simulate` makes another attempt here
+            self._patience.took(taken)
+            self._since = first
+            if code in (DONE, FULL):
+                return first
+        self._last = new = self._python_step(first)
+        if len(q) > 1:
+            q[first], v[first] = new.q, new.v
+        self._since, self.done = first + 1, first
+        return first + 1
+
+    def last_step(self, t: float) -> Step:
+        """Return the last step, which ended at a time, with what contacts need of its rows."""
+        if isinstance(self._last, Step):
+            return self._last
+        return logged_step(self._log, self._last, t, self.problem.constraints.empty.jacobian)
+
+    def _python_step(self, k: int) -> Step:
+        """Take step number k by Python."""
+        memory, problem, h = self._step.memory, self.problem, self._h
+        self._state.leave()
+        self._projector.take_back(memory.percussion, memory.start, memory.size)
+        t, q, v = problem.t0 + (k - 1) * h, self.q.copy(), self.v.copy()
+        before = Step(t, q, v, problem.constraints.empty, NO_RATES, 0.0)
+        with failures_with_time(problem, h, lambda: before):
+            *_, new = self._solved.steps(t, before, h, self._projector)
+        self._go_on(new)
+        return new
+
+    def _go_on(self, step: Step) -> None:
+        """Let kernels go on from a state."""
+        self.q[:], self.v[:] = step.q, step.v
+        self._state.enter()
+        memory = self._step.memory
+        self._projector.lend(memory.percussion, memory.start, memory.size)

@@ -1,0 +1,271 @@
+"""Kernels of the compiled loop: many steps of a mechanism with their record, a kernel for each scheme."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...compiled import calling_others, kernel, record
+from ...constraints.mechanism.pairs import is_beyond, place_bodies
+from ...constraints.mechanism.rows import MechanismConstraints
+from ...constraints.mechanism.tables import MOST_ROWS, PAIRS
+from ...schemes.kernels.centered import centered_step
+from ...schemes.kernels.moreau_jean import moreau_jean_step
+from ...schemes.kernels.paoli import paoli_step
+from ...schemes.kernels.records import DONE, MechanismStep
+from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
+from ...system.mechanisms.mechanism import Mechanism, place
+from ..recorder import record_depth
+from ..tunnelling import RUNAWAY
+
+Array = np.ndarray
+# kernels as `run_paoli`
+Loop = Callable[..., tuple[int, int, int]]
+
+# what the loop returns beside the codes of a step: a body may pass through another; no room for more rows
+SWIFT, FULL = 5, 6
+# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
+PLAIN, ROUGH = 12, 27
+
+
+@record(
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[::1], f8[:,::1], f8[::1], f8"
+)
+class LoopRecord(NamedTuple):
+    """The states of a run, and the rows of the steps of one call.
+
+    Attributes
+    ----------
+    t, q, v, penetration, residual : ndarray, shape (n, ...)
+        Those of the recorder.
+    taken : ndarray of int, shape (1,)
+        How many steps this call has taken.
+    begin : ndarray of int, shape (k + 1,)
+        Where the rows of each step of this call begin in the log.
+    event : ndarray of bool, shape (k,)
+        The steps that may have an impact.
+    number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
+        The log: constraints and numbers of rows.
+    lever : ndarray, shape (c,)
+        See `record_depth`.
+    before : ndarray, shape (4 MOST_ROWS,)
+        Room for the percussions at the beginning of a step.
+    share, shares : ndarray, shapes (nv,) and (nv, m)
+        See `TunnellingGuard.shares`.
+    thickness : ndarray, shape (m,)
+        Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
+    slow_speed : float
+        See `TunnellingGuard`.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    penetration: Array
+    residual: Array
+    taken: Array
+    begin: Array
+    event: Array
+    number: Array
+    rows: Array
+    lever: Array
+    before: Array
+    share: Array
+    shares: Array
+    thickness: Array
+    slow_speed: float
+
+
+@kernel("void(MechanismStep, LoopRecord, i8)")
+def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
+    """Write the rows of a step to the log from place `begin` on."""
+    rows, m = s.rows, s.rows.size[0]
+    for a in range(m):
+        to = log.rows[begin + a]
+        log.number[begin + a], to[0], to[1] = rows.number[a], rows.gap[a], rows.e[a]
+        for c in range(3):
+            to[2 + c], to[5 + c] = rows.point[a, c], rows.normal[a, c]
+        for r in range(4):
+            to[8 + r] = s.rates[r * m + a]
+        if len(to) == ROUGH:
+            to[12] = rows.mu[a]
+            for c in range(2):
+                for k in range(3):
+                    to[13 + 3 * c + k] = rows.axes[a, c, k]
+                for r in range(4):
+                    to[19 + 2 * r + c] = s.slip[(r * m + a) * 2 + c]
+
+
+@kernel("b1(Mechanism, MechanismConstraints, f8[::1], f8[::1], LoopRecord, f8)")
+def may_pass(
+    mechanism: Mechanism, constraints: MechanismConstraints, v: Array, w: Array, log: LoopRecord, limit: float
+) -> bool:
+    """Return whether a body may pass through another in a step, or a velocity runs away; see `TunnellingGuard`.
+
+    Parameters
+    ----------
+    mechanism, constraints : Mechanism and MechanismConstraints
+        After the step; the mechanism may be placed where the constraints were queried last.
+    v, w : ndarray, shape (nv,)
+        Velocities before and after the step.
+    log : LoopRecord
+        With the shares of the guard.
+    limit : float
+        See `TunnellingGuard`.
+    """
+    n, pairs = log.shares.shape
+    before = after = travel = fastest = 0.0
+    for k in range(n):
+        before += v[k] * v[k]
+        after += w[k] * w[k]
+        fastest = max(fastest, abs(v[k]), abs(w[k]))
+        if pairs > 0:
+            travel += log.share[k] * max(abs(v[k]), abs(w[k]))
+    # written so that a NaN counts as swift
+    if not after < RUNAWAY:
+        return True
+    if before < limit and after < limit:
+        return False
+    if pairs == 0:
+        return not fastest < log.slow_speed
+    if travel < 1.0:
+        return False
+    placed = False
+    for i in range(pairs):
+        travel = 0.0
+        for k in range(n):
+            travel += log.shares[k, i] * max(abs(v[k]), abs(w[k]))
+        if travel < 1.0:
+            continue
+        # a pair that is farther apart than it travels, there and back, does not pass
+        far = 2.0 * travel * log.thickness[i]
+        if far < clearance_of(constraints, i):
+            continue
+        if far == np.inf:
+            return True
+        if not placed:
+            place(mechanism, constraints.cache.q)
+            place_bodies(mechanism, constraints.near)
+            placed = True
+        if not is_beyond(constraints.shapes, constraints.near, i, far):
+            return True
+    return False
+
+
+@kernel("f8(MechanismConstraints, i8)")
+def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
+    """Return a lower bound of the distance of a pair of shapes at the last query [m]."""
+    cache, family = constraints.cache, constraints.pairs
+    bound = family.clearance[pair]
+    for slot in range(len(cache.kind)):
+        if cache.kind[slot] == PAIRS:
+            for k in range(len(cache.moved)):
+                bound -= cache.travel[slot, k] * family.reach[k, pair]
+    return bound
+
+
+@kernel(
+    "Tuple((i8, i8, i8))(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, f8, i8, i8, i8, i8, i8, f8, f8)",
+    nogil=True,
+)
+def run_paoli(
+    s: MechanismStep, log: LoopRecord, q: Array, v: Array, t0: float, h: float, first: int, end: int, total: int,
+    every: int, count: int, limit: float, still: float,
+) -> tuple[int, int, int]:  # fmt: skip
+    """Take the steps of a scheme number `first` to `end` - 1, or up to one that is left to Python.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        What steps.
+    log : LoopRecord
+        Receives the states.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        The state before the first step; receives that after the last.
+    t0, h : float
+        Time at the start of the run, and length of a step [s].
+    first, end, total, every, count : int
+        Numbers of the first step, of that after the last, of the run's last step; one state in `every` is recorded, and
+        the last one; number of states recorded before.
+    limit : float
+        See `may_pass`.
+    still : float
+        See `record_depth`.
+
+    Returns
+    -------
+    next : int
+        Number of the step that was not taken.
+    count : int
+        How many states are recorded.
+    code : int
+        Why it was not taken: a code of the step, `SWIFT` or `FULL`; `DONE` if it is `end`.
+    """
+    rows, memory, place = s.rows, s.memory, 0
+    for i in range(first, end):
+        log.begin[i - first] = place
+        if i - first == len(log.event):
+            return i, count, FULL
+        size = memory.size[0], memory.size[1], memory.size[2]
+        for a in range(size[0]):
+            log.before[a] = memory.percussion[a]
+        for a in range(size[1]):
+            log.before[MOST_ROWS + a] = memory.start[a]
+        t, log.taken[0] = t0 + (i - 1) * h, i - first
+        code = paoli_step(s, t, q, v, h)
+        m = rows.size[0]
+        if code == DONE and place + m > len(log.number):
+            code = FULL
+        if code == DONE and may_pass(s.mechanism, s.constraints, v, s.v, log, limit):
+            code = SWIFT
+        if code != DONE:
+            memory.size[0], memory.size[1], memory.size[2] = size
+            for a in range(size[0]):
+                memory.percussion[a] = log.before[a]
+            for a in range(size[1]):
+                memory.start[a] = log.before[MOST_ROWS + a]
+            return i, count, code
+        log.event[i - first], log.penetration[count] = False, 0.0
+        if m > 0:
+            rates = s.rates[: 4 * m].reshape((4, m))
+            log.event[i - first] = record_depth(
+                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, still, log.penetration,
+                log.residual,
+            )  # fmt: skip
+            log_rows(s, log, place)
+            place += m
+        for k in range(len(q)):
+            q[k] = s.q[k]
+        for k in range(len(v)):
+            v[k] = s.v[k]
+        if i % every == 0 or i == total:
+            log.t[count] = t + h
+            for k in range(len(q)):
+                log.q[count, k] = q[k]
+            for k in range(len(v)):
+                log.v[count, k] = v[k]
+            count += 1
+    log.begin[end - first] = place
+    return end, count, DONE
+
+
+# a kernel of its own for each scheme: a run compiles the steps of no other
+run_moreau_jean = calling_others(run_paoli, "run_moreau_jean", paoli_step=moreau_jean_step)
+run_centered = calling_others(run_paoli, "run_centered", paoli_step=centered_step)
+run_stewart_trinkle = calling_others(run_paoli, "run_stewart_trinkle", paoli_step=stewart_trinkle_step)
+_LOOPS: dict[Any, Loop] = {
+    paoli_step: run_paoli, moreau_jean_step: run_moreau_jean, centered_step: run_centered,
+    stewart_trinkle_step: run_stewart_trinkle,
+}  # fmt: skip
+
+
+def loop_with(step: Any) -> Loop:
+    """Return the loop whose steps are those of a kernel as `paoli_step`."""
+    if step not in _LOOPS:
+        # kernels of users' modules may have equal names
+        name = f"run_{step.__module__}_{step.__name__}".replace(".", "_")
+        _LOOPS[step] = calling_others(run_paoli, name, paoli_step=step)
+    return _LOOPS[step]

@@ -1,0 +1,143 @@
+"""`rollout`: many runs of one problem from given states, in arrays and on several threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arguments import array, function, integer, positive
+from ...errors import InputError, UnsuitableError
+from ...problem import Problem, check_kept
+from ...schemes import EventDriven, Scheme
+from ...system.controls import HeldTorque, LoopControl
+from ...system.mechanisms.articulated import ArticulatedSystem, Control
+from ...system.system import Array
+from ..default_scheme import time_stepping
+from ..loop.loop_scope import asks_python, is_compiled
+from ..loop.mechanism_run import controlled_copy
+from ..simulate import check_problem, checked_for
+from .rollout_job import Job
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """States of many runs; those after an error are NaN.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, steps + 1, nq)
+        Configurations, the initial ones first.
+    v : ndarray, shape (n, steps + 1, nv)
+        Velocities.
+    status : ndarray of int, shape (n,)
+        How each ended; see `RolloutStatus`; 0 where all went well.
+    errors : tuple
+        Of each rollout the error that ended it, or None.
+    """
+
+    q: Array
+    v: Array
+    status: Array
+    errors: tuple[Exception | None, ...]
+
+
+def rollout(
+    problem: Problem,
+    q0: Array,
+    v0: Array,
+    *,
+    steps: int = 100,
+    step: float = 1e-3,
+    scheme: Scheme | None = None,
+    control: Control | Array | None = None,
+    threads: int = 1,
+) -> Rollouts:
+    """Simulate a problem from many initial states.
+
+    Each rollout has the bytes of `simulate(problem.at(q0[i], v0[i], problem.t0), scheme, step=step,
+    duration=steps * step)`, whatever the number of threads. Problems of one robot without given functions run in
+    compiled code, at the time of a call of `simulate` for hundreds of steps; others by `simulate`, one at a time.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    q0, v0 : ndarray, shapes (n, nq) and (n, nv)
+        Initial states; see `Problem.at`.
+    steps : int
+        Number of steps.
+    step : float
+        Time step h [s].
+    scheme : Scheme, optional
+        By default that of `simulate` at a given step.
+    control : control or ndarray, shape (steps, nv) or (n, steps, nv), optional
+        In the place of the robot's own control, where the problem is one robot: `ConstantTorque`, `PDControl`,
+        `CompiledControl`, a function control(t, q, v) -> tau, which is slow, or torques that are constant during each
+        step, for all rollouts or for each [N, N m].
+    threads : int
+        Number of threads.
+
+    Returns
+    -------
+    Rollouts
+        States, and how each rollout ended.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, numbers of a control are not finite, or step, steps or threads is not positive. An invalid
+        initial state fails its own rollout only: one that is not finite, has a quaternion that is not of unit length,
+        or a contact deeper than the size of its bodies.
+    UnsuitableError
+        If the scheme chooses its own steps or cannot run the problem, or a control is given and the problem is more
+        than one robot.
+    """
+    check_problem(problem)
+    check_kept(problem)
+    steps, threads, h = integer(steps, "steps", 1), integer(threads, "threads", 1), positive(step, "step")
+    q0, v0 = _states(q0, "q0", problem.system.nq), _states(v0, "v0", problem.system.nv)
+    if len(q0) != len(v0):
+        raise InputError(f"q0 has {len(q0)} states and v0 has {len(v0)}; they must be as many")
+    chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
+    if isinstance(chosen, EventDriven):
+        raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
+    acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
+    # a function of the user may have a memory of its own
+    threads = 1 if asks_python(acting.system) else threads
+    job = Job(problem, acting, chosen, q0, v0, steps, h)
+    if not (acting.system.single_mechanism and is_compiled(acting, chosen) and job.run_compiled(threads)):
+        job.run_by_simulate()
+    return Rollouts(job.q, job.v, job.status, tuple(job.errors))
+
+
+def _states(value: Array, name: str, size: int) -> Array:
+    """Return states as an array; their numbers are checked one rollout after the other."""
+    try:
+        with np.errstate(all="ignore"):
+            states = np.array(value, dtype=float)
+    except Exception as error:
+        raise InputError(f"{name} must be an array of numbers") from error
+    if states.ndim != 2 or states.shape[1] != size:
+        raise InputError(f"{name} has shape {states.shape}; it must have (n, {size}), one row for each rollout")
+    return states
+
+
+def _checked(problem: Problem, control: Control | Array, n: int, steps: int) -> Control:
+    """Return the control of all rollouts, which may be given as torques in each step."""
+    system = problem.system
+    if type(system) is not ArticulatedSystem:
+        raise UnsuitableError(
+            "rollout takes a control only where the problem is one robot: give that of another scene to add_urdf"
+        )
+    if isinstance(control, LoopControl):
+        return control
+    if callable(control):
+        return function(control, "control", "control(t, q, v) -> tau")
+    torque = array(control, "control")
+    if torque.shape not in ((steps, system.nv), (n, steps, system.nv)):
+        raise InputError(
+            f"control has shape {torque.shape}; torques have ({steps}, {system.nv}) or ({n}, {steps}, {system.nv}): "
+            "(steps, nv) or (n, steps, nv)"
+        )
+    return HeldTorque(torque.reshape(-1, system.nv), steps)

@@ -1,0 +1,1 @@
+"""Forces and controls of a scene."""

@@ -1,0 +1,1 @@
+"""Mesh files, and simpler shapes in the place of their hulls."""

@@ -1,0 +1,136 @@
+"""The part of a scene that adds models from MJCF files."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ...arguments import (
+    function,
+    label,
+    made_label,
+    not_negative,
+    numbers_by_name,
+    optional,
+    printable,
+    several_names,
+    vector,
+)
+from ...errors import MbviWarning
+from ...geometry.shapes.orientation import RotationLike, rotation_matrix
+from ...geometry.shapes.shapes import Array
+from ...system.mechanisms.articulated import Control
+from ..items import BodyItem, RobotItem, SceneItems
+from ..reductions import Omission
+from ..urdf.checks import check_mass_matrix
+from ..urdf.robot_names import description_file
+from ..urdf.start import initial_state, set_base_velocity
+from ..urdf.still_joints import checked_locked
+from .file import mjcf_name
+from .model import MjcfModel, load_mjcf
+
+_ORIGIN = (0.0, 0.0, 0.0)
+_STILL = (0.0,) * 6
+_UPRIGHT = np.eye(3)
+
+
+class MjcfModels:
+    """Models that MuJoCo reads."""
+
+    _items: SceneItems
+
+    def add_mjcf(
+        self,
+        path: str | os.PathLike[str],
+        position: Sequence[float] | Array = _ORIGIN,
+        rotation: RotationLike = _UPRIGHT,
+        joints: Mapping[str, float] | None = None,
+        velocity: Mapping[str, float] | None = None,
+        control: Control | None = None,
+        name: str | None = None,
+        locked: Sequence[str] = (),
+        tolerance: float | None = None,
+        base_velocity: Sequence[float] | Array = _STILL,
+        keyframe: str | None = None,
+    ) -> str:
+        """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, inertias, and what touches what.
+
+        Parameters
+        ----------
+        path : path
+            MJCF file, or a name "robot:..." as of `add_urdf`.
+        position, rotation : array_like, optional
+            Pose of the file's world: shape (3,) [m], and a rotation as `BodyArguments` has it.
+        joints, velocity : mapping of str to float, optional
+            Initial positions and velocities of hinges and slides by name; by default those of the file, at rest.
+        control, name, locked, tolerance
+            As `add_urdf`. q has MuJoCo's order with quaternions (x, y, z, w); velocities of a free joint are in the
+            frame of its body.
+        base_velocity : array_like, shape (6,)
+            As `add_urdf`, of a model that hangs on one free joint.
+        keyframe : str, optional
+            Name of the file's keyframe whose positions and velocities it starts from; `joints`, `velocity` and
+            `base_velocity` go before it.
+
+        Returns
+        -------
+        str
+            The name of all that moves, "name/body" its links. Planes, and shapes of the world that carry nothing, have
+            the names of their geoms.
+
+        Raises
+        ------
+        MjcfError
+            If there is no such file, it is no MJCF, MuJoCo refuses it, or nothing in it moves.
+        InputError
+            If MuJoCo is not installed, and as `add_urdf`.
+
+        Notes
+        -----
+        Friction between geoms of the file is the file's; with all else it is the scene's, and so are restitution and
+        gravity. What is not modelled is named in `Problem.report()`, and in a warning if it changes the motion.
+        """
+        optional(function, control, "control", "control(t, q, v) -> tau")
+        file, given = description_file(path, "MJCF"), optional(label, name)
+        placed = {} if joints is None else numbers_by_name(joints, "joints")
+        moving = {} if velocity is None else numbers_by_name(velocity, "velocity")
+        still, within = several_names(locked, "locked"), optional(not_negative, tolerance, "tolerance")
+        pose = pin.SE3(rotation_matrix(rotation), vector(position, "position"))
+        own = self._items.new_name(given, given or made_label(mjcf_name(file)))
+        found = load_mjcf(file, pose, own, self._items.names(), optional(printable, keyframe, "keyframe"))
+        robot, base = found.robot, found.base
+        place, turn = found.pose.translation.copy(), found.pose.rotation.copy()
+        q0, v0 = initial_state(robot, base, place, turn, placed, moving, found.velocity)
+        if keyframe is None or base_velocity is not _STILL:
+            set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
+        still = checked_locked(robot, base, q0, v0, still)
+        check_mass_matrix(robot.model, q0, still, file)
+        ignored = list(found.ignored)
+        if not np.array_equal(found.gravity, self._items.gravity):
+            what = f"gravity {found.gravity.tolist()} of the file"
+            robot = replace(robot, omitted=(*robot.omitted, Omission(what, "the scene's holds")))
+            ignored.append(what)
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
+        self._add_world(found)
+        if ignored:
+            warnings.warn(
+                f"{file.name}: the file also holds what is not modelled: {', '.join(ignored)}",
+                MbviWarning,
+                stacklevel=2,
+            )
+        return own
+
+    def _add_world(self, found: MjcfModel) -> None:
+        """Add the walls, static shapes and friction of a file."""
+        self._items.walls.update(found.walls)
+        zero = np.zeros(3)
+        for name, s in found.statics.items():
+            inertia = s.shape.inertia(1.0)
+            body = BodyItem(name, s.shape, 1.0, inertia, zero, s.position, s.rotation, zero, zero, True)
+            self._items.bodies.append(body)
+        self._items.pair_friction.update(found.friction)

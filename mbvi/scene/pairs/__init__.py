@@ -1,0 +1,1 @@
+"""Which pairs of shapes of a scene may touch."""

@@ -1,0 +1,85 @@
+"""The part of a scene that says which pairs touch, and with which restitution and friction."""
+
+from __future__ import annotations
+
+from ...arguments import between, not_negative, printable, shown
+from ...errors import InputError
+from ..items import SceneItems
+
+# most links and single bodies that an error names
+_MOST_NAMED = 50
+
+
+class PairRules:
+    """Methods of `Scene` about pairs of things."""
+
+    _items: SceneItems
+
+    def set_restitution(self, first: str, second: str, e: float) -> None:
+        """Set the restitution between two things: robots, bodies, walls, or single links "robot/link".
+
+        Parameters
+        ----------
+        first, second : str
+            Names; the same twice is a robot's contact with itself, or that of the members of a group.
+        e : float
+            Newton's e in [0, 1]; a link's own setting goes before its robot's, the last said before the earlier.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, no pair of these two can touch, or e is outside [0, 1].
+        """
+        e = between(e, "restitution e", 0.0, 1.0)
+        self._items.pair_restitution.update(dict.fromkeys(self._pairs(first, second), e))
+
+    def set_friction(self, first: str, second: str, mu: float) -> None:
+        """Set the coefficient of friction between two things, named as in `set_restitution`.
+
+        Parameters
+        ----------
+        first, second : str
+            Names; settings go before each other as those of e do.
+        mu : float
+            Coefficient of Coulomb friction, at least 0. Above 100 it counts as 100: nothing that bears slips then.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, no pair of these two can touch, or mu is negative or not finite.
+        """
+        mu = not_negative(mu, "friction mu")
+        self._items.pair_friction.update(dict.fromkeys(self._pairs(first, second), mu))
+
+    def exclude(self, first: str, second: str) -> None:
+        """Let two things pass through each other, whatever else is said of them.
+
+        Parameters
+        ----------
+        first, second : str
+            Names as in `set_restitution`, such as "robot/link" and "bucket".
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, or no pair of these two can touch anyway.
+        """
+        self._items.excluded.update(self._pairs(first, second))
+
+    def _pairs(self, first: str, second: str) -> list[frozenset[str]]:
+        """Return the pairs of things or shapes in the scene that two names stand for."""
+        items = self._items
+        things, parts, links = items.names(), items.parts(), items.shapes_of_links()
+        sides = []
+        for name in (printable(first, "first"), printable(second, "second")):
+            if name not in things and name not in parts and name not in links:
+                known = sorted(things) + sorted(parts - things)[:_MOST_NAMED]
+                raise InputError(f"unknown name {shown(name)}; known are {', '.join(known) or 'none yet'}")
+            sides.append([name] if name in things or name in parts else links[name])
+        pairs = [(a, b) for a in sides[0] for b in sides[1] if items.can_meet(a, b)]
+        if not pairs:
+            raise InputError(
+                f"no pair of {shown(first)} and {shown(second)} can touch: they are one body, both of the world, "
+                "without a shape, or left out by the robot's file"
+            )
+        return [frozenset(pair) for pair in pairs]

@@ -1,0 +1,1 @@
+"""Steps of mechanisms as kernels: one file for each scheme, and the phases that they share."""

@@ -1,0 +1,167 @@
+"""A step of `Centered` for a mechanism in one kernel; see `phases`."""
+
+from __future__ import annotations
+
+from ...compiled import kernel
+from ...constraints.mechanism.rows import active_rows, write_gradients
+from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
+from ...constraints.rows import mutual_nearest
+from ...projection.positions.travel import largest_bend
+from ...system.mechanisms.mechanism import place
+from ...system.mechanisms.pinocchio_address import retract
+from ...system.system import Array
+from ..positions.settle_kernel import project_positions
+from ..step import joins, margin_of, write_closing_speeds
+from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
+from .records import DONE, UNSOLVED, MechanismStep
+
+
+@kernel("void(f8[:,::1], f8[::1], f8, f8[::1])")
+def row_speeds(J: Array, v: Array, time: float, change: Array) -> None:
+    """Write by how much the gaps of the first rows change within a time, shape (k,)."""
+    for a in range(len(change)):
+        speed = 0.0
+        for k in range(len(v)):
+            speed += J[a, k] * v[k]
+        change[a] = time * speed
+
+
+@kernel("i8(RowBuffer, f8, f8, f8[::1], RowBuffer, b1[::1])")
+def take_near(rows: RowBuffer, tolerance: float, margin: float, drift: Array, near_rows: RowBuffer, near: Array) -> int:
+    """Copy the rows that join the law within a margin beyond the tolerance [m]; write which and return how many.
+
+    `drift`, shape (nv,), leads to where the rows are; see `joins`.
+    """
+    near_rows.size[0] = 0
+    for a in range(rows.size[0]):
+        near[a] = rows.lever[a] * rows.gap[a] <= tolerance + margin
+        if near[a] and margin > 0.0:
+            change = 0.0
+            for k in range(len(drift)):
+                change += rows.J[a, k] * drift[k]
+            near[a] = joins(rows.gap[a], change, rows.lever[a], tolerance)
+        if near[a]:
+            copy_row(rows, a, near_rows)
+    return near_rows.size[0]
+
+
+@kernel("i8(MechanismStep, f8[::1], f8[::1])")
+def rows_in_the_middle(s: MechanismStep, middle: Array, change: Array) -> int:
+    """Replace the rows of the end of a step by the same in its middle, in the same order; return a code.
+
+    `middle`, shape (nq,), is the configuration there, and `change`, shape (k,), that of the gaps from there to the end.
+    """
+    rows, here, most, m = s.rows, s.middle, 0.0, s.rows.size[0]
+    for a in range(m):
+        most = max(most, rows.lever[a] * (abs(rows.gap[a]) + abs(change[a])))
+    # twice the linear estimate, because the gradients change within the step
+    reach = s.scales.tolerance + 2.0 * most
+    code = active_rows(s.mechanism, s.constraints, middle[:0], s.room.moved, middle, reach, here)
+    if code != FOUND:
+        return code
+    n, owner, order = here.size[0], s.room.owner[:m], s.room.order[: here.size[0]]
+    for b in range(n):
+        # rows are found in the order of their numbers
+        order[b] = b
+    mutual_nearest(rows.number[:m], rows.point[:m], here.number[:n], here.point[:n], order, owner)
+    for a in range(m):
+        if owner[a] >= 0:
+            rows.size[0] = a
+            copy_row(here, owner[a], rows)
+        else:
+            # a contact without a counterpart in the middle is taken at the place where it is at the end
+            rows.gap[a] -= change[a]
+            place(s.mechanism, middle)
+            write_gradients(s.mechanism, s.constraints, rows, a)
+    rows.size[0] = m
+    return FOUND
+
+
+@kernel("b1(RowBuffer, f8[::1], f8)")
+def may_bounce(rows: RowBuffer, change: Array, tolerance: float) -> bool:
+    """Return whether some row may bounce: it keeps its gap then, which must be that of the middle."""
+    for a in range(rows.size[0]):
+        rebound = -2.0 * rows.e[a] * change[a] * rows.lever[a]
+        if rows.e[a] > 0.0 and (rebound > tolerance or rows.e[a] >= 1.0):
+            return True
+    return False
+
+
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float) -> None:
+    """Compute all that the free motion takes at (t, q), with the effects of velocities half a step later."""
+    late, w = s.scales.late, s.room.force_velocity
+    # the gyroscopic torques of free bodies are those of the motion up to there
+    evaluate_forces(s, t, q, v, half if len(late) else 2.0 * half)
+    if len(late):
+        # where M has no factor the step itself says so
+        move_freely(s, v, half, False, w)
+        for k in range(len(v)):
+            if not late[k]:
+                w[k] = v[k]
+        if s.scales.loaded:
+            act(s, t, q, w)
+        evaluate_effects(s, q, v, w, 2.0 * half)
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write the state after a step of `Centered` from q, v at t; return a code."""
+    scales, room, half, n = s.scales, s.room, 0.5 * h, len(v)
+    drift, end, middle = room.drift, room.end, room.middle
+    for k in range(n):
+        drift[k] = h * v[k]
+    retract(s.mechanism.calls, q, drift, end)
+    projects, near_margin, margin = scales.projects, 0.0, 0.0
+    if projects:
+        near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
+        margin = near_margin + 2.0 * scales.reach
+    code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
+    if code != FOUND:
+        return code
+    near = room.near[: s.ahead.size[0]]
+    count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
+    for k in range(n):
+        drift[k] = half * v[k]
+    retract(s.mechanism.calls, q, drift, middle)
+    centered_forces(s, t + half, middle, v, half)
+    if count == 0:
+        if not move_freely(s, v, h, True, s.v):
+            return UNSOLVED
+        s.residual[0] = 0.0
+        for k in range(n):
+            drift[k] = half * s.v[k]
+        retract(s.mechanism.calls, middle, drift, s.q)
+        return DONE
+    change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
+    row_speeds(s.rows.J, v, half, change)
+    bounces = projects and may_bounce(s.rows, change, scales.tolerance)
+    for a in range(count):
+        gap[a] = s.rows.gap[a]
+    code = rows_in_the_middle(s, middle, change)
+    if code != FOUND:
+        return code
+    if projects:
+        row_speeds(s.rows.J, v, half, change)
+        if not bounces:
+            # gaps that lead to those of the end, which the position projection takes to be linear
+            for a in range(count):
+                s.rows.gap[a] = gap[a] - change[a]
+        if write_closing_speeds(
+            s.rows.gap[:count], s.rows.lever[:count], change, half, scales.tolerance, room.opened[:count]
+        ):
+            opened = room.opened[:count]
+    if apply_law(s, v, h, True, opened) != DONE:
+        return UNSOLVED
+    for k in range(n):
+        drift[k] = half * s.v[k]
+    retract(s.mechanism.calls, middle, drift, s.q)
+    if not projects:
+        for a in range(count):
+            s.rows.gap[a] += half * s.rates[2 * count + a]
+        return DONE
+    room.margin[0] = margin
+    if len(opened) == 0:
+        for a in range(count):
+            room.opened[a] = 0.0
+    return project_positions(s, v, h, near, bounces)

@@ -1,0 +1,166 @@
+"""Phases of a step as kernels: what schemes that are kernels are made of.
+
+A scheme is a kernel that calls phases in its own order on one `MechanismStep`; see docs/howto/own_scheme.md. A phase
+that returns a code other than `DONE` ends the step with it: the step is then left to the scheme's own method, which
+starts from the same state; the caches of distances and the percussions of the last projection are such that it gives
+the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ...constraints.mechanism.rows import active_rows
+from ...constraints.mechanism.tables import RowBuffer
+from ...projection.coulomb.few_contacts import MOST_CONTACTS
+from ...projection.coulomb.friction import AIM, EXACT
+from ...projection.coulomb.frictional_step import frictional_tree_law
+from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
+from ...projection.dense.fused_step import FEW
+from ...projection.dense.robot_step import tree_law
+from ...projection.tree import advance_by
+from ...system.control_table import write_torque
+from ...system.free.spinning import spin_effects
+from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, weigh
+from ...system.mechanisms.pinocchio_address import retract
+from ...system.system import Array
+from .records import DONE, UNSOLVED, MechanismStep
+
+__all__ = [
+    "DONE", "Array", "MechanismStep", "act", "apply_law", "evaluate_effects", "evaluate_forces", "find", "fly",
+    "has_friction", "jump", "kernel", "move", "move_freely",
+]  # fmt: skip
+
+
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1])")
+def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
+    """Write the torques of the control; those of other parts of the system stay zero."""
+    begin, end = s.acted[2], s.acted[3]
+    write_torque(s.control, t, q[s.acted[0] : s.acted[1]], v[begin:end], s.room.torque[begin:end])
+
+
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
+def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
+    """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
+    evaluate_forces(s, t, q, v, h)
+    if not move_freely(s, v, h, False, w):
+        w[0] = np.nan
+
+
+@kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def evaluate_forces(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> None:
+    """Compute all that the free motion takes at (t, q, v), for a time h."""
+    act(s, t, q, v)
+    weigh(s.mechanism, q)
+    evaluate_effects(s, q, v, v, h)
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1], f8[::1], f8)")
+def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) -> None:
+    """Compute the nonlinear effects at the velocity `at`; of free bodies those of a step from v of a length h."""
+    m = s.mechanism
+    evaluate_nonlinear_effects(m, q, at)
+    if len(m.free.first):
+        spin_effects(m.free, v, at, h, s.room.torque, m.effects)
+
+
+@kernel("b1(MechanismStep, f8[::1], f8, b1, f8[::1])")
+def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> bool:
+    """Write the velocity after a time h under the forces that were evaluated last; False where M has no factor.
+
+    `twice` is that of `advance_by`.
+    """
+    m, room = s.mechanism, s.room
+    bad = advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.L, room.changes, w)
+    return bad == 0
+
+
+@kernel("b1(RowBuffer)")
+def has_friction(rows: RowBuffer) -> bool:
+    """Return whether some row has friction."""
+    for a in range(rows.size[0] if len(rows.T) > 0 else 0):
+        if rows.mu[a] > 0.0:
+            return True
+    return False
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
+def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
+    """Write the velocity, the rates and the residual that the law gives, where there are rows; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the rows of the law, where the law acts, and the forces there.
+    v : ndarray, shape (nv,)
+        The velocity before.
+    h : float
+        Length of the step [s].
+    twice : bool
+        See `advance_by`.
+    opened : ndarray, shape (k,) or (0,)
+        See `closing_speeds`.
+    """
+    m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
+    limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
+    J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
+    if not has_friction(rows):
+        last = memory.percussion[: memory.size[0]]
+        found = tree_law(
+            m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, e, opened, last, limit, s.v, rates
+        )
+        # written so that a NaN is refused too
+        if not 0.0 <= found < np.inf:
+            return UNSOLVED
+        memory.size[0] = k
+        for a in range(k):
+            memory.percussion[a] = rates[0, a]
+        # tangents of rows without friction are zero
+        for i in range(min(8 * k, len(s.slip))):
+            s.slip[i] = 0.0
+        s.residual[0] = found
+        return DONE
+    if k > MOST_CONTACTS:
+        return UNSOLVED
+    known, start, slip = NOTHING, memory.start[: 3 * k], s.slip[: 8 * k].reshape((4, k, 2))
+    if memory.size[1] == 3 * k:
+        known = UNIQUE if memory.size[2] else COMPLIANT
+    else:
+        for i in range(3 * k):
+            start[i] = 0.0
+    found, unique = frictional_tree_law(
+        m.mass, m.damping, m.parent, v, h, s.room.torque, m.effects, twice, J, rows.T[: 2 * k], e, opened[:0],
+        opened, rows.mu[:k], known, AIM, start, s.v, rates, slip,
+    )  # fmt: skip
+    # Python checks each row of the others
+    if not 0.0 <= found <= EXACT * s.scales.residual:
+        return UNSOLVED
+    memory.size[1], memory.size[2], s.residual[0] = 3 * k, 1 if unique else 0, found
+    return DONE
+
+
+@kernel("void(MechanismStep, f8[::1], f8[::1], f8, f8[::1])")
+def move(s: MechanismStep, q: Array, v: Array, h: float, to: Array) -> None:
+    """Write the configuration q + h v by the retraction, shape (nq,)."""
+    drift = s.room.drift
+    for k in range(len(v)):
+        drift[k] = h * v[k]
+    retract(s.mechanism.calls, q, drift, to)
+
+
+@kernel("i8(MechanismStep, f8[::1])")
+def find(s: MechanismStep, q: Array) -> int:
+    """Find the active rows at q, in `s.rows`; return a code."""
+    return active_rows(s.mechanism, s.constraints, q[:0], s.room.drift, q, s.scales.tolerance, s.rows)
+
+
+@kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
+def jump(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
+    """Write to `s.v` the velocity after forces at (t, q, v) for a time h and the law for `s.rows`; return a code."""
+    if s.rows.size[0] == 0:
+        s.residual[0] = 0.0
+        fly(s, t, q, v, h, s.v)
+        return DONE
+    evaluate_forces(s, t, q, v, h)
+    return apply_law(s, v, h, False, q[:0])

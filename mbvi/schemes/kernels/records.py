@@ -1,0 +1,191 @@
+"""The records of a step of a mechanism in one kernel: what the kernels of schemes and their phases work on."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...compiled import record
+from ...constraints.mechanism.rows import MechanismConstraints
+from ...constraints.mechanism.tables import FOUND, MOST_ROWS, RowBuffer
+from ...system.control_table import ControlTable
+from ...system.free.free_body_table import FreeBodyTable
+from ...system.mechanisms.mechanism import Mechanism
+from ...system.system import Array
+
+# what a step kernel returns, beside the codes of `active_rows`: done; the law is not solved; with `StewartTrinkle` the
+# end of the step takes searches
+DONE, UNSOLVED, BOUNCES = FOUND, 3, 4
+
+
+@record("f8[::1], f8[::1], i8[::1]")
+class LawMemory(NamedTuple):
+    """What the law starts from.
+
+    Attributes
+    ----------
+    percussion : ndarray, shape (MOST_ROWS,)
+        Percussions of the last projection.
+    start : ndarray, shape (3 MOST_ROWS,)
+        The start of Coulomb's law; see `FrictionalStart`.
+    size : ndarray of int, shape (3,)
+        How many entries both have, and whether the answer at the start was unique.
+    """
+
+    percussion: Array
+    start: Array
+    size: Array
+
+
+@record("f8, f8, f8, f8, f8[:,::1], f8[:,::1], b1[::1], i8[::1], f8, b1, b1")
+class Scales(NamedTuple):
+    """Numbers of a problem and of a scheme.
+
+    Attributes
+    ----------
+    tolerance, length : float
+        Activation tolerance and length of the scene [m].
+    reach : float
+        Travel below which gaps count as linear [m].
+    residual : float
+        Relative residual that a projection may have.
+    squares, turn_squares : ndarray, shape (families, nv)
+        See `ClearanceCache`.
+    late : ndarray of bool, shape (nv,) or (0,)
+        The velocities at which `Centered` evaluates forces half a step later; of no size where there are none.
+    part : ndarray of int, shape (nv,)
+        See `independent_parts`.
+    theta : float
+        Of `MoreauJean`.
+    projects : bool
+        `project_positions` of `Centered`.
+    loaded : bool
+        Whether forces from outside act.
+    """
+
+    tolerance: float
+    length: float
+    reach: float
+    residual: float
+    squares: Array
+    turn_squares: Array
+    late: Array
+    part: Array
+    theta: float
+    projects: bool
+    loaded: bool
+
+
+@record(
+    "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], f8[:,::1],"
+    " f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], b1[::1], b1[::1],"
+    " b1[::1]"
+)
+class Room(NamedTuple):
+    """Room within a step: kernels that make no arrays are faster.
+
+    Attributes
+    ----------
+    torque, drift, force_velocity, free, displacement, moved, tangent : ndarray, shape (nv,)
+        Tangent vectors.
+    changes : ndarray, shape (2, nv)
+        Room of `advance_by`.
+    end, middle : ndarray, shape (nq,)
+        Configurations.
+    L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
+        Factor of the mass matrix, and rows solved with it.
+    change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
+        Of rows.
+    table : ndarray, shape (8 MOST_ROWS,)
+        Several numbers of each row.
+    margin : ndarray, shape (1,)
+        How far beyond the tolerance rows are known [m].
+    owner, order : ndarray of int, shape (MOST_ROWS,)
+        Rows.
+    near, law, closed, settled : ndarray of bool, shape (MOST_ROWS,)
+        Masks of rows.
+    """
+
+    torque: Array
+    drift: Array
+    force_velocity: Array
+    free: Array
+    displacement: Array
+    moved: Array
+    tangent: Array
+    changes: Array
+    end: Array
+    middle: Array
+    L: Array
+    A: Array
+    W: Array
+    change: Array
+    opened: Array
+    gap: Array
+    bound: Array
+    table: Array
+    margin: Array
+    owner: Array
+    order: Array
+    near: Array
+    law: Array
+    closed: Array
+    settled: Array
+
+
+def room(nq: int, nv: int) -> Room:
+    """Return room for a mechanism."""
+    tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
+    matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
+    floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
+    numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
+    fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, *numbers, *masks
+    return Room(*fields)
+
+
+@record(
+    "Mechanism, FreeBodyTable, MechanismConstraints, LawMemory, Scales, ControlTable, i8[::1], Room, RowBuffer,"
+    " RowBuffer, RowBuffer, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
+)
+class MechanismStep(NamedTuple):
+    """A mechanism with its constraints, and room for one step.
+
+    Attributes
+    ----------
+    mechanism, bodies, constraints, memory, scales, control
+        What steps; `bodies` are those parts of the mechanism that are free bodies.
+    acted : ndarray of int, shape (4,)
+        Where the coordinates that the control knows begin and end in q, and in v.
+    room : Room
+        Room within the step.
+    rows : RowBuffer
+        Receives the rows of the law; their gaps are those at the end of the step.
+    ahead, middle : RowBuffer
+        Room for the rows elsewhere in the step.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        Receive the state after the step.
+    rates : ndarray, shape (4 MOST_ROWS,)
+        Receives the rates of the rows as of `Step`, one after the other, in its first 4 k places.
+    slip : ndarray, shape (8 MOST_ROWS,)
+        Receives `Step.slip` in the same way; of no size without friction.
+    residual : ndarray, shape (1,)
+        Receives the relative residual of the law.
+    """
+
+    mechanism: Mechanism
+    bodies: FreeBodyTable
+    constraints: MechanismConstraints
+    memory: LawMemory
+    scales: Scales
+    control: ControlTable
+    acted: Array
+    room: Room
+    rows: RowBuffer
+    ahead: RowBuffer
+    middle: RowBuffer
+    q: Array
+    v: Array
+    rates: Array
+    slip: Array
+    residual: Array

@@ -1,0 +1,209 @@
+"""The velocities of a step of `StewartTrinkle` for a mechanism, in kernels; see `stewart_trinkle_kernel`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ...constraints.mechanism.tables import copy_row
+from ...projection.coulomb.few_contacts import MOST_CONTACTS
+from ...projection.coulomb.friction import AIM
+from ...projection.coulomb.frictional_step import interleave
+from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
+from ...projection.dense.fused_step import FEW
+from ...projection.dense.robot_step import solve_active_set
+from ...projection.tree import solve
+from ...system.system import Array
+from ..step import STILL
+from .centered import row_speeds
+from .records import DONE, UNSOLVED, MechanismStep
+
+
+@kernel("b1(MechanismStep, f8[::1], f8, b1[::1], f8[::1])")
+def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Array) -> bool:
+    """Write which rows have a bound, and the least rates; see `newton_bounds`; return whether some row may bounce.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the rows, and the free motion of v in its room.
+    v : ndarray, shape (nv,)
+        Velocity before.
+    h : float
+        Time step [s].
+    bound, lower : ndarray, shape (k,)
+        Receive the mask and the rates.
+    """
+    rows, free, largest, some, bounces = s.rows, s.room.free, 0.0, False, False
+    for a in range(rows.size[0]):
+        before, slow = 0.0, STILL * s.scales.length / rows.lever[a]
+        for k in range(len(v)):
+            before += rows.J[a, k] * v[k]
+            slow += 2.0 * abs(rows.J[a, k]) * abs(free[k] - v[k])
+        touching, e = s.scales.tolerance / rows.lever[a], rows.e[a]
+        impact = e > 0.0 and rows.gap[a] + h * before <= touching and before < -slow
+        gap = max(rows.gap[a], 0.0)
+        lower[a], bound[a] = -e * before if impact else -gap / h, not (e > 0.0 and not impact and gap > h * slow)
+        s.room.near[a], s.room.change[a], bounces = impact, before, bounces or e > 0.0
+        if impact:
+            some, largest = True, max(largest, e)
+    for a in range(rows.size[0] if some else 0):
+        if not s.room.near[a]:
+            gap = max(rows.gap[a], 0.0)
+            # bodies that touch to within the tolerance pass impacts on without loss
+            gap = gap if gap > s.scales.tolerance / rows.lever[a] else 0.0
+            lower[a] = min(-gap / h, -largest * s.room.change[a])
+    return bounces
+
+
+@kernel("i8(MechanismStep, b1[::1])")
+def project_bounds_with_friction(s: MechanismStep, bound: Array) -> int:
+    """Write the same by Coulomb's law, for the rows `s.middle` that bear their bounds in place of their gaps."""
+    some, room, memory, k = s.middle, s.room, s.memory, s.middle.size[0]
+    if k > MOST_CONTACTS:
+        return UNSOLVED
+    n, known, start = 3 * k, NOTHING, memory.start[: 3 * k]
+    wide, W, A = np.empty((n, len(s.v))), np.empty((n, len(s.v))), np.empty((n, len(s.v)))
+    interleave(some.J[:k], some.T[: 2 * k], wide)
+    solve(room.L, s.mechanism.parent, wide, W, A)
+    if memory.size[1] == n:
+        known = UNIQUE if memory.size[2] else COMPLIANT
+    else:
+        for i in range(n):
+            start[i] = 0.0
+    least, percussion, case = np.zeros(n), np.empty((3, n)), np.empty(k, np.int64)
+    for i in range(k):
+        least[3 * i] = some.gap[i]
+    found, unique = coulomb_law(wide, A, room.free, least, some.mu[:k], known, AIM, start, s.v, percussion, case)
+    # written so that a NaN is refused too
+    if not 0.0 <= found <= s.scales.residual:
+        return UNSOLVED
+    memory.size[1], memory.size[2], s.residual[0], i = n, 1 if unique else 0, found, 0
+    for a in range(s.rows.size[0]):
+        if bound[a]:
+            s.rates[a] = percussion[0, 3 * i]
+            s.slip[2 * a], s.slip[2 * a + 1] = percussion[0, 3 * i + 1], percussion[0, 3 * i + 2]
+            i += 1
+    return DONE
+
+
+@kernel("i8(MechanismStep, b1[::1], f8[::1])")
+def project_bounds(s: MechanismStep, bound: Array, lower: Array) -> int:
+    """Write the velocity nearest to the free motion, the percussions and the residual; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the rows, the free motion and the factor of the mass matrix. Receives the velocity `s.v`, the percussions
+        in the first places of `s.rates`, and with friction of `s.slip`.
+    bound : ndarray of bool, shape (k,)
+        Which rows have a bound.
+    lower : ndarray, shape (k,)
+        Least rates of the gaps.
+    """
+    rows, some, room, memory, rough = s.rows, s.middle, s.room, s.memory, 0.0
+    some.size[0] = 0
+    for a in range(rows.size[0]):
+        s.rates[a] = 0.0
+        if bound[a]:
+            # these rows bear their bounds in place of their gaps
+            copy_row(rows, a, some)
+            some.gap[some.size[0] - 1], rough = lower[a], max(rough, rows.mu[a])
+    for i in range(2 * rows.size[0] if len(s.slip) else 0):
+        s.slip[i] = 0.0
+    if rough > 0.0:
+        return project_bounds_with_friction(s, bound)
+    k, x = some.size[0], room.free
+    if k == 0:
+        for j in range(len(x)):
+            s.v[j] = x[j]
+        s.residual[0] = 0.0
+        return DONE
+    J, W, A, table = some.J[:k], room.W[:k], room.A[:k], room.table[: 3 * k].reshape((3, k))
+    solve(room.L, s.mechanism.parent, J, W, A)
+    last, limit = memory.percussion[: memory.size[0]], 0.0 if k <= FEW else 1e-3 * s.scales.residual
+    found = solve_active_set(J, A, W, x, some.gap[:k], last, limit, s.v, table)
+    # written so that a NaN is refused too
+    if not 0.0 <= found < np.inf:
+        return UNSOLVED
+    memory.size[0], s.residual[0], i = k, found, 0
+    for a in range(rows.size[0]):
+        if bound[a]:
+            s.rates[a] = memory.percussion[i] = table[0, i]
+            i += 1
+    return DONE
+
+
+@kernel("f8(MechanismStep, f8[::1], f8[::1])")
+def open_the_gaps(s: MechanismStep, lower: Array, w: Array) -> float:
+    """Write the velocity w nearest to `s.v` with rates of all rows of at least `lower`, without friction.
+
+    Return the residual, NaN or infinite where it is not solved.
+    """
+    room, k = s.room, s.rows.size[0]
+    J, W, A, table = s.rows.J[:k], room.W[:k], room.A[:k], room.table[: 3 * k].reshape((3, k))
+    solve(room.L, s.mechanism.parent, J, W, A)
+    found = solve_active_set(
+        J, A, W, s.v, lower, lower[:0], 0.0 if k <= FEW else 1e-3 * s.scales.residual, w, table
+    )  # fmt: skip
+    return found if found >= 0.0 else np.inf
+
+
+@kernel("f8(MechanismStep, f8[::1], f8, f8[::1])")
+def depth_of_residual(s: MechanismStep, v: Array, h: float, change: Array) -> float:
+    """Return the penetration that the residual of a projection of v may leave [m], and the tolerance; write J v.
+
+    `v` and `change` have the shapes (nv,) and (k,).
+    """
+    nearest = fastest = 0.0
+    row_speeds(s.rows.J, v, 1.0, change)
+    for a in range(len(change)):
+        nearest, fastest = max(nearest, abs(s.rows.gap[a])), max(fastest, abs(change[a]))
+    return 2.0 * h * s.scales.residual * (fastest + nearest / h) + s.scales.tolerance
+
+
+@kernel("Tuple((i8, b1, f8))(MechanismStep, f8[::1], f8, b1[::1], f8[::1])")
+def displacing_velocity(s: MechanismStep, v: Array, h: float, bound: Array, lower: Array) -> tuple[int, bool, float]:
+    """Write the velocity along which the configuration moves in the step, `s.room.tangent`.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the rows, the free motion of v and the factor of the mass matrix.
+    v : ndarray, shape (nv,)
+        Velocity before.
+    h : float
+        Time step [s].
+    bound, lower : ndarray, shape (k,)
+        Receive which rows have a bound, and the least rates; see `newton_bounds`.
+
+    Returns
+    -------
+    code : int
+        See `project_bounds`.
+    removes : bool
+        Whether this velocity removes penetration; otherwise `s.v` is the velocity after the step.
+    residual : float
+        That of this velocity.
+    """
+    rows, room, k, w = s.rows, s.room, s.rows.size[0], s.room.tangent
+    gap, change, deepest, first_order = room.gap[:k], room.opened[:k], 0.0, 0.0
+    bounces, left = write_bounds(s, v, h, bound, lower), depth_of_residual(s, room.free, h, change)
+    for a in range(k):
+        deepest, gap[a] = min(deepest, rows.gap[a]), -rows.gap[a] / h
+    sunk = not bounces and deepest < -left
+    code, residual = project_bounds(s, bound, gap if sunk else lower), s.residual[0]
+    for j in range(len(v)):
+        w[j] = s.v[j]
+    if sunk or not bounces or code != DONE:
+        return code, sunk, residual
+    row_speeds(rows.J, w, h, change)
+    for a in range(k):
+        first_order = min(first_order, rows.gap[a] + change[a])
+    if first_order < -left:
+        # a contact that bounces would close another one
+        if not deepest < -depth_of_residual(s, w, h, change):
+            for a in range(k):
+                gap[a] = -max(rows.gap[a], 0.0) / h
+        residual = open_the_gaps(s, gap, w)
+    return DONE if residual < np.inf else UNSOLVED, False, residual

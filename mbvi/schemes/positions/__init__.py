@@ -1,0 +1,1 @@
+"""The projection of positions, and the bounds with which contacts close."""

@@ -1,0 +1,63 @@
+"""Free bodies whose positions are projected: their percussions act where contacts are, and their momentum is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...constraints import Rows
+from ...problem import Problem
+from ...projection import FreeMotion, TreeFreeMotion
+from ...system.free.free_body_table import FreeBodyTable
+from ...system.free.free_momentum import keep_momentum
+from ...system.free.sparse_rows import sparse_parts
+from ...system.system import Array
+from ..step import Step
+
+
+def where_law_acts(problem: Problem, t: float, q: Array, rows: Rows) -> Rows:
+    """Return rows of the end of a step as they join the law: on free bodies they act where it does."""
+    if not len(problem.free_bodies.q):
+        return rows
+    return problem.constraints.at_places(t, q, rows)
+
+
+def without_percussions(
+    bodies: FreeBodyTable, motion: FreeMotion | TreeFreeMotion, step: Step, rows: Rows, owner: Array
+) -> Array | None:
+    """Return the free motion, of free bodies the velocity after the law less its percussions at the rows given.
+
+    `owner`, shape (k,), are the rows of the law at the same contacts. None if there are no free bodies.
+    """
+    if not len(bodies.q):
+        return None
+    impulse = rows.jacobian.T @ step.percussion[owner]
+    if step.slip is not None and rows.tangents is not None:
+        impulse = impulse + rows.tangents.jacobian.T @ step.slip[0][owner].ravel()
+    start = step.v - motion.metric.solve_rows(impulse[None])[0]
+    return np.where(bodies.owner >= 0, start, motion.free)
+
+
+def with_momentum(bodies: FreeBodyTable, step: Step, place: Array, before: Array, w: Array) -> Step:
+    """Return the step with velocities of free bodies that keep their momentum; see `keep_momentum`.
+
+    Parameters
+    ----------
+    bodies : FreeBodyTable
+        The free bodies.
+    step : Step
+        The step after the position projection.
+    place, before : ndarray, shape (nq,)
+        The configuration of its gradients, and that before the projection.
+    w : ndarray, shape (nv,)
+        The velocity there.
+    """
+    if not len(bodies.q):
+        return step
+    q, v = step.q.copy(), step.v.copy()
+    keep_momentum(bodies, *sparse_parts(step.active.jacobian), before, w, place, q, v)
+    rates, slip = step.rates.copy(), step.slip
+    rates[2] = step.active.speeds(v)
+    if slip is not None and step.active.tangents is not None:
+        slip = slip.copy()
+        slip[2] = step.active.tangents.slip(v)
+    return step._replace(q=q, v=v, rates=rates, slip=slip)

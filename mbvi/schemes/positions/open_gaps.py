@@ -1,0 +1,88 @@
+"""Velocities with which no gap is negative at the end of a step, with and without restitution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...constraints import Rows
+from ...constraints.rows import take
+from ...errors import ProjectionError
+from ...problem import Problem
+from ...projection import FreeMotion, Projector, TreeFreeMotion
+from ...system.system import Array
+from ..row_projection import RowProjection, project_rows
+from .newton_bounds import newton_bounds
+
+
+def open_gaps(
+    rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion, most: float
+) -> RowProjection:
+    """Return the velocity with which no gap of the rows is negative after a step.
+
+    Of each penetration at most `most` is removed [m or rad].
+    """
+    if not rows.gap.size:
+        return RowProjection(free_motion.free, np.zeros(0), 0.0)
+    lower = -np.maximum(rows.gap, -most) / h
+    if rows.rate is not None:
+        lower -= rows.rate
+    return project_rows(projector, free_motion.free, free_motion.metric, rows, lower, h)
+
+
+def displacing_velocity(
+    problem: Problem, rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion
+) -> tuple[RowProjection, bool]:
+    """Return the velocity along which the configuration moves in a step, and whether it removes penetration."""
+    if rows.gap.size and rows.gap.min() < -_residual_depth(rows, h, projector, free_motion) - problem.tolerance:
+        try:
+            return open_gaps(rows, h, projector, free_motion, np.inf), True
+        except ProjectionError:
+            # where contacts contradict each other penetration remains, and the run records it
+            pass
+    return open_gaps(rows, h, projector, free_motion, 0.0), False
+
+
+def bouncing_velocities(
+    problem: Problem,
+    rows: Rows,
+    v: Array,
+    h: float,
+    projector: Projector,
+    free_motion: FreeMotion | TreeFreeMotion,
+    allowed: float,
+) -> tuple[RowProjection, RowProjection]:
+    """Return the velocity along which the configuration moves, and the velocity after the step, where some e > 0.
+
+    The first is the nearest to the second with which no gap is negative at the end. They differ where an impact lets a
+    body approach another one within the step, deeper than `allowed` [m].
+    """
+    bounds = newton_bounds(problem, rows, v, h, free_motion)
+    lower, bound, percussion = bounds.lower, np.flatnonzero(~bounds.open), np.zeros(len(rows.gap))
+    if rows.rate is not None:
+        lower = lower - rows.rate
+    found = project_rows(projector, free_motion.free, free_motion.metric, take(rows, bound), lower[bound], h)
+    w, percussion[bound], residual, tangential = found
+    if tangential is not None:
+        wide = np.zeros((len(percussion), 2))
+        wide[bound] = tangential
+        tangential = wide
+    velocity, gap = RowProjection(w, percussion, residual, tangential), rows.gap + h * rows.speeds(w)
+    allowed = max(allowed, _residual_depth(rows, h, projector, free_motion) + problem.tolerance)
+    if gap.min(initial=0.0) >= -allowed:
+        return velocity, velocity
+    # a projector of its own: its percussions are not those of the step
+    moving = FreeMotion(w, free_motion.metric)
+    own = Projector(projector.residual, projector.solver, projector.accepted)
+    # friction has acted in the first: the displacement is along the normals
+    return displacing_velocity(problem, rows._replace(tangents=None), h, own, moving)[0], velocity
+
+
+def _residual_depth(rows: Rows, h: float, projector: Projector, free_motion: FreeMotion | TreeFreeMotion) -> float:
+    """Return the penetration that the residual of a projection may leave [m].
+
+    It is not removed, because that would cost a second projection in each step.
+    """
+    if projector.accepted is not None:
+        return 0.5 * projector.accepted.depth
+    largest = float(np.abs(rows.speeds(free_motion.free)).max()) + float(np.abs(rows.gap).max()) / h
+    return 2.0 * h * projector.residual * largest

@@ -1,0 +1,213 @@
+"""Projects closed contacts out of penetration, in the kinetic metric; contacts that bounce keep their penetration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...constraints import Rows
+from ...constraints.rows import concatenate, match_contacts, renewed, take
+from ...errors import ProjectionError
+from ...problem import Problem
+from ...projection import Projector
+from ...projection.positions.travel import MOST_LINEARISATIONS
+from ...system.system import Array
+from ..row_projection import project_rows, slip_rates
+from ..step import Step, advance_gaps, closing_speeds
+from .closed_contacts import Applied, bears_or_sinks, closed_contacts, stays_sunk
+from .free_impulses import where_law_acts, with_momentum, without_percussions
+from .least_displacement import Displaced, SunkRows, displacement_of_groups, least_displacement
+from .nearby_rows import NearbyRows
+
+
+def project_positions(problem: Problem, applied: Applied, step: Step, projector: Projector, nearby: NearbyRows) -> Step:
+    """Return a step whose closed contacts are projected out of penetration, in the kinetic metric.
+
+    A contact is closed if the velocity after the law changes its gap by no more than the activation tolerance in a
+    step, or if it bears load and lands within the step. A contact with e < 1 whose gap starts to rise is closed too if
+    the gap is no larger after a whole step, as in sliding along a concave wall. So is a contact that would stay in
+    penetration: without restitution each one that is there, with restitution one that hardly moves, unless an impact of
+    this step has brought it there. A contact that is coupled to a bouncing one does not
+    count as closed, unless it would stay in penetration.
+
+    The projection raises the gaps of closed contacts to zero. Any other gap that is negative gets no smaller, and one
+    that is positive gets no smaller than zero. Rows that are active only after the projection join the law, and the law
+    is applied again: otherwise a box at rest would tip from edge to edge. Finally the velocity is made tangent to the
+    closed contacts at the projected configuration.
+
+    Parameters
+    ----------
+    problem : Problem
+        System and constraints.
+    applied : Applied
+        Where the law was applied.
+    step : Step
+        The step before position projection; its gaps are those where the law was applied.
+    projector : Projector
+        Solves the projections.
+    nearby : NearbyRows
+        The rows at the end of the step, as far as they are known.
+
+    Returns
+    -------
+    Step
+        With the gaps of its end, to first order.
+
+    Notes
+    -----
+    Linearisations alternate where the nearest features of polyhedra change. The last 10 of 20 therefore add to each
+    other, and may leave contacts open that were raised before. Where these do not suffice either, or where contacts
+    contradict each other, other mechanisms and bodies are projected, and the joint limits. Nothing is where the law
+    that follows is not solved. The run records the penetration that stays.
+    """
+    system, drift = problem.system, step.t - applied.t
+    if step.slip is not None and not _may_sink(problem, step, drift, nearby):
+        return advance_gaps(step, drift)
+    count = len(step.active.gap)
+    slack = np.zeros(count) if applied.opened is None else applied.opened
+    # the rows of the law as they are at the end of the step
+    marks = step.active if applied.ahead is None else applied.ahead
+    for _ in range(MOST_LINEARISATIONS):
+        rows, closed = step.active, closed_contacts(problem, applied, step)
+        if not bears_or_sinks(problem, step, drift):
+            break
+        # where the law acts at the end of the step, the active rows there are those of the law
+        before = nearby.at(step.q) if drift else rows
+        # for each row the row of the law at the same contact, -1 where there is none
+        owner = match_contacts(before, marks)
+        lengths = problem.constraints.levers(before.constraint) * before.gap
+        # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
+        sunk = (owner >= 0) & closed[owner] & (lengths < -problem.tolerance)
+        sunk |= stays_sunk(problem, applied, before, before.speeds(step.v), before.speeds(applied.v))
+        floor = np.where(sunk, 0.0, np.minimum(before.gap, 0.0))
+        # the largest distance by which a closed contact must move out
+        depth = -float(lengths[sunk].min(initial=0.0))
+        if depth <= problem.tolerance:
+            break
+        if applied.ahead is None:
+            marks = advance_gaps(step, drift).active
+        else:
+            there = nearby.all_at(step.q)
+            # what is not found there has the gap that the law leads to
+            marks = marks._replace(gap=advance_gaps(step, drift).active.gap)
+            marks = renewed(marks, there, match_contacts(there, marks))
+        sticking = _sticking(problem, applied, step)
+        sunken = SunkRows(problem, step.q, applied.motion.metric, marks, before, depth, projector, nearby)
+        projected = least_displacement(sunken, floor, sticking)
+        if projected is None and sticking is not None:
+            # a body that landed tilted cannot turn about contacts that are all held
+            projected = least_displacement(sunken, floor)
+        if projected is None:
+            projected = displacement_of_groups(sunken, floor)
+        if projected is None:
+            break
+        owner = match_contacts(projected.near, marks)
+        if (owner >= 0).all():
+            marks = marks._replace(gap=marks.gap + marks.jacobian @ projected.displacement)
+            if applied.ahead is not None:
+                there = nearby.all_at(projected.q)
+                same = match_contacts(there, marks)
+                marks.gap[same[same >= 0]] = there.gap[same >= 0]
+            found = problem, applied, step, marks, projected, owner, closed, projector, nearby.place
+            try:
+                return _with_tangent_velocity(*found)
+            except ProjectionError:
+                break
+        joined = take(projected.near, owner < 0)
+        marks = concatenate([marks, joined])
+        rows = concatenate([rows, where_law_acts(problem, applied.t, applied.q, joined)])
+        # a row that was open where the law acts may close by the end of the step: otherwise it would bear load there
+        opened = np.zeros(len(joined.gap))
+        if drift:
+            moved = drift * step.v + projected.displacement
+            opened = np.maximum(joined.gap - joined.jacobian @ moved, 0.0) / drift
+            rows = rows._replace(gap=np.concatenate([step.active.gap, drift * opened]))
+        slack, joins = np.concatenate([slack, opened]), np.arange(len(rows.gap)) >= count
+        before_law = rows.speeds(applied.v)
+        lower = -rows.restitution * before_law
+        # rows of the law keep their bounds; those that join it do not bounce
+        lower = np.where(joins | ((slack > 0.0) & (before_law > -slack)), np.minimum(lower, -slack), lower)
+        try:
+            step = _with_bounds(applied, step, rows, lower, projector)
+        except ProjectionError:
+            # the law is solved for the rows before
+            break
+        if drift:
+            step = step._replace(q=system.integrate(applied.q, drift * step.v))
+    return advance_gaps(step, drift)
+
+
+def _may_sink(problem: Problem, step: Step, drift: float, nearby: NearbyRows) -> bool:
+    """Return whether a gap at the end of the step may be below zero by more than the tolerance."""
+    if drift:
+        return nearby.sinks(step.q)
+    rows = step.active
+    lengths = problem.constraints.levers(rows.constraint) * rows.gap
+    return bool(lengths.min(initial=0.0) < -problem.tolerance)
+
+
+def _with_bounds(
+    applied: Applied, step: Step, rows: Rows, lower: Array, projector: Projector, start: Array | None = None
+) -> Step:
+    """Return the step with the velocity that the law gives under other lower bounds of the rates of gaps.
+
+    `start`, shape (nv,), replaces the free motion.
+    """
+    free = applied.motion.free
+    if rows.rate is not None:
+        lower = lower - rows.rate
+    x = free if start is None else start
+    w, percussion, residual, tangential = project_rows(projector, x, applied.motion.metric, rows, lower)
+    rates = np.array([percussion, rows.speeds(free), rows.speeds(w), rows.speeds(applied.v)])
+    return Step(step.t, step.q, w, rows, rates, residual, slip_rates(rows, tangential, free, w, applied.v))
+
+
+def _with_tangent_velocity(
+    problem: Problem,
+    applied: Applied,
+    step: Step,
+    marks: Rows,
+    projected: Displaced,
+    owner: Array,
+    closed: Array,
+    projector: Projector,
+    place: Array,
+) -> Step:
+    """Return the step at the projected configuration, with a velocity tangent to its closed contacts.
+
+    Free bodies start from their velocity after the law, less the percussions of the law at the rows of the projected
+    configuration: what the new percussions differ by is an impulse there. `marks` are the rows of the law at the end of
+    the step, and `place` has the axes of the rows of the projected configuration.
+    """
+    rows = marks._replace(restitution=step.active.restitution)
+    near, unmatched = projected.near, np.ones(len(closed), bool)
+    unmatched[owner] = False
+    rest_of_law = np.flatnonzero(unmatched)
+    # the projection changed the gradients of closed contacts: that must not make them bounce
+    near = near._replace(restitution=np.where(closed[owner], 0.0, near.restitution))
+    rows = concatenate([near, take(rows, unmatched)]) if unmatched.any() else near
+    lower = -rows.restitution * rows.speeds(applied.v)
+    # a gap that the projection left open may close until the next law: otherwise its body would fall freely
+    may_close = closed[owner] | (step.percussion[owner] == 0.0)
+    # a contact that bounces leaves by Newton's law
+    unmatched_stays = closed[unmatched] | (step.percussion[unmatched] == 0.0)
+    stays = np.concatenate([may_close, unmatched_stays])
+    opened = np.flatnonzero(may_close & (near.gap * problem.constraints.levers(near.constraint) > problem.tolerance))
+    rest = applied.h - (step.t - applied.t)
+    lower[opened] = -near.gap[opened] / rest
+    may_open = closing_speeds(problem, rows, rest)
+    if may_open is not None:
+        lower = np.where(stays & (may_open > 0.0), np.minimum(lower, -may_open), lower)
+    bodies, before = problem.free_bodies, step
+    start = without_percussions(bodies, applied.motion, step, rows, np.concatenate([owner, rest_of_law]))
+    step = _with_bounds(applied, step, rows, lower, projector, start)
+    step = step._replace(q=projected.q, residual=max(step.residual, projected.residual))
+    return with_momentum(bodies, step, place, before.q, before.v)
+
+
+def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
+    """Return which rows of the law stick, shape (k,); None if none does."""
+    if step.slip is None:
+        return None
+    percussion, _, after, _ = np.sqrt((step.slip * step.slip).sum(axis=2))
+    sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.h * after <= problem.tolerance)
+    return sticks if sticks.any() else None

@@ -1,0 +1,341 @@
+"""Projects closed contacts out of penetration in one kernel: what `project_positions` does, which is its reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ...constraints.mechanism.rows import write_gradients
+from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffer, copy_row
+from ...projection.dense.orthonormal_rows import inner
+from ...projection.positions.closed_contacts import stays_sunk
+from ...projection.positions.travel import MOST_LINEARISATIONS
+from ...projection.tree import factor, is_damped, solve
+from ...system.free.free_momentum import keep_momentum_of_rows
+from ...system.mechanisms.mechanism import place
+from ...system.mechanisms.pinocchio_address import retract
+from ...system.system import Array
+from ..kernels.phases import move_freely
+from ..kernels.records import DONE, UNSOLVED, MechanismStep
+from .bounds_kernel import apply_bounds
+from .closed_kernel import bears_or_sinks, closed_contacts
+from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
+from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows, rows_for
+
+
+@kernel("b1(MechanismStep, f8[::1], f8)")
+def write_free_motion(s: MechanismStep, v: Array, h: float) -> bool:
+    """Write the free motion of v, and the factor of M where the mechanism is placed; False where M has none."""
+    m = s.mechanism
+    if not move_freely(s, v, h, True, s.room.free):
+        return False
+    # L is that of M already where there is no damping
+    return not (is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L))
+
+
+@kernel("void(MechanismStep, f8)")
+def advance_gaps(s: MechanismStep, time: float) -> None:
+    """Advance the gaps of the law's rows by a time at the rates after the law."""
+    k = s.rows.size[0]
+    for a in range(k):
+        s.rows.gap[a] += time * s.rates[2 * k + a]
+
+
+@kernel("b1(MechanismStep, f8, b1[::1])")
+def sticking_contacts(s: MechanismStep, h: float, sticks: Array) -> bool:
+    """Find which rows of the law stick; return whether there are any."""
+    k, some = len(sticks), False
+    for a in range(k):
+        percussion = after = 0.0
+        for c in range(2):
+            percussion += s.slip[2 * a + c] ** 2
+            after += s.slip[2 * (2 * k + a) + c] ** 2
+        slow = h * np.sqrt(after) <= s.scales.tolerance
+        sticks[a] = s.rates[a] > 0.0 and percussion > 0.0 and slow
+        some = some or sticks[a]
+    return some
+
+
+@kernel("f8(MechanismStep, f8[::1], f8, RowBuffer, f8[::1])")
+def write_floor(s: MechanismStep, v: Array, h: float, active: RowBuffer, floor: Array) -> float:
+    """Write the lower bounds of gaps at the end of the step; return how far a closed contact must move out [m].
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the closed rows of the law, and what these are at the end (`middle`).
+    v : ndarray, shape (nv,)
+        The velocity before the law.
+    h : float
+        Length of the step [s].
+    active : RowBuffer
+        The active rows at the end.
+    floor : ndarray, shape (m,)
+        Receives the bounds.
+    """
+    m, tolerance, depth = active.size[0], s.scales.tolerance, 0.0
+    owner = np.empty(m, np.int64)
+    match_rows(active, s.middle, owner)
+    for a in range(m):
+        length = active.lever[a] * active.gap[a]
+        rise, fall = h * active.lever[a] * inner(active.J[a], s.v), h * active.lever[a] * inner(active.J[a], v)
+        # bounds below zero by no more than the tolerance stay: they would contradict each other by their rounding
+        sunk = owner[a] >= 0 and s.room.closed[owner[a]] and length < -tolerance
+        sunk = sunk or stays_sunk(-length, rise, fall, active.e[a], tolerance)
+        floor[a] = 0.0 if sunk else min(active.gap[a], 0.0)
+        depth = max(depth, -length if sunk else 0.0)
+    return depth
+
+
+@kernel("void(MechanismStep, f8, b1)")
+def mark_rows(s: MechanismStep, half: float, bounces: bool) -> None:
+    """Write what the rows of the law are at the end of the step (`middle`), where they are known.
+
+    `half` is the time from the law to there [s]; `bounces` that of `project_positions`.
+    """
+    rows, marks, known, k, m = s.rows, s.middle, s.ahead, s.rows.size[0], s.ahead.size[0]
+    if bounces:
+        copy_rows(rows, marks)
+    for i in range(k):
+        # what is not found there has the gap that the law leads to
+        marks.gap[i] = rows.gap[i] + half * s.rates[2 * k + i]
+    if bounces:
+        return
+    owner = np.empty(m, np.int64)
+    known_gaps(s, s.q)
+    match_rows(known, marks, owner)
+    for a in range(m):
+        if owner[a] >= 0:
+            marks.size[0] = owner[a]
+            copy_row(known, a, marks)
+            marks.gap[owner[a]] = s.room.gap[a]
+    marks.size[0] = k
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, RowBuffer, i8[::1], f8[::1], i8)")
+def join_law(
+    s: MechanismStep, v: Array, half: float, near: RowBuffer, owner: Array, moved: Array, count: int
+) -> int:  # fmt: skip
+    """Add rows that are active only after the projection to those of the law, and apply it again; return a code.
+
+    Parameters
+    ----------
+    s, v
+        See `project_positions`.
+    half : float
+        The time from the law to the end of the step [s].
+    near : RowBuffer
+        The rows after the projection.
+    owner : ndarray of int, shape (m,)
+        For each of them the row of the law, -1 where there is none.
+    moved : ndarray, shape (nv,)
+        The displacement.
+    count : int
+        How many rows the law had first.
+    """
+    rows, marks, slack, k = s.rows, s.middle, s.room.opened, s.rows.size[0]
+    for a in range(near.size[0]):
+        if owner[a] < 0:
+            if rows.size[0] == MOST_ROWS:
+                return TOO_MANY
+            i = rows.size[0]
+            copy_row(near, a, marks)
+            copy_row(near, a, rows)
+            # open where the law acts, it may close by the end of the step: otherwise it would bear load there
+            gap = near.gap[a] - half * inner(near.J[a], s.v) - inner(near.J[a], moved)
+            slack[i] = max(gap, 0.0) / half
+            rows.gap[i] = half * slack[i]
+    if len(s.bodies.mass) > 0:
+        place(s.mechanism, s.room.middle)
+        for i in range(k, rows.size[0]):
+            write_gradients(s.mechanism, s.constraints, rows, i)
+    lower = np.empty(rows.size[0])
+    for i in range(len(lower)):
+        before = inner(rows.J[i], v)
+        lower[i] = -rows.e[i] * before
+        # rows of the law keep their bounds; those that join it do not bounce
+        if i >= count or (slack[i] > 0.0 and before > -slack[i]):
+            lower[i] = min(lower[i], -slack[i])
+    code = apply_bounds(s, rows, v, s.room.free, lower)
+    if code == DONE:
+        for j in range(len(v)):
+            s.room.drift[j] = half * s.v[j]
+        retract(s.mechanism.calls, s.room.middle, s.room.drift, s.q)
+    else:
+        # the law is solved for the rows before
+        rows.size[0] = k
+    return code
+
+
+@kernel("void(MechanismStep, RowBuffer, i8[::1], f8[::1])")
+def start_of_tangent_law(s: MechanismStep, there: RowBuffer, order: Array, start: Array) -> None:
+    """Write the free motion, of free bodies the velocity after the law less its percussions at the rows as they are.
+
+    What the percussions of the tangent velocity differ by from those of the law is then an impulse at these rows.
+    `order`, shape (k,), says which row of the law each was; `start` has shape (nv,).
+    """
+    n = len(start)
+    impulse, whitened, change = np.zeros((1, n)), np.empty((1, n)), np.zeros((1, n))
+    if len(s.bodies.mass) > 0:
+        for i in range(there.size[0]):
+            a = order[i]
+            for j in range(n):
+                impulse[0, j] += s.rates[a] * there.J[i, j]
+                for c in range(2 if len(there.T) > 0 else 0):
+                    impulse[0, j] += s.slip[2 * a + c] * there.T[2 * i + c, j]
+        solve(s.room.L, s.mechanism.parent, impulse, whitened, change)
+    for j in range(n):
+        start[j] = s.v[j] - change[0, j] if s.bodies.owner[j] >= 0 else s.room.free[j]
+
+
+@kernel("void(MechanismStep, RowBuffer)")
+def write_speeds_after(s: MechanismStep, rows: RowBuffer) -> None:
+    """Write the rates of rows at the velocity after the step."""
+    k = rows.size[0]
+    for i in range(k):
+        s.rates[2 * k + i] = inner(rows.J[i], s.v)
+        for c in range(2 if len(rows.T) > 0 else 0):
+            s.slip[2 * (2 * k + i) + c] = inner(rows.T[2 * i + c], s.v)
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, Sunk, RowBuffer, i8[::1])")
+def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer, owner: Array) -> int:
+    """Take the projected configuration, with a velocity tangent to its closed contacts; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the state at the end of the step; `middle` has the rows of the law with what they are after the projection.
+    v : ndarray, shape (nv,)
+        The velocity before the law.
+    half : float
+        Time from the end of the step to the next law [s].
+    sunk : Sunk
+        The projected configuration.
+    near : RowBuffer
+        The rows there.
+    owner : ndarray of int, shape (m,)
+        The row of the law of each.
+    """
+    marks, room, k, m, i = s.middle, s.room, s.rows.size[0], near.size[0], near.size[0]
+    there, order, left = rows_for(k, len(v), len(marks.T) > 0), np.empty(k, np.int64), np.ones(k, np.bool_)
+    lower, start, w, e = np.empty(k), np.empty(len(v)), s.v.copy(), s.rows.e
+    copy_rows(near, there)
+    for j in range(m):
+        order[j], left[owner[j]] = owner[j], False
+        # the projection changed the gradients of closed contacts: that must not make them bounce
+        there.e[j] = 0.0 if room.closed[owner[j]] else near.e[j]
+    for a in range(k):
+        if left[a]:
+            order[i] = a
+            copy_row(marks, a, there)
+            there.e[i] = e[a]
+            i += 1
+    for i in range(k):
+        a, lower[i] = order[i], -there.e[i] * inner(there.J[i], v)
+        # a gap that the projection left open may close until the next law: otherwise its body would fall freely; a
+        # contact that bounces leaves by Newton's law
+        if there.lever[i] * there.gap[i] > s.scales.tolerance and (room.closed[a] or s.rates[a] == 0.0):
+            lower[i] = -there.gap[i] / half if i < m else min(lower[i], -there.gap[i] / half)
+    start_of_tangent_law(s, there, order, start)
+    code = apply_bounds(s, there, v, start, lower)
+    if code != DONE:
+        return code
+    s.residual[0] = max(s.residual[0], sunk.residual[0])
+    copy_rows(there, s.rows)
+    if len(s.bodies.mass) > 0:
+        keep_momentum_of_rows(s.bodies, s.rows.J[:k], s.q, w, room.end, sunk.place, s.v)
+        write_speeds_after(s, s.rows)
+    for j in range(len(s.q)):
+        s.q[j] = sunk.place[j]
+    return DONE
+
+
+@kernel("void(MechanismStep, Sunk, b1)")
+def move_marks(s: MechanismStep, sunk: Sunk, bounces: bool) -> None:
+    """Write the gaps of the law's rows after the projection; `bounces` that of `project_positions`."""
+    marks, known, m = s.middle, s.ahead, s.ahead.size[0]
+    for i in range(marks.size[0]):
+        marks.gap[i] += inner(marks.J[i], sunk.moved)
+    if not bounces:
+        owner = np.empty(m, np.int64)
+        known_gaps(s, sunk.place)
+        match_rows(known, marks, owner)
+        for a in range(m):
+            if owner[a] >= 0:
+                marks.gap[owner[a]] = s.room.gap[a]
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, b1[::1], b1)")
+def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces: bool) -> int:
+    """Project closed contacts out of penetration after a step of `Centered`; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the step before position projection, placed where the law was applied (`room.middle`), and all rows that
+        are known (see `nearby_kernel`). The gaps of the law's rows are those where it was applied, and `room.opened`
+        has the speeds at which they may close.
+    v : ndarray, shape (nv,)
+        The velocity before the law.
+    h : float
+        Length of the step [s].
+    near : ndarray of bool, shape (m,)
+        Which of the known rows are those of the law.
+    bounces : bool
+        Whether the known rows do not tell the gaps of the law's rows, because some may bounce.
+    """
+    rows, marks, room, half, count = s.rows, s.middle, s.room, 0.5 * h, s.rows.size[0]
+    if len(rows.T) > 0 and not may_sink(s):
+        advance_gaps(s, half)
+        return DONE
+    if not write_free_motion(s, v, h):
+        return UNSOLVED
+    moved, there, residual, marks.size[0] = np.zeros(len(v)), np.zeros(len(s.q)), np.zeros(1), 0
+    if bounces:
+        copy_rows(rows, marks)
+    else:
+        for a in range(len(near)):
+            if near[a]:
+                copy_row(s.ahead, a, marks)
+    for _ in range(MOST_LINEARISATIONS):
+        code = closed_contacts(s, h, room.closed[: rows.size[0]])
+        if code != FOUND:
+            return code
+        if not bears_or_sinks(s, h):
+            break
+        code = find_nearby(s, s.q, 0.0)
+        if code != FOUND:
+            return code
+        active = nearby_rows(s)
+        floor, sticks = np.empty(active.size[0]), np.empty(rows.size[0], np.bool_)
+        depth = write_floor(s, v, h, active, floor)
+        if depth <= s.scales.tolerance:
+            break
+        mark_rows(s, half, bounces)
+        if len(rows.T) == 0 or not sticking_contacts(s, h, sticks):
+            sticks = sticks[:0]
+        sunk = Sunk(floor, depth, sticks, moved, there, residual)
+        code = raise_sunk(s, active, sunk)
+        if code == IMPOSSIBLE:
+            break
+        if code != FOUND:
+            return code
+        found = nearby_rows(s)
+        owner, joins = np.empty(found.size[0], np.int64), False
+        match_rows(found, marks, owner)
+        for a in range(len(owner)):
+            joins = joins or owner[a] < 0
+        if not joins:
+            move_marks(s, sunk, bounces)
+            code = follow(s, v, half, sunk, found, owner)
+            if code != IMPOSSIBLE:
+                return code
+            break
+        code = join_law(s, v, half, found, owner, moved, count)
+        if code == IMPOSSIBLE:
+            break
+        if code != DONE:
+            return code
+    advance_gaps(s, half)
+    return DONE

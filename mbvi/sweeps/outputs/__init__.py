@@ -1,0 +1,1 @@
+"""What becomes of the runs of a sweep."""

@@ -1,0 +1,1 @@
+"""Free bodies in flat arrays."""

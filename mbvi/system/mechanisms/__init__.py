@@ -1,0 +1,1 @@
+"""Mechanisms: Pinocchio models, and how kernels call Pinocchio."""

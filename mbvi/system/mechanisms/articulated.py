@@ -1,0 +1,376 @@
+"""The system of one mechanism: a Pinocchio model of joints and links with damping and a control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from ...arguments import all_finite, returned
+from ...compiled import held, kernel, plain_array
+from ...errors import InputError
+from ...projection import TreeFreeMotion, TreeMetric
+from ..controls import LoopControl
+from ..free.spinning import free_links, spin_effects
+from ..given import not_finite
+from ..system import Array, Kinematics, System
+from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
+from .mechanism import Mechanism, mechanism
+from .memory import read_results
+from .pinocchio_check import reason_for_bindings
+
+Control = Callable[[float, Array, Array], Array]
+
+# reach of velocities without a known bound; its square is finite, so that products with a zero velocity are no NaN
+_UNBOUNDED = 1e150
+
+# joints whose armature Pinocchio 4.1 adds to the mass matrix and not to the kinetic energy
+_ARMATURE_LEFT_OUT = ("JointModelRevoluteUnaligned",)
+
+_WORLD = pin.Convention.WORLD
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
+def row(columns: Array, first: Array, second: Array, point: Array, normal: Array, row: Array) -> None:
+    """Write the gradient of the separation of two bodies at a point.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (nv, 6)
+        Jacobian columns in the world, one in each row.
+    first, second : ndarray, shape (nv,)
+        1 where a velocity moves the body, else 0.
+    point, normal : ndarray, shape (3,) or longer, of which the first three entries count
+        Contact point and normal from the first to the second body, in the world.
+    row : ndarray, shape (nv,)
+        Receives [n, p x n]' columns, signed by which of the two bodies a velocity moves.
+    """
+    x, y, z = normal[0], normal[1], normal[2]
+    u, v, w = point[1] * z - point[2] * y, point[2] * x - point[0] * z, point[0] * y - point[1] * x
+    for k in range(len(row)):
+        sign = second[k] - first[k]
+        row[k] = 0.0
+        if sign != 0.0:
+            c = columns[k]
+            row[k] = sign * (x * c[0] + y * c[1] + z * c[2] + u * c[3] + v * c[4] + w * c[5])
+
+
+@kernel("void(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def separation(
+    columns: Array, support: Array, first: Array, second: Array, point: Array, normal: Array, rows: Array
+) -> None:
+    """Write `row` of several contacts: bodies of shape (m,), points and normals (m, 3), rows (m, nv)."""
+    for a in range(len(rows)):
+        row(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
+
+
+@kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
+def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+    """Write the accelerations of points of moving bodies, shape (k, 3), in the world.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (njoints, 4, 3)
+        Columns of each body's rotation, then its origin.
+    bodies : ndarray of int, shape (k,)
+        The body of each point.
+    points : ndarray, shape (k, 3)
+        In the bodies' frames.
+    twists, rates : ndarray, shape (k, 6)
+        Spatial velocities and accelerations of the bodies, linear parts first, in their frames.
+    """
+    for k in range(len(bodies)):
+        P, p, w, r = poses[bodies[k]], points[k], twists[k], rates[k]
+        x = w[0] + w[4] * p[2] - w[5] * p[1]
+        y = w[1] + w[5] * p[0] - w[3] * p[2]
+        z = w[2] + w[3] * p[1] - w[4] * p[0]
+        a = r[0] + r[4] * p[2] - r[5] * p[1] + w[4] * z - w[5] * y
+        b = r[1] + r[5] * p[0] - r[3] * p[2] + w[5] * x - w[3] * z
+        c = r[2] + r[3] * p[1] - r[4] * p[0] + w[3] * y - w[4] * x
+        for i in range(3):
+            bias[k, i] = a * P[0, i] + b * P[1, i] + c * P[2, i]
+
+
+class ArticulatedSystem(System):
+    """A mechanism of joints, with gravity, joint damping and a control.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The mechanism with its gravity, armature and damping. It is not changed.
+    name : str
+        Prefix of the body names.
+    control : callable, optional
+        control(t, q, v) -> tau, shape (nv,) [N, N m], of this mechanism's own q and v.
+
+    Notes
+    -----
+    g(t, q, v) = tau - nle(q, v) - D v. Dry joint friction, effort and velocity limits are not modelled. Where D is
+    not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
+    any usual step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
+    """
+
+    single_mechanism = True
+
+    def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
+        self.model: pin.Model = model
+        self.name = name
+        self.nq, self.nv = int(model.nq), int(model.nv)
+        # free bodies among the links
+        self._free = free_links(model)
+        self._spins = len(self._free.first) > 0
+        self.set_control(control)
+        self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
+        self.damping: Array = np.array(model.damping, dtype=float)
+        self._damped = bool(self.damping.any())
+        # armature that Pinocchio leaves out of the kinetic energy
+        self._uncounted: Array = np.array(model.armature, dtype=float)
+        for joint in list(model.joints)[1:]:
+            if joint.shortname() not in _ARMATURE_LEFT_OUT:
+                self._uncounted[joint.idx_v : joint.idx_v + joint.nv] = 0.0
+        self._zero = np.zeros(self.nv)
+        # generalised force from outside the mechanism, added to the torque of the control
+        self.applied: Array = self._zero
+        # whether the retraction is q + dv, up to multiples of 2 pi
+        self._flat = all(joint.nv == 1 for joint in list(model.joints)[1:])
+        # number of leading velocities for which it is not; joints are independent of each other
+        self._curved = max((j.idx_v + j.nv for j in list(model.joints)[1:] if j.nv > 1), default=0)
+        self._data = model.createData()
+        self._energy_data = model.createData()
+        # the configuration of the data: its bytes and, if the array is read-only, the array itself
+        self._key: bytes | None = None
+        self._current: Array | None = None
+        # the last result of `integrate`, which is read-only
+        self._integrated: Array | None = None
+        self._metric: TreeMetric | None = None
+        # the parent of each velocity in the tree
+        self._parent = np.array(self._data.parents_fromRow, dtype=np.int64)
+        # kernels compute poses, columns and mass matrix where they know every joint, else Pinocchio does
+        tree = self._tree = joint_tree(model, self._parent)
+        self._known = len(tree.kind) > 0
+        poses, columns, self._mass = (
+            (tree.poses, tree.columns, tree.mass) if self._known else read_results(model, self._data)
+        )
+        self._support = np.zeros((model.njoints, self.nv))
+        for joint in range(1, model.njoints):
+            for ancestor in list(model.supports[joint])[1:]:
+                first = model.idx_vs[ancestor]
+                self._support[joint, first : first + model.nvs[ancestor]] = 1.0
+        self._kinematics = Kinematics(poses, columns, self._support)
+
+    def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
+        # a copy makes its own Data, because the arrays kept here lie in the memory of this one
+        return type(self), (self.model, self.name, self.control)
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        new = pin.integrate(self.model, q, dv)
+        # read-only, so that results computed for this array remain valid
+        new.setflags(False)
+        self._integrated = new
+        return new
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        return pin.difference(self.model, q0, q1)
+
+    def set_control(self, control: Control | None) -> None:
+        """Replace the control."""
+        if isinstance(control, LoopControl):
+            control = control.fitted(self.model, self.name)
+        self.control, self.controlled = control, control is not None
+        # a control is called once in each step; torques of free bodies do not change with v
+        self.velocity_dependent = control is None and 6 * len(self._free.first) < self.nv
+
+    def notes(self) -> list[str]:
+        reason = reason_for_bindings()
+        return [] if reason is None else [f"Pinocchio was called through its Python bindings: {reason}"]
+
+    def mechanism(self) -> Mechanism | None:
+        """Return a record with a `pin.Data` of its own, or None where Pinocchio cannot be called by address."""
+        if reason_for_bindings() is not None:
+            return None
+        return mechanism(self.model, self.model.createData(), self._support, self._tree, self._free)
+
+    @cached_property
+    def _held(self) -> JointTree:
+        return held(self._tree)
+
+    def _refresh(self, q: Array) -> None:
+        """Compute placements, Jacobian columns and mass matrix at q, once for each q."""
+        key = q.tobytes()
+        if key != self._key:
+            if self._known:
+                place_joints(self._held, plain_array(q))
+                weigh_joints(self._held)
+            else:
+                # in the world convention crba also fills data.J and data.oMi
+                pin.crba(self.model, self._data, q, _WORLD)
+                for array, read in zip(
+                    (*self._kinematics[:2], self._mass), read_results(self.model, self._data), strict=True
+                ):
+                    array[:] = read
+            self._metric, self._key = None, key
+        self._current = q if q is self._integrated or not q.flags.writeable else None
+
+    def _effects(self, q: Array, v: Array) -> Array:
+        """Return the nonlinear effects at q and v, shape (nv,)."""
+        if not self._known:
+            return pin.nonLinearEffects(self.model, self._data, q, v)
+        if q is not self._current:
+            self._refresh(q)
+        write_effects(self._held, plain_array(v))
+        return self._tree.effects.copy()
+
+    def metric(self, q: Array) -> TreeMetric:
+        if q is not self._current:
+            self._refresh(q)
+        if self._metric is None:
+            self._metric = TreeMetric(self._mass, self._parent)
+        return self._metric
+
+    def torque(self, t: float, q: Array, v: Array) -> Array:
+        if self.control is None:
+            return self.applied
+        tau = self.control(t, q, v)
+        if type(tau) is not np.ndarray or not tau.flags.carray or tau.dtype != np.float64:
+            tau = plain_array(returned(tau, f"the control of {self.name}"))
+        if tau.shape != (self.nv,):
+            raise InputError(f"the control returned shape {tau.shape} at t = {t:.6g} s; {self.name} has ({self.nv},)")
+        if not all_finite(tau):
+            raise not_finite(f"the control of {self.name}", tau, t, q, v)
+        return tau if self.applied is self._zero else tau + self.applied
+
+    def force(self, t: float, q: Array, v: Array) -> Array:
+        torque = self.torque(t, q, v)
+        g = torque - self._effects(q, v)
+        return g - self.damping * v if self._damped else g
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return self.free_motion(t, q, v, h).free
+
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
+        return self._free_motion(t, q, v, h, v, False)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> TreeFreeMotion:
+        return self._free_motion(t, q, v, h, at, True)
+
+    def _free_motion(self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool) -> TreeFreeMotion:
+        """Return the free motion of v under forces at a velocity; `twice` is that of `advance_by`."""
+        if q is not self._current:
+            self._refresh(q)
+        torque = self.torque(t, q, at)
+        effects = self._effects(q, at)
+        if not v.flags.carray:
+            v = plain_array(v)
+        if self._spins:
+            spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
+        # a later evaluation at another q overwrites Pinocchio's mass matrix
+        return TreeFreeMotion(self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        torque = self.torque(t, q, v)
+        if self._damped:
+            torque = torque - self.damping * v
+        return pin.aba(self.model, self._data, q, v, torque)
+
+    def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
+        if self._flat:
+            return v
+        derivative, n = pin.dIntegrate(self.model, q, dv, pin.ARG1), self._curved
+        rate = v.copy()
+        rate[:n] = lapack.dgesv(derivative[:n, :n], v[:n])[2]
+        return rate
+
+    def kinetic_energy(self, q: Array, v: Array) -> float:
+        counted = float(pin.computeKineticEnergy(self.model, self._energy_data, q, v))
+        return counted + 0.5 * float(self._uncounted @ (v * v))
+
+    def potential_energy(self, t: float, q: Array) -> float:
+        return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
+
+    def placements(self, q: Array, bodies: Array) -> Array:
+        if q is not self._current:
+            self._refresh(q)
+        return self._kinematics.poses.take(bodies, 0)
+
+    def kinematics(self, q: Array) -> Kinematics:
+        if q is not self._current:
+            self._refresh(q)
+        return self._kinematics
+
+    def separation_rows(self, q: Array, first: Array, second: Array, point: Array, normal: Array) -> Array:
+        _, columns, support = self.kinematics(q)
+        rows = np.empty((len(point), self.nv))
+        separation(columns, support, first, second, point, normal, rows)
+        return rows
+
+    def point_bias(self, q: Array, v: Array, bodies: Array, points: Array) -> Array:
+        data = self._energy_data
+        pin.forwardKinematics(self.model, data, q, v, self._zero)
+        moving = bodies.tolist()
+        twists = np.array([data.v[body].vector for body in moving])
+        rates = np.array([data.a[body].vector for body in moving])
+        bias = np.empty((len(points), 3))
+        _bias(self.kinematics(q).poses, bodies, points, twists, rates, bias)
+        return bias
+
+    def reach(self, body: int, centre: Array, radius: float) -> Array:
+        reach = np.zeros(self.nv)
+        distance = radius + float(np.linalg.norm(centre))
+        for joint in reversed(list(self.model.supports[body])[1:]):
+            first, width = self.model.idx_vs[joint], self.model.nvs[joint]
+            reach[first : first + width], travel = self._joint_reach(joint, distance)
+            distance += travel + float(np.linalg.norm(self.model.jointPlacements[joint].translation))
+        return np.minimum(reach, _UNBOUNDED)
+
+    def _joint_reach(self, joint: int, distance: float) -> tuple[Array, float]:
+        """Return the reach of a joint's velocities, and the largest displacement of its frame by its own travel."""
+        kind = self.model.joints[joint].shortname()
+        width = self.model.nvs[joint]
+        if "FreeFlyer" in kind:
+            return np.array([1.0] * 3 + [distance] * 3), 0.0
+        if "Planar" in kind:
+            return np.array([1.0, 1.0, distance]), 0.0
+        if "JointModelR" in kind or "Spherical" in kind:
+            return np.full(width, distance), 0.0
+        if "JointModelP" in kind and width == 1:
+            first = self.model.idx_qs[joint]
+            limits = np.abs([self.model.lowerPositionLimit[first], self.model.upperPositionLimit[first]])
+            # a tenth more for penetration of the limit within a step
+            return np.ones(1), 1.1 * float(limits.max()) if limits.max() < 1e10 else _UNBOUNDED
+        return np.full(width, _UNBOUNDED), 0.0
+
+    def are_lengths(self) -> Array:
+        return self._lengths.copy()
+
+    @cached_property
+    def _lengths(self) -> Array:
+        found, neutral = np.zeros(self.nv, bool), pin.neutral(self.model)
+        for joint in list(self.model.joints)[1:]:
+            # a screw joint turns as well
+            data = joint.createData()
+            joint.calc(data, neutral)
+            turns = np.abs(np.asarray(data.S).reshape(6, -1)[3:]).max(axis=0) > 0.0
+            found[joint.idx_v : joint.idx_v + joint.nv] = ~turns
+        return found
+
+    def unit_groups(self) -> list[Array]:
+        model, groups = self.model, []
+        for joint in range(1, model.njoints):
+            nq, nv, end = model.nqs[joint], model.nvs[joint], model.idx_qs[joint] + model.nqs[joint]
+            # a free base, a base in a plane (cosine and sine), a joint without limits
+            width = {(7, 6): 4, (4, 3): 2, (2, 1): 2}.get((nq, nv))
+            if model.joints[joint].shortname() == "JointModelSpherical":
+                width = 4
+            if width is not None:
+                groups.append(np.arange(end - width, end)[None, :])
+        return groups
+
+    def describe(self) -> str:
+        model = self.model
+        base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
+        joints = model.njoints - 1 - (base != "fixed")
+        mass = sum(i.mass for i in list(model.inertias)[1:])
+        return f"{self.name}: {base} base, {joints} joints, {self.nv} degrees of freedom, {mass:.4g} kg moving"
