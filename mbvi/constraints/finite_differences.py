@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import MbviError
+from ..system import System
+
 Array = np.ndarray
 
 # lengths of differences, relative to the scale of q: of a full check, and of a quick one
@@ -87,3 +90,23 @@ def _value(f: Callable[[Array], Any], w: Array, count: int) -> Array:
     except Exception:
         return np.full(count, np.nan)
     return value if len(value) == count else np.full(count, np.nan)
+
+
+def directions_along(system: System, q: Array, gradient: Array, full: bool) -> Array:
+    """Return unit vectors along the gradients and, if `full`, along M^-1 times them, shape (k, nv)."""
+    along = gradient
+    if full:
+        try:
+            along = np.concatenate([along, system.metric(q).solve_rows(gradient)])
+        except MbviError:
+            # the error is raised where M is needed
+            pass
+    lengths = np.linalg.norm(along, axis=1)
+    usable = np.isfinite(lengths) & (lengths > 0.0)
+    return np.asarray(along[usable] / lengths[usable, None])
+
+
+def random_directions(nv: int) -> Array:
+    """Return some unit vectors, shape (8, nv), the same each time."""
+    directions = np.random.default_rng(0).normal(size=(8, nv))
+    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])

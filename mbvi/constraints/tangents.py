@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from ..compiled import kernel, plain_array
 from ..system.free.sparse_rows import stack_rows, take_rows, times
-from ..system.mechanisms.articulated import row
+from ..system.mechanisms.separation import row
 from ..system.system import Kinematics
 
 Array = np.ndarray

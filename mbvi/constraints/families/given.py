@@ -14,7 +14,7 @@ from ...errors import InputError, MbviError, MbviWarning
 from ...system import System
 from ...system.given import not_finite, short
 from ..family import ConstraintFamily
-from ..finite_differences import Slopes, slopes
+from ..finite_differences import Slopes, directions_along, random_directions, slopes
 from ..rows import NO_POINT, Array, Constraint, Rows
 from ..tangents import Tangents, none_of
 from .gap_function import GapFunction
@@ -23,8 +23,8 @@ from .gap_function import GapFunction
 _DIFFERENT, _SMALL = 1e-3, 1e-5
 # entries of a gradient below this part of the largest may have either sign
 _SIGNIFICANT = 1e-3
-# largest nv at which a gradient is checked entry by entry; beyond it is checked along so many random directions
-_ENTRIES, _DIRECTIONS = 64, 8
+# largest nv at which a gradient is checked entry by entry; beyond it is checked along some random directions
+_ENTRIES = 64
 
 
 def checked_constraints(constraints: Any) -> list[Constraint]:
@@ -261,9 +261,9 @@ class GivenConstraint(ConstraintFamily):
         system, nv = self._system, self._system.nv
         gap = self.gap(t, q)
         gradient = self.gradient(t, q)
-        along = _directions(system, q, gradient[index], full)
+        along = directions_along(system, q, gradient[index], full)
         if full:
-            entries = np.eye(nv) if nv <= _ENTRIES else _random_directions(nv)
+            entries = np.eye(nv) if nv <= _ENTRIES else random_directions(nv)
             along = np.concatenate([entries, along])
         if not len(along):
             return
@@ -339,22 +339,3 @@ class GivenRows(GivenConstraint):
 
 def _scale(q: Array) -> float:
     return max(1.0, float(np.abs(q).max(initial=0.0)))
-
-
-def _directions(system: System, q: Array, gradient: Array, full: bool) -> Array:
-    """Return unit vectors along the gradients and, if `full`, along M^-1 times them, shape (k, nv)."""
-    along = gradient
-    if full:
-        try:
-            along = np.concatenate([along, system.metric(q).solve_rows(gradient)])
-        except MbviError:
-            # the error is raised where M is needed
-            pass
-    lengths = np.linalg.norm(along, axis=1)
-    usable = np.isfinite(lengths) & (lengths > 0.0)
-    return np.asarray(along[usable] / lengths[usable, None])
-
-
-def _random_directions(nv: int) -> Array:
-    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, nv))
-    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])

@@ -21,7 +21,7 @@ from ...geometry.shapes.hull_graph import no_graph, stack_graphs
 from ...geometry.shapes.shape_table import indexed
 from ...geometry.shapes.shapes import HalfSpace, PlacedShape, graph_of
 from ...system import System
-from ...system.mechanisms.articulated import row
+from ...system.mechanisms.separation import row
 from ..family import RowTable
 from ..rows import Rows
 from .pairs import Array, Contacts, PairCandidates, Pairs

@@ -12,8 +12,8 @@ from ...geometry.closed_form.primitive_pairs import NONE, primitive_contacts
 from ...geometry.narrow.pair_contacts import write_contacts
 from ...geometry.narrow.pair_distances import distances_from_axes
 from ...geometry.shapes.shape_table import Shapes
-from ...system.mechanisms.articulated import row
 from ...system.mechanisms.mechanism import Mechanism
+from ...system.mechanisms.separation import row
 from ..rows import Array
 from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, PairFamily, RowBuffer
 

@@ -13,9 +13,9 @@ import numpy as np
 from ...compiled import kernel, record
 from ...geometry.narrow.support_points import Points, lowest, points_below, spread_below
 from ...geometry.shapes.shape_table import Shapes  # noqa: F401  (a signature names it)
-from ...system.mechanisms.articulated import row
 from ...system.mechanisms.mechanism import Mechanism, place
 from ...system.mechanisms.pinocchio_address import tangent
+from ...system.mechanisms.separation import row
 from ..cache import IDLE, consume_clearance
 from ..families.candidates import list_candidates
 from ..rows import Array
