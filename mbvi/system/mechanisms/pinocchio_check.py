@@ -90,7 +90,9 @@ def _run() -> str | None:
     if not sys.executable:
         return "there is no Python to check the direct calls with"
     folder = Path(__file__).parent
-    packages = {__package__.partition(".")[0]: str(folder.parent), __package__: str(folder)}
+    names = __package__.split(".")
+    packages = {".".join(names[: k + 1]): str([*folder.parents][len(names) - 2 - k]) for k in range(len(names) - 1)}
+    packages[__package__] = str(folder)
     code = _CHILD.format(path=sys.path, packages=packages, module=__name__)
     try:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=_PATIENCE)
