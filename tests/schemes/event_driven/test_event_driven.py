@@ -384,7 +384,7 @@ def test_between_what_was_kept_a_cubic_leads():
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_streaming_writes_what_the_run_holds(every, tmp_path, monkeypatch):
-    monkeypatch.setattr("mbvi.results.hdf5._INTERVAL", 0.0)
+    monkeypatch.setattr("mbvi.results.files.hdf5._INTERVAL", 0.0)
     run = mbvi.simulate(bouncing(), mbvi.EventDriven(1e-8), duration=0.45, every=every, out=tmp_path / "run.h5")
     run.save(tmp_path / "saved.h5")
     for again in (mbvi.load(tmp_path / "run.h5"), mbvi.load(tmp_path / "saved.h5")):
