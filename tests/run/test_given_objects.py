@@ -7,7 +7,10 @@ import pytest
 
 import mbvi
 from mbvi.run.given_scheme import checked_scheme
+from mbvi.run.loop.kernel_scheme import KernelScheme
 from mbvi.schemes import Timing
+from mbvi.schemes.kernels.paoli import paoli_step
+from support.robot_problems import problem_of
 
 
 class OwnPaoli:
@@ -109,3 +112,18 @@ def test_a_problem_with_a_users_system_has_all_defaults_and_is_copied():
     assert not problem.system.controlled
     assert problem.system.describe() == "a system of 1 degrees of freedom"
     assert problem.at([0.2], [0.0]).system is problem.system
+
+
+def test_a_scheme_that_is_a_kernel_alone_refuses_what_kernels_do_not_take():
+    scheme = KernelScheme(paoli_step)
+    with pytest.raises(mbvi.UnsuitableError, match="paoli_step is a kernel"):
+        mbvi.simulate(mbvi.reference.bouncing_ball(0.5).problem, scheme, step=1e-3, duration=0.1)
+
+
+def test_a_step_of_a_subclass_is_not_that_of_the_kernel():
+    class Own(mbvi.Paoli):
+        def step(self, *arguments):
+            raise RuntimeError("the user's own step")
+
+    with pytest.raises(RuntimeError, match="own step"):
+        mbvi.simulate(problem_of("hopper", "fall", 0.5), Own(), step=1e-3, duration=0.01, progress=False)

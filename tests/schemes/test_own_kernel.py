@@ -34,7 +34,6 @@ class LawFirst(Scheme):
 
 
 def fall(folder, mu):
-    """A quadruped falls beside and on a fixed hull of irregular faces."""
     path, corners = folder / "rock.obj", np.random.default_rng(1).normal(size=(9, 3)) * [0.3, 0.2, 0.03]
     hull = ConvexHull(corners).simplices
     path.write_text(
@@ -56,6 +55,5 @@ def test_the_kernel_is_the_step_written_in_python(mu, tmp_path):
     assert len(one.impacts) == len(other.impacts) > 5
     assert any("rock" in name for name in touched) and any("floor" in name for name in touched)
     np.testing.assert_allclose(one.q[-1], other.q[-1], rtol=0, atol=1e-9)
-    # steps taken one by one
     steps = mbvi.steps(fall(tmp_path, mu), kernels, step=1e-3)
     np.testing.assert_array_equal([next(steps).q for _ in range(300)][-1], one.q[-1])
