@@ -28,8 +28,7 @@ from .run.simulate import simulate, steps
 from .run.simulator import Simulator
 from .scene import REDUCTIONS, Scene
 from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
-from .sweeps import plot_sweep, sweep
-from .sweeps.outputs import replay
+from .sweeps import plot_sweep, replay, sweep
 from .system import LagrangianSystem
 from .system.controls import CompiledControl, ConstantTorque, PDControl
 

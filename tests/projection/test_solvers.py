@@ -208,7 +208,7 @@ def test_every_projection_of_a_run_is_by_the_chosen_solver(scheme, monkeypatch):
     )
     for module, kind in (("fused_step", "FusedStep"), ("dual_active_set", "DualActiveSet")):
         for method in ("project", "law", "solve"):
-            target = f"mbvi.projection.{module}.{kind}.{method}"
+            target = f"mbvi.projection.dense.{module}.{kind}.{method}"
             monkeypatch.setattr(target, lambda *arguments: pytest.fail("another solver was asked"), raising=False)
     run = mbvi.simulate(
         problem_of("hopper", "fall", 0.5), scheme, duration=0.1, progress=False, solver=mbvi.ProxQP(), record="contacts"
