@@ -11,7 +11,7 @@ same mechanism, shapes, pairs, limits, start and control, no friction, its Euler
 A time is that of a run less that of its first step. It is CPU time without the build; those of the engines alternate,
 times are medians over the repeats, and a ratio is the median of the ratios of runs next to each other. Rows, searches,
 projections and shares are those of a run of its own, for counting slows a step: a search is a call of the admissible
-set that asks for contacts, a projection one of the projector; the whole position projection in one kernel is one. BLAS
+set that asks for contacts, a projection one of the projector. BLAS
 runs on one thread unless OPENBLAS_NUM_THREADS says otherwise. The robots come with example-robot-data and MuJoCo with
 mujoco (`pip install mbvi[test]`).
 """
@@ -100,7 +100,7 @@ class Counts(NamedTuple):
 def counting() -> Iterator[tuple[Counted, Counted]]:
     """Count contact searches and projections while the context lasts; all steps are Python's."""
     found = Counted(), Counted()
-    methods = ((AdmissibleSet, ("active",)), (Projector, ("law", "project", "settle")))
+    methods = ((AdmissibleSet, ("active",)), (Projector, ("law", "project")))
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None))
         for counted, (owner, names) in zip(found, methods, strict=True):

@@ -203,7 +203,7 @@ def test_a_vertex_that_is_left_out_is_no_lower_than_those_that_are_kept(seed):
 def counted(monkeypatch):
     """The most rows of one constraint, and of all, that any projection has."""
     most = {"pair": 0, "all": 0}
-    law, settle = Projector.law, Projector.settle
+    law, solve = Projector.law, Projector.project
 
     def note(number):
         if len(number):
@@ -214,12 +214,12 @@ def counted(monkeypatch):
         note(np.zeros(len(e), np.int64) if number is None else number)
         return law(self, v, motion, J, e, number, *rest)
 
-    def counted_settle(self, motion, gaps, *rest):
-        note(gaps.number)
-        return settle(self, motion, gaps, *rest)
+    def counted_project(self, x, metric, J, lower, contacts=None, *rest):
+        note(np.zeros(len(lower), np.int64) if contacts is None else contacts)
+        return solve(self, x, metric, J, lower, contacts, *rest)
 
     monkeypatch.setattr(Projector, "law", counted_law)
-    monkeypatch.setattr(Projector, "settle", counted_settle)
+    monkeypatch.setattr(Projector, "project", counted_project)
     return most
 
 
