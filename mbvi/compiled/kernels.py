@@ -67,6 +67,10 @@ class Kernel:
         _seconds[thread] = Seconds(before.wall + time.perf_counter() - wall, before.cpu + time.thread_time() - cpu)
         return function(*arguments)
 
+    def __reduce__(self) -> str:
+        """Pickle and copy a kernel as a function: by its name."""
+        return self.__name__
+
     def compiled(self) -> Any:
         """Return numba's function that Python calls; compile it, or read it from the cache, if needed."""
         with _LOCK:

@@ -13,7 +13,7 @@ from .coulomb.frictional_laws import FrictionalLaws, FrictionalRows
 from .dense.dual_active_set import DualActiveSet, dual_active_set
 from .dense.fused_step import FEW, MOST_FUSED, FusedStep, contradiction
 from .dense.proxqp import ProxQP
-from .dense.scaled_qp import Candidate, Projection, ScaledQP
+from .dense.scaled_qp import Candidate, Projection, ScaledQP, Solver
 from .free_motion import FreeMotion
 from .metric import Array, DiagonalMetric, Metric
 from .sparse.column_blocks import touched_columns
@@ -243,7 +243,7 @@ class Projector:
             qp.relative_tolerance = self._accepted_residual(residual, qp.sparse)
         keys = contact_keys(contacts) if qp.sparse and contacts is not None else None
         start = self._last.start(qp, keys)
-        solver = self.solver if self.solver is not None else SparsePCG() if qp.sparse else DualActiveSet()
+        solver: Solver = self.solver or (SparsePCG() if qp.sparse else DualActiveSet())
         found = solver.solve(qp, start)
         residual = np.inf if found is None else qp.residual(found)
         asked, stated = qp.relative_tolerance, self.acceptance.stated

@@ -1,6 +1,7 @@
 """Schemes and systems of users' own classes: what they lack has a default, and their runs are the library's."""
 
 import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -127,3 +128,23 @@ def test_a_step_of_a_subclass_is_not_that_of_the_kernel():
 
     with pytest.raises(RuntimeError, match="own step"):
         mbvi.simulate(problem_of("hopper", "fall", 0.5), Own(), step=1e-3, duration=0.01, progress=False)
+
+
+def test_single_steps_of_a_kernel_have_the_residual_of_their_run_and_the_control_of_python():
+    scheme = KernelScheme(paoli_step)
+    problem = problem_of("hopper", "fall", 0.5)
+    problem.system.set_control(lambda t, q, v: -0.1 * v * np.array([0] * 6 + [1] * (len(v) - 6)))
+    for residual in (1e-4, 1e-9):
+        run = mbvi.simulate(problem, scheme, step=1e-3, duration=0.4, residual=residual, progress=False)
+        steps = mbvi.steps(problem, scheme, step=1e-3, residual=residual)
+        last = [next(steps) for _ in range(400)][-1]
+        np.testing.assert_array_equal(last.q, run.q[-1])
+        assert {made._step.scales.residual for made in scheme._made.values()} >= {residual}
+    assert run.impacts
+
+
+def test_a_scheme_that_is_a_kernel_is_copied_without_what_takes_its_steps():
+    scheme = KernelScheme(paoli_step, Timing(jump=0.5))
+    next(mbvi.steps(problem_of("hopper", "fall", 0.5), scheme, step=1e-3))
+    for other in (pickle.loads(pickle.dumps(scheme)), copy.deepcopy(scheme)):
+        assert other == scheme and other.kernel is paoli_step and other.timing == scheme.timing

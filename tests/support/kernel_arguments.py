@@ -1073,7 +1073,7 @@ ARGUMENTS = {
     "tangent_rows": tangent_rows,
     "row": row,
     "separation": separation,
-    "_bias": bias,
+    "write_bias": bias,
     "consume_clearance": consume_clearance,
     "list_candidates": list_candidates,
     "mutual_nearest": contacts_at_two_configurations,

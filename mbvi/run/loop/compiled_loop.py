@@ -16,7 +16,7 @@ from ...constraints.tangents import Tangents
 from ...problem import Problem
 from ...projection import Projector
 from ...results.contacts import ContactLog
-from ...schemes import Centered, MoreauJean, Scheme, Step
+from ...schemes import MoreauJean, Scheme, Step
 from ...schemes.contact_friction import friction_of
 from ...schemes.kernels.records import DONE, LawMemory, MechanismStep, Scales, room
 from ...schemes.observer import contacts_of_step
@@ -253,7 +253,6 @@ def mechanism_step(
     control, acted = control_of(system) if asked is None else (asked.table, np.array([0, nq, 0, nv]))
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
-    projects = isinstance(scheme, Centered) and scheme.project_positions
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares
     # forces from outside act on all parts
     parts = (system,) if system.loaded else parts_of(system)
@@ -261,7 +260,7 @@ def mechanism_step(
     late, reach = late if late.any() else late[:0], largest_reach(problem)
     scales = Scales(
         problem.tolerance, problem.length, reach, residual, squares, turn_squares, late, independent_parts(system),
-        theta, projects, system.loaded,
+        theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
     return MechanismStep(

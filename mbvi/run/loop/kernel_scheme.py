@@ -9,17 +9,24 @@ from weakref import WeakKeyDictionary
 from ...compiled import held
 from ...constraints import Rows
 from ...constraints.mechanism.state import MechanismState
+from ...constraints.mechanism.tables import MOST_ROWS, TOO_MANY, UNRESOLVED
 from ...constraints.tangents import Tangents
 from ...errors import ProjectionError, UnsuitableError
 from ...problem import Problem
 from ...projection import Projector
 from ...schemes import Scheme, Step, Timing
-from ...schemes.kernels.records import DONE, MechanismStep
+from ...schemes.kernels.records import DONE, UNSOLVED, MechanismStep
 from ...system.mechanisms.joined import joined
 from ...system.system import Array
 from .asked_forces import AskedForces
 from .compiled_loop import mechanism_step
 from .loop_scope import asks_python, is_compiled
+
+_REASONS = {
+    TOO_MANY: f"more than {MOST_ROWS} rows are active",
+    UNRESOLVED: "shapes near each other have more contacts than there is room for",
+    UNSOLVED: "its law is not solved",
+}
 
 
 class KernelScheme(Scheme):
@@ -37,7 +44,12 @@ class KernelScheme(Scheme):
 
     def __init__(self, kernel: Any, timing: Timing | None = None) -> None:
         self.kernel, self.timing = kernel, Timing() if timing is None else timing
-        self._of_problems: WeakKeyDictionary[Problem, _OneStep] = WeakKeyDictionary()
+        # of each run what takes its single steps
+        self._made: WeakKeyDictionary[Projector, _OneStep] = WeakKeyDictionary()
+
+    def __reduce__(self) -> tuple[type, tuple[Any, Timing]]:
+        """Leave out what takes steps."""
+        return type(self), (self.kernel, self.timing)
 
     @property
     def name(self) -> str:
@@ -60,11 +72,12 @@ class KernelScheme(Scheme):
         Raises
         ------
         ProjectionError
-            If the kernel does not solve its law.
+            If the kernel does not take the step; `problem` is empty then.
         """
-        if problem not in self._of_problems:
-            self._of_problems[problem] = _OneStep(problem, self, projector.residual)
-        return self._of_problems[problem].take(t, q, v, h, projector)
+        made = self._made.get(projector)
+        if made is None or made.problem is not problem:
+            made = self._made[projector] = _OneStep(problem, self, projector.residual)
+        return made.take(t, q, v, h, projector)
 
 
 class _OneStep:
@@ -74,6 +87,7 @@ class _OneStep:
         mechanism = joined(problem.system).mechanism()
         if mechanism is None:
             raise UnsuitableError(f"{scheme.name} is a kernel, but Pinocchio cannot be called by address here")
+        self.problem = problem
         self._state, self._kernel = MechanismState(problem.constraints), scheme.kernel
         self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
         self._step = mechanism_step(problem, scheme, residual, mechanism, self._state, self._asked)
@@ -92,7 +106,8 @@ class _OneStep:
             self._asked.check()
         m = step.rows.size[0]
         if code != DONE:
-            raise ProjectionError(f"the kernel of the step ended with code {code} at {m} rows", {})
+            why = _REASONS.get(code, f"it returned {code}")
+            raise ProjectionError(f"the kernel of the step did not take it, at {m} rows: {why}", {})
         projector.take_back(memory.percussion, memory.start, memory.size)
         rates = step.rates[: 4 * m].reshape(4, m).copy()
         slip = step.slip[: 8 * m].reshape(4, m, 2).copy() if len(step.slip) else None

@@ -21,7 +21,7 @@ from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write
 from .mechanism import Mechanism, mechanism
 from .memory import read_results
 from .pinocchio_check import reason_for_bindings
-from .separation import _bias, separation
+from .separation import separation, write_bias
 
 Control = Callable[[float, Array, Array], Array]
 
@@ -253,7 +253,7 @@ class ArticulatedSystem(System):
         twists = np.array([data.v[body].vector for body in moving])
         rates = np.array([data.a[body].vector for body in moving])
         bias = np.empty((len(points), 3))
-        _bias(self.kinematics(q).poses, bodies, points, twists, rates, bias)
+        write_bias(self.kinematics(q).poses, bodies, points, twists, rates, bias)
         return bias
 
     def reach(self, body: int, centre: Array, radius: float) -> Array:

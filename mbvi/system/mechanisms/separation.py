@@ -41,7 +41,7 @@ def separation(
 
 
 @kernel("void(f8[:,:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])")
-def _bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+def write_bias(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     """Write the accelerations of points of moving bodies, shape (k, 3), in the world.
 
     Parameters

@@ -1,6 +1,6 @@
 """The plain numpy form of every kernel that has one; the others are their own loops, run by the interpreter."""
 
-from support.plain.articulated import _bias_plain, row_plain, separation_plain
+from support.plain.articulated import row_plain, separation_plain, write_bias_plain
 from support.plain.cache import consume_clearance_plain
 from support.plain.candidates import list_candidates_plain
 from support.plain.collinear import first_of_lines_plain
@@ -46,7 +46,7 @@ from support.plain.verlet_list import _near_balls_plain, farthest_moved_plain
 PLAIN = {
     "pack_contacts": pack_contacts_plain,
     "sweep_blocks": sweep_blocks_plain,
-    "_bias": _bias_plain,
+    "write_bias": write_bias_plain,
     "separated": _clear_plain,
     "guess_axes": guess_axes_plain,
     "first_of_lines": first_of_lines_plain,

@@ -20,7 +20,7 @@ def separation_plain(
         row_plain(columns, support[first[a]], support[second[a]], point[a], normal[a], rows[a])
 
 
-def _bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
+def write_bias_plain(poses: Array, bodies: Array, points: Array, twists: Array, rates: Array, bias: Array) -> None:
     """Write the accelerations of points of moving bodies, shape (k, 3), in the world."""
     spin = twists[:, 3:]
     speed = twists[:, :3] + np.cross(spin, points)
