@@ -60,7 +60,7 @@ def project_positions(problem: Problem, applied: Applied, step: Step, projector:
     that follows is not solved. The run records the penetration that stays.
     """
     system, drift = problem.system, step.t - applied.t
-    if step.slip is not None and not _may_sink(problem, step, drift, nearby):
+    if not _may_sink(problem, step, drift, nearby):
         return advance_gaps(step, drift)
     count = len(step.active.gap)
     slack = np.zeros(count) if applied.opened is None else applied.opened

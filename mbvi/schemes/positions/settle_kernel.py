@@ -286,7 +286,7 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
         Whether the known rows do not tell the gaps of the law's rows, because some may bounce.
     """
     rows, marks, room, half, count = s.rows, s.middle, s.room, 0.5 * h, s.rows.size[0]
-    if len(rows.T) > 0 and not may_sink(s):
+    if not may_sink(s):
         advance_gaps(s, half)
         return DONE
     if not write_free_motion(s, v, h):
