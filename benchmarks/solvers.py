@@ -32,6 +32,7 @@ import mbvi  # noqa: E402
 from mbvi.errors import ProjectionError  # noqa: E402
 from mbvi.projection import ChosenSolver, Metric, Projector  # noqa: E402
 from mbvi.projection.dense.scaled_qp import ScaledQP  # noqa: E402
+from mbvi_studies.chart.piles import spheres  # noqa: E402
 
 SOLVERS: dict[str, ChosenSolver | None] = {
     "default": None,
@@ -64,14 +65,8 @@ def stack(count: int, columns: int = 1) -> mbvi.Problem:
 
 
 def pile(count: int) -> mbvi.Problem:
-    """Return spheres above the floor of a bin."""
-    from pile import RADIUS, lattice
-
-    centres, width = lattice(count)
-    scene = mbvi.Scene(restitution=0.0)
-    scene.add_container((0.0, 0.0, 0.0), (width, width))
-    scene.add_spheres(centres, RADIUS, 1.0)
-    return scene.build()
+    """Return spheres that fall into a bin."""
+    return spheres(count).problem()
 
 
 def random_rows(count: int) -> list[Problem]:
@@ -90,10 +85,10 @@ def kept(problem: mbvi.Problem, scheme: Any, steps: int, step: float = STEP) -> 
     found: list[Problem] = []
     solve = Projector._solve
 
-    def note(self: Projector, x: Any, metric: Any, J: Any, lower: Any, contacts: Any) -> Any:
+    def note(self: Projector, x: Any, metric: Any, J: Any, lower: Any, *others: Any) -> Any:
         if not ScaledQP(x, metric, J, lower, RESIDUAL).satisfied:
             found.append((x.copy(), metric, J.copy(), lower.copy()))
-        return solve(self, x, metric, J, lower, contacts)
+        return solve(self, x, metric, J, lower, *others)
 
     # without the fused step every projection goes through _solve
     with mock.patch("mbvi.projection.projector.MOST_FUSED", -1), mock.patch.object(Projector, "_solve", note):
