@@ -227,6 +227,11 @@ class AdmissibleSet(Rebuilt):
         rows = concatenate(found) if found else self.empty
         return Rows(*rows[:7], self._tangents(t, q, rows)) if self.frictional else rows
 
+    def rows_of(self, k: int, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows of family number k, one that is queried at every step; see `active`."""
+        rows = self.cache.rows_of(k, t, q, tolerance)
+        return rows._replace(tangents=self._tangents(t, q, rows)) if rows is not None and self.frictional else rows
+
     def at_places(self, t: float, q: Array, rows: Rows) -> Rows:
         """Return rows with the gradients that contacts at the same points and normals have at q.
 

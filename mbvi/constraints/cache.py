@@ -201,6 +201,11 @@ class ClearanceCache:
         """Envelopes, travels and clearances of the families that have them, which the compiled loop shares."""
         return self._envelope, self._travel, self._clearance
 
+    @property
+    def slots(self) -> list[int]:
+        """The row of each family in these arrays; -1 for a family that is queried at every step."""
+        return [entry.slot for entry in self._entries]
+
     def candidates(self, slot: int) -> PairCandidates | None:
         """Return the candidates of one of these families, if it is one of pairs."""
         return self._skipped[slot].candidates
@@ -236,6 +241,12 @@ class ClearanceCache:
             if entry.candidates is not None and one is not None:
                 count, entry.idle = one.tolist()
                 entry.candidates.index = candidates[k][:count].copy()
+
+    def rows_of(self, k: int, t: float, q: Array, tolerance: float) -> Rows | None:
+        """Return the rows of family number k, which is queried at every step, within the tolerance [m]."""
+        entry = self._entries[k]
+        rows: Rows | None = entry.query(t, q, tolerance)
+        return rows if rows is None else entry.numbered(rows)
 
     def contacts(
         self, t: float, q: Array, tolerance: float, origin: Array | None = None, moved: Array | None = None

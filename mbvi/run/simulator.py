@@ -16,7 +16,7 @@ from ..schemes.observer import contacts_of_rows
 from ..system.system import Array
 from .accuracy import projector_of
 from .default_scheme import time_stepping
-from .loop.loop_scope import is_compiled
+from .loop.loop_scope import is_compiled_on_copies
 from .loop.mechanism_run import MechanismRun, OwnProblem
 from .simulate import check_problem, checked_for, steps_from
 from .start import initial_step
@@ -206,7 +206,7 @@ class _CompiledStepper:
 
 
 def _stepper(problem: Problem, scheme: Scheme, h: float) -> _PythonStepper | _CompiledStepper:
-    if problem.system.single_mechanism and is_compiled(problem, scheme):
+    if is_compiled_on_copies(problem, scheme):
         own = OwnProblem(problem)
         if own.mechanism is not None:
             return _CompiledStepper(own, scheme, h)

@@ -14,7 +14,7 @@ from support.paths import ROBOTS
 
 @kernel("i8(MechanismStep, f8, f8[::1], f8[::1], f8)")
 def law_first(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
-    code = find(s, q)
+    code = find(s, t, q)
     if code == DONE:
         code = jump(s, t, q, v, h)
     move(s, q, s.v, h, s.q)

@@ -20,9 +20,11 @@ from ..cache import IDLE, consume_clearance
 from ..families.candidates import list_candidates
 from ..rows import Array
 from ..tangents import write_axes
+from .asked import AskedFamilies, asked_rows
 from .balls import Balls, touching_balls
 from .pairs import PairShapes, pair_contacts
 from .tables import (
+    ASKED,
     BALLS,
     FOUND,
     HALF_SPACES,
@@ -37,11 +39,14 @@ from .tables import (
 )
 
 
-@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily")
+@record(
+    "Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, AskedFamilies"
+)
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
 
-    The last entry has the numbers of `SphereContacts`, which are not those of pairs one after the other.
+    `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Families of other
+    kinds are `asked`: Python finds their rows.
     """
 
     cache: Clearances
@@ -53,6 +58,7 @@ class MechanismConstraints(NamedTuple):
     near: PairShapes
     balls: Balls
     touching: PairFamily
+    asked: AskedFamilies
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -191,32 +197,34 @@ def active_rows(
     for i in range(len(q)):
         cache.q[i] = q[i]
     exhausted = consume_clearance(moved, cache.envelope, cache.travel, cache.clearance, tolerance)
-    rows.size[0], frictional, families = 0, len(rows.T) > 0, len(cache.kind)
-    # spheres among each other come last; they have no clearance
-    for k in range(families + (len(constraints.balls.pairs) > 0)):
-        kind, begin, spent, any_empty = BALLS, rows.size[0], False, False
-        if k < families:
-            spent, kind = exhausted >> k & 1 > 0, cache.kind[k]
-            if not (spent or cache.always[k]):
+    rows.size[0], frictional = 0, len(rows.T) > 0
+    for k in range(len(cache.kind)):
+        kind, slot, begin, spent, any_empty = cache.kind[k], cache.slot[k], rows.size[0], True, False
+        if slot >= 0:
+            spent = exhausted >> slot & 1 > 0
+            if not (spent or cache.always[slot]):
                 continue
             if code != FOUND:
                 # the query of this family is left to Python
-                cache.clearance[k] = -np.inf
+                cache.clearance[slot] = -np.inf
         if code != FOUND:
+            continue
+        if kind == ASKED:
+            code = asked_rows(constraints.asked, k, q, tolerance, rows)
             continue
         family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
         if kind == LIMITS:
             code, clearance = limit_rows(constraints.limits, k, q, tolerance, rows)
-            cache.clearance[k] = clearance + tolerance
+            cache.clearance[slot] = clearance + tolerance
         elif kind == BALLS:
             code = touching_balls(mechanism, constraints.balls, family, q, tolerance, rows)
         else:
             place(mechanism, q)
             if spent:
                 count, least = list_candidates(
-                    family.clearance, family.reach, cache.travel[k], tolerance, family.candidates
+                    family.clearance, family.reach, cache.travel[slot], tolerance, family.candidates
                 )
-                family.listed[0], cache.clearance[k], cache.always[k] = count, least + tolerance, count > 0
+                family.listed[0], cache.clearance[slot], cache.always[slot] = count, least + tolerance, count > 0
             if kind == HALF_SPACES:
                 code, any_empty = half_space_contacts(
                     mechanism.poses, mechanism.columns, mechanism.support, constraints.points, family, tolerance, rows
@@ -226,12 +234,12 @@ def active_rows(
                     mechanism, constraints.shapes, constraints.near, family, tolerance, rows
                 )
             if code != FOUND:
-                cache.clearance[k] = -np.inf
+                cache.clearance[slot] = -np.inf
         if frictional and code == FOUND:
             append_tangents(mechanism.columns, mechanism.support, family, begin, rows)
         if code == FOUND and (kind == HALF_SPACES or kind == PAIRS):
             family.listed[1] = family.listed[1] + 1 if any_empty else 0
             if family.listed[1] == IDLE:
                 # a candidate without a row may be skipped: list the candidates again at the next query
-                cache.clearance[k], family.listed[1] = -np.inf, 0
+                cache.clearance[slot], family.listed[1] = -np.inf, 0
     return code

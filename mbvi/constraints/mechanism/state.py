@@ -9,19 +9,28 @@ import numpy as np
 
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ..admissible_set import AdmissibleSet
+from ..families.given import GivenConstraint
 from ..families.half_space import HalfSpaceContacts
 from ..families.joint_limit import JointLimits
 from ..families.signed_distance import SignedDistances
 from ..families.spheres import SphereContacts
 from ..family import ConstraintFamily
 from ..rows import Array
+from .asked import AskedFamilies
 from .balls import Balls
 from .rows import MechanismConstraints
-from .tables import BALLS, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
+from .tables import ASKED, BALLS, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
 }  # fmt: skip
+
+
+def _kind_of(family: ConstraintFamily) -> int | None:
+    """Return what a family is to kernels; None if they do not take it."""
+    if isinstance(family, GivenConstraint):
+        return None if family.moving else ASKED
+    return _KINDS.get(type(family))
 
 
 def row_buffer(nv: int, frictional: bool) -> RowBuffer:
@@ -50,29 +59,31 @@ class MechanismState:
     def __init__(self, constraints: AdmissibleSet) -> None:
         self._set, cache, families = constraints, constraints.cache, constraints.families
         nq, nv = constraints.system.nq, constraints.system.nv
-        # spheres among each other have no clearances
-        kinds = [_KINDS[type(family)] for family in families if _KINDS[type(family)] != BALLS]
-        slots = {kind: k for k, kind in enumerate(kinds)}
+        kinds, slot = [_kind_of(family) for family in families], cache.slots
+        where, count = {kind: k for k, kind in enumerate(kinds)}, len(cache.arrays[0])
         tables: dict[int, Any] = {}
-        self._listed: list[Array | None] = [None] * len(kinds)
-        self._candidates: list[Array] = [np.zeros(0, np.int64)] * len(kinds)
+        self._listed: list[Array | None] = [None] * count
+        self._candidates: list[Array] = [np.zeros(0, np.int64)] * count
         for kind in (HALF_SPACES, PAIRS):
             tables[kind] = _no_pairs(nv)
-            if kind in slots:
-                k = slots[kind]
-                tables[kind] = table = _pair_family(constraints, k, cache.candidates(k))
-                self._listed[k], self._candidates[k] = table.listed, table.candidates
-        walls: Any = families[slots[HALF_SPACES]] if HALF_SPACES in slots else _no_walls(constraints)
-        pairs: Any = families[slots[PAIRS]] if PAIRS in slots else _no_shapes(constraints)
+            if kind in where:
+                k = where[kind]
+                tables[kind] = table = _pair_family(constraints, k, cache.candidates(slot[k]))
+                self._listed[slot[k]], self._candidates[slot[k]] = table.listed, table.candidates
+        walls: Any = families[where[HALF_SPACES]] if HALF_SPACES in where else _no_walls(constraints)
+        pairs: Any = families[where[PAIRS]] if PAIRS in where else _no_shapes(constraints)
         shapes, near = pairs.loop_tables()
         # elsewhere bodies are counted among those of the walls' pairs
         points = walls.points._replace(body=tables[HALF_SPACES].bodies[1].copy())
         self._clearances = Clearances(
-            np.array(kinds, dtype=np.int64), *cache.arrays, np.zeros(nq), np.zeros(len(kinds), bool), np.zeros(nv)
-        )
+            np.array(kinds, np.int64), np.array(slot, np.int64), *cache.arrays, np.zeros(nq), np.zeros(count, bool),
+            np.zeros(nv),
+        )  # fmt: skip
+        some = row_buffer(nv, constraints.frictional) if ASKED in kinds else row_buffer(0, False)
+        asked = AskedFamilies(np.zeros(1, np.int64), np.zeros(1), some)
         self.arrays = MechanismConstraints(
             self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
-            *_balls(constraints),
+            *_balls(constraints), asked,
         )  # fmt: skip
 
     def enter(self) -> bool:
@@ -99,7 +110,7 @@ class MechanismState:
     @property
     def memory(self) -> list[Array]:
         """The arrays that queries change, and that later queries depend on."""
-        cache, _, points, walls, shapes, pairs, near, *_ = self.arrays
+        cache, _, points, walls, shapes, pairs, near = self.arrays[:7]
         return [
             cache.travel, cache.clearance, cache.q, cache.always, walls.clearance, walls.candidates, walls.listed,
             pairs.clearance, pairs.candidates, pairs.listed, points.start, Shapes(*shapes).start, near.axis,
@@ -121,24 +132,29 @@ class MechanismState:
 
 def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
     """Return the family of pairs of shapes, if there is one."""
-    return next((family for family in constraints.families if _KINDS.get(type(family)) == PAIRS), None)
+    return next((family for family in constraints.families if _kind_of(family) == PAIRS), None)
 
 
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
-    """Return whether the loop knows every family: joint limits, and at most one each of half-spaces and of pairs.
+    """Return whether the loop takes every family: joint limits, at most one each of half-spaces, pairs and spheres.
 
-    Spheres among each other come last.
+    Functions of the user are asked for their rows, if nothing moves and one mechanism is all that there is.
     """
-    kinds = [_KINDS.get(type(family)) for family in constraints.families]
-    if kinds and kinds[-1] == BALLS:
-        kinds.pop()
-    several = [kind for kind in kinds if kind != LIMITS]
-    if None in kinds or BALLS in kinds or len(set(several)) < len(several):
+    cache, kinds = constraints.cache, [_kind_of(family) for family in constraints.families]
+    several = [kind for kind in kinds if kind not in (LIMITS, ASKED)]
+    if None in kinds or len(set(several)) < len(several):
         return False
-    if len(constraints.cache.arrays[0]) < len(kinds):
+    if ASKED in kinds and not constraints.system.single_mechanism:
         return False
-    found = (constraints.cache.candidates(k) for k in range(len(kinds)))
+    if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in (BALLS, ASKED)):
+        return False
+    found = (cache.candidates(k) for k in range(len(cache.arrays[0])))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
+
+
+def asks_rows(constraints: AdmissibleSet) -> bool:
+    """Return whether functions of the user are asked for rows."""
+    return any(_kind_of(family) == ASKED for family in constraints.families)
 
 
 def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:
@@ -159,16 +175,16 @@ def _no_pairs(nv: int) -> PairFamily:
 
 
 def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
-    last: Any = constraints.families[-1] if constraints.families else None
+    k, last = next(((k, f) for k, f in enumerate(constraints.families) if _kind_of(f) == BALLS), (0, None))
     none = _no_pairs(constraints.system.nv)
-    if _KINDS.get(type(last)) != BALLS:
+    if not isinstance(last, SphereContacts):
         no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
         return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
     pairs, where, n = last.all_pairs(), last.where, len(last.radii)
-    k, position = len(pairs), where.start + where.stride * np.arange(n)
-    room: Any = np.zeros(k, np.int64), np.zeros(k), *np.zeros((2, k, 3))
+    count, position = len(pairs), where.start + where.stride * np.arange(n)
+    room: Any = np.zeros(count, np.int64), np.zeros(count), *np.zeros((2, count, 3))
     # they have no clearances
-    family = _pair_family(constraints, len(constraints.families) - 1, none)
+    family = _pair_family(constraints, k, none)
     return Balls(position, last.radii, pairs, np.zeros((n, 3)), *room), family
 
 
@@ -185,7 +201,7 @@ def _limits(constraints: AdmissibleSet) -> Limits:
     parts: Any = [(no, no, no, none, none, no, none)]
     for family, start, e in constraints.numbered():
         begin.append(begin[-1])
-        if _KINDS[type(family)] == LIMITS:
+        if _kind_of(family) == LIMITS:
             limits: Any = family
             own, number = family.restitution_of(np.arange(family.size)), start + np.arange(family.size)
             parts.append((*limits.arrays, np.where(np.isnan(own), e, own), number))

@@ -9,8 +9,8 @@ from ..rows import Array
 
 # most rows that the kernel finds; more are left to Python
 MOST_ROWS = 400
-# what a family is
-LIMITS, HALF_SPACES, PAIRS, BALLS = range(4)
+# what a family is; `ASKED` are those that Python queries
+LIMITS, HALF_SPACES, PAIRS, BALLS, ASKED = range(5)
 # what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 
@@ -46,16 +46,18 @@ class RowBuffer(NamedTuple):
     axes: Array
 
 
-@record("i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
+@record("i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1]")
 class Clearances(NamedTuple):
     """The state of a `ClearanceCache`.
 
     Attributes
     ----------
-    kind : ndarray of int, shape (n,)
-        `LIMITS`, `HALF_SPACES` or `PAIRS` for each family.
+    kind : ndarray of int, shape (m,)
+        What each family is.
+    slot : ndarray of int, shape (m,)
+        Its row in the arrays of the cache; -1 for a family that is queried at every step.
     envelope, travel, clearance
-        See `consume_clearance`.
+        See `consume_clearance`; n families have a row there.
     q : ndarray, shape (nq,)
         The configuration of the last query.
     always : ndarray of bool, shape (n,)
@@ -65,6 +67,7 @@ class Clearances(NamedTuple):
     """
 
     kind: Array
+    slot: Array
     envelope: Array
     travel: Array
     clearance: Array

@@ -27,9 +27,9 @@ from ...system.mechanisms.mechanism import Mechanism
 from ...system.system import independent_parts, parts_of
 from ..recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
-from .asked_forces import AskedForces
+from .asked import AskedPython, asked_python
 from .impact_rows import LaterRows
-from .loop_scope import asks_python, control_of, is_compiled, is_one_mechanism, loop_of
+from .loop_scope import control_of, is_compiled, is_one_mechanism, loop_of
 from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
 
 Array = np.ndarray
@@ -82,7 +82,7 @@ class CompiledLoop:
         # counted from the start: a run begins as a shorter one does, to the last bit
         self._begin = 0 if is_one_mechanism(problem.system) else LONG
         self._state = MechanismState(problem.constraints)
-        self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
+        self._asked = asked_python(problem, self._state)
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
@@ -245,12 +245,14 @@ def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
 
 def mechanism_step(
     problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState,
-    asked: AskedForces | None,
+    asked: AskedPython | None,
 ) -> MechanismStep:  # fmt: skip
     """Return what steps a problem that the loop takes, with room for one step; `asked` is what acts by Python."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
-    control, acted = control_of(system) if asked is None else (asked.table, np.array([0, nq, 0, nv]))
+    control, acted = control_of(system)
+    if asked is not None and asked.table is not None:
+        control, acted = asked.table, np.array([0, nq, 0, nv])
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares

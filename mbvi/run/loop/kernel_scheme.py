@@ -18,9 +18,9 @@ from ...schemes import Scheme, Step, Timing
 from ...schemes.kernels.records import DONE, UNSOLVED, MechanismStep
 from ...system.mechanisms.joined import joined
 from ...system.system import Array
-from .asked_forces import AskedForces
+from .asked import asked_python
 from .compiled_loop import mechanism_step
-from .loop_scope import asks_python, is_compiled
+from .loop_scope import is_compiled
 
 _REASONS = {
     TOO_MANY: f"more than {MOST_ROWS} rows are active",
@@ -89,7 +89,7 @@ class _OneStep:
             raise UnsuitableError(f"{scheme.name} is a kernel, but Pinocchio cannot be called by address here")
         self.problem = problem
         self._state, self._kernel = MechanismState(problem.constraints), scheme.kernel
-        self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
+        self._asked = asked_python(problem, self._state)
         self._step = mechanism_step(problem, scheme, residual, mechanism, self._state, self._asked)
         self._held, self._none = held(self._step), problem.constraints.empty
 

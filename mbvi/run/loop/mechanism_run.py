@@ -22,9 +22,9 @@ from ..control_stability import failures_with_time
 from ..retaken import SolvedSteps
 from ..start import admitted, closes_none, first_step
 from ..tunnelling import TunnellingGuard
-from .asked_forces import AskedForces
+from .asked import asked_python
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
-from .loop_scope import asks_python, loop_of
+from .loop_scope import loop_of
 from .step_loop import DONE, FULL
 
 # no state is recorded
@@ -111,7 +111,7 @@ class MechanismRun:
         self._solved = SolvedSteps(problem, scheme, self._guard)
         self.start(problem)
         problem.system.start()
-        self._asked = AskedForces(problem.system, own.state) if asks_python(problem.system) else None
+        self._asked = asked_python(problem, own.state)
         self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
         self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))

@@ -160,10 +160,10 @@ def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
     """Return a lower bound of the distance of a pair of shapes at the last query [m]."""
     cache, family = constraints.cache, constraints.pairs
     bound = family.clearance[pair]
-    for slot in range(len(cache.kind)):
-        if cache.kind[slot] == PAIRS:
+    for f in range(len(cache.kind)):
+        if cache.kind[f] == PAIRS:
             for k in range(len(cache.moved)):
-                bound -= cache.travel[slot, k] * family.reach[k, pair]
+                bound -= cache.travel[cache.slot[f], k] * family.reach[k, pair]
     return bound
 
 

@@ -13,7 +13,7 @@ def moreau_jean_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -
     """Write the state after a step of `MoreauJean` from q, v at t; return a code."""
     before, after = (1.0 - s.scales.theta) * h, s.scales.theta * h
     move(s, q, v, before, s.room.middle)
-    code = find(s, s.room.middle)
+    code = find(s, t + before, s.room.middle)
     if code == DONE:
         code = jump(s, t + before, s.room.middle, v, h)
     if code != DONE:

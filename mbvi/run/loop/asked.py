@@ -1,0 +1,144 @@
+"""What kernels of the compiled loop ask of Python: controls and forces, and the rows of given constraints."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from ...constraints.mechanism.asked import write_rows
+from ...constraints.mechanism.state import MechanismState, asks_rows
+from ...problem import Problem
+from ...system.control_table import FUNCTION, ControlTable, no_control
+from .loop_scope import asks_forces
+
+# time, and addresses of q, v and the torque
+_FORCES = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+# number of a family, time, address of q, tolerance
+_ROWS = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_double)
+# the C functions below those of `signal`, which make enumerations of handlers: that takes as long as a step
+_C: Any = import_module("_signal")
+
+
+class AskedPython:
+    """Functions of the user that the compiled loop calls by an address.
+
+    A function that raises leaves a torque of NaN or no rows, with which no step is taken; `check` raises its error.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : MechanismState
+        Its constraints, which functions of the user may query.
+
+    Attributes
+    ----------
+    table : ControlTable or None
+        Controls and forces as kernels take them; None if kernels evaluate them.
+    before : callable or None
+        Called before each call of a control, with no argument.
+    """
+
+    def __init__(self, problem: Problem, state: MechanismState) -> None:
+        system = problem.system
+        self._state, self._constraints, self._torque = state, problem.constraints, system.torque
+        self._q, self._v, self._tau = np.zeros(system.nq), np.zeros(system.nv), np.zeros(system.nv)
+        self._places = [(each.ctypes.data, each.nbytes) for each in (self._q, self._v, self._tau)]
+        self._rows = state.arrays.asked.rows
+        self.before: Callable[[], None] | None = None
+        self._error: BaseException | None = None
+        self._inside, self._interrupts = False, list[Any]()
+        self._handler: Any = None
+        self._callbacks = _FORCES(self._write_torque), _ROWS(self._write_rows)
+        forces, rows = (ctypes.cast(each, ctypes.c_void_p).value for each in self._callbacks)
+        self.table: ControlTable | None = None
+        if asks_forces(system):
+            self.table = no_control(system.nv)._replace(kind=FUNCTION, address=np.array([forces], dtype=np.int64))
+        state.arrays.asked.address[0] = rows
+
+    def _write_torque(self, t: float, q: int, v: int, torque: int) -> None:
+        if not self._done(self._ask_torque, t, q, v):
+            self._tau[:] = np.nan
+        own, size = self._places[2]
+        ctypes.memmove(torque, own, size)
+
+    def _write_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
+        if not self._done(self._ask_rows, k, t, q, tolerance):
+            self._rows.size[0] = -1
+
+    def _ask_torque(self, t: float, q: int, v: int) -> None:
+        for (own, size), given in zip(self._places, (q, v), strict=False):
+            ctypes.memmove(own, given, size)
+        if self.before is not None:
+            self.before()
+        # copies, which functions of the user may keep
+        self._tau[:] = self._torque(t, self._q.copy(), self._v.copy())
+
+    def _ask_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
+        own, size = self._places[0]
+        ctypes.memmove(own, q, size)
+        rows, self._rows.size[0] = self._constraints.rows_of(k, t, self._q.copy(), tolerance), 0
+        if rows is not None:
+            write_rows(rows, self._constraints.levers(rows.constraint), self._rows)
+
+    def _done(self, ask: Callable[..., None], *given: Any) -> bool:
+        """Ask a function of the user; return False if no step may be taken with the answer."""
+        try:
+            self._inside = True
+            while self._interrupts:
+                self._handler(*self._interrupts.pop())
+            ask(*given)
+            # otherwise the step is Python's
+            return self._state.entered or self._state.enter()
+        except BaseException as error:
+            # a second interrupt waits
+            self._inside = False
+            self._error = error
+            return False
+        finally:
+            self._inside = False
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C interrupt functions of the user, and wait elsewhere in a call of a kernel.
+
+        An exception that is raised in a callback outside of these functions is printed and lost.
+        """
+        before = _C.getsignal(signal.SIGINT)
+        if not callable(before) or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        self._handler = before
+
+        def interrupt(*received: Any) -> None:
+            if self._inside:
+                self._handler(*received)
+            else:
+                self._interrupts.append(received)
+
+        _C.signal(signal.SIGINT, interrupt)
+        try:
+            yield
+        finally:
+            _C.signal(signal.SIGINT, before)
+
+    def check(self) -> None:
+        """Raise the error of a function of the user, or an interrupt that came during a kernel."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+        while self._interrupts:
+            self._handler(*self._interrupts.pop())
+
+
+def asked_python(problem: Problem, state: MechanismState) -> AskedPython | None:
+    """Return what asks functions of the user; None if kernels need none."""
+    asks = asks_forces(problem.system) or asks_rows(problem.constraints)
+    return AskedPython(problem, state) if asks else None
