@@ -112,7 +112,7 @@ def searched(contacts, places):
     """Distance, normal, midpoint and state by the search for two convex shapes."""
     found = np.empty(1), np.empty((1, 3)), np.empty((1, 3)), np.empty(1, np.int64)
     axes = contacts._axes
-    distances_from_axes(places, axes.tables, contacts._bound, np.zeros(1, np.int64), axes.axis, *found)
+    distances_from_axes(places, axes.tables, contacts._bound, np.zeros(1, np.int64), axes.axis, np.inf, *found)
     return tuple(part[0] for part in found)
 
 

@@ -209,7 +209,7 @@ class SignedDistances(Pairs):
         normal = np.empty((n, 3))
         found = np.empty(n), normal, np.empty((n, 3)), np.empty(n, np.int64)
         shared = places, axes.tables, self._bound
-        distances_from_axes(*shared, pairs, axes.axis, *found)
+        distances_from_axes(*shared, pairs, axes.axis, tolerance if rough else np.inf, *found)
         axes.keep(places, pairs, normal)
         room = _ROOM * n
         while True:

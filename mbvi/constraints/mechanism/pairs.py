@@ -116,7 +116,7 @@ def measured_from_axes(
         pairs.middle[:count],
         pairs.state[:count],
     )
-    distances_from_axes(places, tables, pairs.bound, chosen, pairs.axis, distance, normal, middle, state)
+    distances_from_axes(places, tables, pairs.bound, chosen, pairs.axis, tolerance, distance, normal, middle, state)
     keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, normal)
     return write_contacts(
         places, tables, pairs.bound, pairs.flat, chosen, tolerance, distance, normal, middle, state,
@@ -145,8 +145,8 @@ def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance:
     if separated(places, tables, pairs.axis, chosen, distance, pairs.bounds, pairs.unresolved) == 0:
         return True
     distances_from_axes(
-        places, tables, pairs.bound, chosen, pairs.axis, pairs.distance[:1], pairs.normal[:1], pairs.middle[:1],
-        pairs.state[:1],
+        places, tables, pairs.bound, chosen, pairs.axis, distance, pairs.distance[:1], pairs.normal[:1],
+        pairs.middle[:1], pairs.state[:1],
     )  # fmt: skip
     keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, pairs.normal[:1])
     return pairs.distance[0] > distance

@@ -13,7 +13,7 @@ from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes
 from ..closed_form.convex_polygon import common_polygon, convex_hull
-from ..shapes.features import leave, near_corners, near_vertices
+from ..shapes.features import least_line, leave, lines_out, near_corners, near_vertices
 from ..vectors import dot, within_plane
 from .spread import BESIDE, FEW_POINTS, FLAT, few_corners, one_face, spread_out
 
@@ -113,7 +113,7 @@ def shared_region(
     gap, point : ndarray, shapes (2 g,) and (2 g, 3) with g = 2 `MOST_GATHERED`
         Receive gaps, and points midway between the surfaces; `point[0]` also where the shapes share no region.
     """
-    frame, middle = np.empty((3, 3)), np.empty(3)
+    frame, middle, outward = np.empty((3, 3)), np.empty(3), -n
     within_plane(n, frame[1], frame[2])
     found, vertices = np.empty((2, MOST_GATHERED, 3)), np.empty((2, MOST_GATHERED), np.int64)
     hulls, corners, number = np.empty((2, 2 * MOST_GATHERED, 2)), np.empty(2, np.int64), np.empty(2, np.int64)
@@ -130,6 +130,11 @@ def shared_region(
     common, scratch = np.empty((len(gap), 2)), np.empty((len(gap), 2))
     count = common_polygon(hulls[0], corners[0], hulls[1], corners[1], bound, common, scratch)
     kept, a, b = 0, shapes.sides[pair, 0], shapes.sides[pair, 1]
+    # frame[0] is the normal outward from the second
+    down_lines = lines_out(world[1], shapes, vertices[1], number[1], frame, -height)
+    for c in range(3):
+        frame[0, c] = n[c]
+    up_lines = lines_out(world[0], shapes, vertices[0], number[0], frame, height)
     for i in range(count):
         same = False
         for j in range(kept):
@@ -139,9 +144,9 @@ def shared_region(
         common[kept, 0], common[kept, 1] = common[i, 0], common[i, 1]
         for c in range(3):
             middle[c] = common[i, 0] * frame[1, c] + common[i, 1] * frame[2, c] + height * n[c]
-        up = leave(world[0], shapes, a, vertices[0], number[0], middle, n)
-        # the normal outward from the second
-        down = leave(world[1], shapes, b, vertices[1], number[1], middle, frame[0])
+        x, y = common[i, 0], common[i, 1]
+        up = least_line(up_lines, x, y) if number[0] else leave(world[0], shapes, a, middle, n)
+        down = least_line(down_lines, x, y) if number[1] else leave(world[1], shapes, b, middle, outward)
         gap[kept] = -(up + down)
         for c in range(3):
             point[kept, c] = middle[c] + 0.5 * (up - down) * n[c]

@@ -217,18 +217,21 @@ def turn_to(world: Array, shapes: Shapes, pair: int, n: Array, to: Array, active
     return blocked
 
 
-@kernel("void(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1])")
-def approach(world: Array, shapes: Shapes, pair: int, n: Array, active: Array) -> None:
+@kernel("void(f8[:,:,::1], Shapes, i8, f8[::1], f8[:,::1], f8, i8)")
+def approach(world: Array, shapes: Shapes, pair: int, n: Array, active: Array, least: float, few: int) -> None:
     """Turn n about to the maximum if the cores are apart: between hulls of many vertices `ascend` takes short turns.
 
     By Gilbert's method: a point of D moves towards the origin, on the way to the lowest point along its direction.
+    It ends after `few` turns where no direction so far separates the cores by more than `least` [m].
     """
     near, to = np.empty(3), np.empty(3)
     lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 0)
     for c in range(3):
         near[c] = active[0, c]
     best = dot(near, n)
-    for _ in range(_MOST_APPROACHES):
+    for turn in range(_MOST_APPROACHES):
+        if turn >= few and not best > least:
+            break
         for c in range(3):
             to[c] = near[c]
         far = normalise(to)
@@ -300,12 +303,15 @@ def write_midpoint(
             nearest[c] += share[i] * active[i, 3 + c]
 
 
-@kernel("Tuple((b1, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8[::1])", apart=True)
-def search_cores(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Array) -> tuple[bool, float]:
+@kernel("Tuple((b1, f8))(f8[:,:,::1], Shapes, i8, f8[::1], b1, f8[::1])", apart=True)
+def search_cores(
+    world: Array, shapes: Shapes, pair: int, n: Array, about: bool, nearest: Array
+) -> tuple[bool, float]:  # fmt: skip
     """Turn n, the direction to start from, to a local maximum of the separation of two shapes.
 
     It is repeated from its result, which is rounded, until that stays the same: the last digits do not depend on where
-    the first search began. Of a core that is curved only the points as of `CORNERS` are looked at.
+    the first search began. `about` says that n is near the result. Of a core that is curved only the points as of
+    `CORNERS` are looked at.
 
     Returns
     -------
@@ -319,8 +325,8 @@ def search_cores(world: Array, shapes: Shapes, pair: int, n: Array, nearest: Arr
     for turn in range(_MOST_SEARCHES):
         if turn == 0:
             # Newton's method, which comes before it for curved cores, has led as near
-            if not is_curved(shapes, pair):
-                approach(world, shapes, pair, n, active)
+            if not about and not is_curved(shapes, pair):
+                approach(world, shapes, pair, n, active, 0.0, 0)
         else:
             for c in range(3):
                 n[c] = before[c] + _ASIDE[c]

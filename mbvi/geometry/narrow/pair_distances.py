@@ -15,7 +15,7 @@ from ...arguments import Array
 from ...compiled import kernel
 from ..broad.separating_axis import Shapes, axis_in_world, first_axis, pair_separation, place_pair
 from .contact_patch import MOST_GATHERED, shared_region
-from .core_search import is_curved, search_cores
+from .core_search import approach, is_curved, search_cores
 from .proved_depth import MOST_POINTS, better_direction, disc_radius, level_points, share_a_line, widest_angle
 from .refined_distance import FAILED, FLAT, UNIQUE, refine_pair
 
@@ -27,6 +27,8 @@ _LEVEL = 1e-8
 _EQUAL, _EQUAL_CURVED = 1e-12, 1e-6
 # radii of discs are taken too small by this part
 _MARGIN = 1e-3
+# turns after which a pair counts as near if none of them has separated it
+_FEW = 4
 # better directions that are followed one after the other
 _MOST_BETTER = 50
 
@@ -45,7 +47,7 @@ def _curved_maximum(
         if turn == 1:
             for c in range(3):
                 other[c] = start[c]
-            search_cores(world, shapes, pair, other, nearest)
+            search_cores(world, shapes, pair, other, False, nearest)
             along = pair_separation(world, shapes, pair, other)
             if along > apart:
                 apart = along
@@ -66,14 +68,17 @@ def _curved_maximum(
     return FAILED, apart
 
 
-@kernel("Tuple((i8, f8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1], i8[::1])")
+@kernel(
+    "Tuple((i8, f8, f8))(f8[:,:,::1], Shapes, i8, f8[::1], b1, f8, f8[::1], f8[::1], f8[:,::1], f8[:,:,::1], i8[::1])"
+)
 def _maximum(
-    world: Array, shapes: Shapes, pair: int, n: Array, bound: float, nearest: Array, gaps: Array, corners: Array,
-    flat: Array, count: Array,
+    world: Array, shapes: Shapes, pair: int, n: Array, about: bool, bound: float, nearest: Array, gaps: Array,
+    corners: Array, flat: Array, count: Array,
 ) -> tuple[int, float, float]:  # fmt: skip
     """Turn n to a local maximum of the separation; write the point midway between the surfaces.
 
-    `gaps`, `corners`, `flat` and `count` are room, as of `shared_region` and `level_points`.
+    `about` says that n is near it. `gaps`, `corners`, `flat` and `count` are room, as of `shared_region` and
+    `level_points`.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def _maximum(
         known = found != FAILED
         found = found if known else UNIQUE
     else:
-        apart = search_cores(world, shapes, pair, n, nearest)[1]
+        apart = search_cores(world, shapes, pair, n, about, nearest)[1]
     level_points(world, shapes, pair, n, bound, flat, count)
     if not curved and share_a_line(flat, count):
         found = FLAT
@@ -102,12 +107,30 @@ def _maximum(
     return found, apart, 2.0 * np.arctan2(max(radius, 0.0), depth)
 
 
+@kernel("f8(f8[:,:,::1], Shapes, i8, f8[::1], b1, f8, f8[:,::1])")
+def _nearly_apart(
+    world: Array, shapes: Shapes, pair: int, n: Array, known: bool, near: float, active: Array
+) -> float:  # fmt: skip
+    """Return a separation of a pair and turn n, its axis if that is known, to that direction.
+
+    Most pairs that are measured are far apart and have turned away from their axes.
+    """
+    if not known:
+        for c in range(3):
+            n[c] = world[0, 2, c]
+        first_axis(world, shapes, pair, n)
+    balls = shapes.sizes[shapes.sides[pair, 0], 3] + shapes.sizes[shapes.sides[pair, 1], 3]
+    approach(world, shapes, pair, n, active, near + balls, _FEW)
+    return pair_separation(world, shapes, pair, n)
+
+
 @kernel(
-    "void(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1], i8[::1])", apart=True
+    "void(f8[:,:,::1], Tuple(Shapes), f8[::1], i8[::1], f8[:,::1], f8, f8[::1], f8[:,::1], f8[:,::1], i8[::1])",
+    apart=True,
 )
 def distances_from_axes(
-    places: Array, tables: tuple[Array, ...], bound: Array, pairs: Array, axis: Array, distance: Array, normal: Array,
-    middle: Array, state: Array,
+    places: Array, tables: tuple[Array, ...], bound: Array, pairs: Array, axis: Array, near: float, distance: Array,
+    normal: Array, middle: Array, state: Array,
 ) -> None:  # fmt: skip
     """Write distance, normal, midpoint and state of some pairs.
 
@@ -123,23 +146,36 @@ def distances_from_axes(
         The pairs to look at.
     axis : ndarray, shape (n, 3)
         See `SeparatingAxes`.
+    near : float
+        Of pairs that are farther apart than this a lower bound of the distance is enough [m].
     distance, normal, middle : ndarray, shapes (p,), (p, 3), (p, 3)
-        Receive distances, unit normals and the points midway between the surfaces; any of these if `FLAT`.
+        Receive distances, unit normals and the points midway between the surfaces; any of these if `FLAT`. Of pairs
+        that are not near only the first two.
     state : ndarray of int, shape (p,)
         Receives `UNIQUE`, or `FLAT` where the nearest points are not unique.
     """
     shapes, world, n, nearest = Shapes(*tables), np.empty((2, 4, 3)), np.empty(3), np.empty(3)
     gaps, corners = np.empty(4 * MOST_GATHERED), np.empty((4 * MOST_GATHERED, 3))
-    flat, count = np.empty((2, MOST_POINTS, 2)), np.empty(2, np.int64)
+    flat, count, active = np.empty((2, MOST_POINTS, 2)), np.empty(2, np.int64), np.empty((4, 6))
     for i in range(len(pairs)):
         pair = pairs[i]
         place_pair(places, shapes, pair, world)
+        if axis[pair, 0] == axis[pair, 0]:
+            axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
+        if near < np.inf:
+            apart = _nearly_apart(world, shapes, pair, n, axis[pair, 0] == axis[pair, 0], near, active)
+            if apart > near:
+                state[i], distance[i] = UNIQUE, apart
+                for c in range(3):
+                    normal[i, c], middle[i, c] = n[c], world[0, 3, c]
+                continue
         balls = shapes.sizes[shapes.sides[pair, 0], 3] + shapes.sizes[shapes.sides[pair, 1], 3]
         equal = (_EQUAL_CURVED if is_curved(shapes, pair) else _EQUAL) * bound[pair]
         found, apart, sure, proved = FAILED, -np.inf, 0.0, False
         if axis[pair, 0] == axis[pair, 0]:
-            axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
-            found, apart, sure = _maximum(world, shapes, pair, n, bound[pair], nearest, gaps, corners, flat, count)
+            found, apart, sure = _maximum(
+                world, shapes, pair, n, near < np.inf, bound[pair], nearest, gaps, corners, flat, count
+            )
             # where curved cores overlap, the last digits may depend on where the search began
             if apart + balls > 0.0 or not is_curved(shapes, pair):
                 proved = widest_angle(world, shapes, pair, n, -apart - balls) <= sure
@@ -149,7 +185,9 @@ def distances_from_axes(
             for c in range(3):
                 n[c] = world[0, 2, c]
             first_axis(world, shapes, pair, n)
-            found, apart, sure = _maximum(world, shapes, pair, n, bound[pair], nearest, gaps, corners, flat, count)
+            found, apart, sure = _maximum(
+                world, shapes, pair, n, False, bound[pair], nearest, gaps, corners, flat, count
+            )
             proved = widest_angle(world, shapes, pair, n, -apart - balls) <= sure
         for _ in range(_MOST_BETTER):
             state[i], distance[i] = found, apart
@@ -157,7 +195,9 @@ def distances_from_axes(
                 normal[i, c], middle[i, c] = n[c], nearest[c]
             if proved or not better_direction(world, shapes, pair, n, -apart - balls, sure, equal):
                 break
-            found, apart, sure = _maximum(world, shapes, pair, n, bound[pair], nearest, gaps, corners, flat, count)
+            found, apart, sure = _maximum(
+                world, shapes, pair, n, False, bound[pair], nearest, gaps, corners, flat, count
+            )
             if not apart > distance[i]:
                 break
             proved = widest_angle(world, shapes, pair, n, -apart - balls) <= sure

@@ -95,27 +95,75 @@ def _leave_ball(point: Array, direction: Array, radius: float) -> float:
     return np.sqrt(max(along * along - dot(point, point) + radius * radius, 0.0)) - along
 
 
-@kernel("f8(f8[:,::1], Shapes, i8, i8[::1], i8, f8[::1], f8[::1])")
-def leave(place: Array, shapes: Shapes, shape: int, vertices: Array, count: int, point: Array, n: Array) -> float:
-    """Return the distance from a point to where the line along n leaves a shape [m].
+@kernel("f8[:,::1](f8[:,::1], Shapes, i8[::1], i8, f8[:,::1], f8)")
+def lines_out(place: Array, shapes: Shapes, vertices: Array, count: int, frame: Array, height: float) -> Array:
+    """Return how far lines run to the faces at the first `count` vertices of a hull, shape (f, 3).
 
-    Of a hull the faces at the first `count` of `vertices` are looked at; without any the shape is no hull.
+    Parameters
+    ----------
+    place, shapes
+        The hull.
+    vertices : ndarray of int, shape (g,)
+        The vertices.
+    count : int
+        How many of them.
+    frame : ndarray, shape (3, 3)
+        The direction of the lines, and two directions of a plane across it.
+    height : float
+        How far the plane is from the world's origin along the direction [m].
+
+    Returns
+    -------
+    ndarray, shape (f, 3)
+        From the point x, y of the plane the line runs as far as the least of a + x b + y c, one row for each face [m].
     """
-    sizes, first_face, planes = shapes.sizes[shape], shapes.first_face, shapes.planes
+    first_face, face, planes, size = shapes.first_face, shapes.face, shapes.planes, 0
+    for i in range(count):
+        size += first_face[vertices[i] + 1] - first_face[vertices[i]]
+    # in the frame of the shape: the direction, the plane's, and the plane's origin
+    local, found, kept = np.empty((4, 3)), np.empty((size, 3)), 0
+    for k in range(3):
+        apart = 0.0
+        for c in range(3):
+            apart += place[k, c] * (height * frame[0, c] - place[3, c])
+        local[3, k] = apart
+        for j in range(3):
+            local[j, k] = dot(place[k], frame[j])
+    for i in range(count):
+        for j in range(first_face[vertices[i]], first_face[vertices[i] + 1]):
+            plane = planes[face[j]]
+            slope = plane[0] * local[0, 0] + plane[1] * local[0, 1] + plane[2] * local[0, 2]
+            if slope > FACING:
+                ahead = plane[3]
+                for k in range(3):
+                    ahead -= plane[k] * local[3, k]
+                found[kept, 0] = ahead / slope
+                for c in range(1, 3):
+                    along = plane[0] * local[c, 0] + plane[1] * local[c, 1] + plane[2] * local[c, 2]
+                    found[kept, c] = -along / slope
+                kept += 1
+    return found[:kept]
+
+
+@kernel("f8(f8[:,::1], f8, f8)")
+def least_line(lines: Array, x: float, y: float) -> float:
+    """Return the least of `lines_out` at a point [m]."""
+    length = np.inf
+    for i in range(len(lines)):
+        length = min(length, lines[i, 0] + x * lines[i, 1] + y * lines[i, 2])
+    return length
+
+
+@kernel("f8(f8[:,::1], Shapes, i8, f8[::1], f8[::1])")
+def leave(place: Array, shapes: Shapes, shape: int, point: Array, n: Array) -> float:
+    """Return the distance from a point to where the line along n leaves a shape that is no hull [m]."""
+    sizes = shapes.sizes[shape]
     x = y = z = 0.0
     for c in range(3):
         apart = point[c] - place[3, c]
         x, y, z = x + place[0, c] * apart, y + place[1, c] * apart, z + place[2, c] * apart
     u, v, w = dot(place[0], n), dot(place[1], n), dot(place[2], n)
     length = np.inf
-    for i in range(count):
-        for j in range(first_face[vertices[i]], first_face[vertices[i] + 1]):
-            plane = planes[shapes.face[j]]
-            slope = plane[0] * u + plane[1] * v + plane[2] * w
-            if slope > FACING:
-                length = min(length, (plane[3] - plane[0] * x - plane[1] * y - plane[2] * z) / slope)
-    if count:
-        return length
     local, way = np.empty(3), np.empty(3)
     if sizes[3] > 0.0:
         # a capsule, seen from the nearest point of its axis
