@@ -19,7 +19,7 @@ from .control_stability import turned_by_gains
 # v . v at and above which a run has diverged
 RUNAWAY = 1e16
 # penetration at the end of a shortened step, relative to the thickness that would be passed through
-_DEPTH = 1e-3
+DEPTH = 1e-3
 # most shortened steps within one step, and the remaining part of a step that is not shortened again
 _MOST_SHORTENED, _LEAST_REST = 100, 1e-9
 
@@ -166,8 +166,8 @@ class TunnellingGuard:
             return float(family.pair_gap(self._problem.t0, place, pair)[0])
 
         tolerance, start = self._problem.tolerance, gap(0.0)
-        short = min(_DEPTH * thickness / travel, 1.0)
-        begin, near = 0.0, max(tolerance, 0.1 * _DEPTH * thickness)
+        short = min(DEPTH * thickness / travel, 1.0)
+        begin, near = 0.0, max(tolerance, 0.1 * DEPTH * thickness)
         if start <= tolerance:
             # a pair that touches at the start: it passes only if its gap falls, and a short step lets the law act on it
             begin, rise = short, gap(short) - start

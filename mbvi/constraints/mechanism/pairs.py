@@ -134,22 +134,33 @@ def place_bodies(mechanism: Mechanism, pairs: PairShapes) -> None:
                 places[b, r, c] = poses[pairs.bodies[b], r, c]
 
 
+@kernel("f8(Tuple(Shapes), PairShapes, i8, f8)")
+def distance_of(tables: tuple[Array, ...], pairs: PairShapes, pair: int, near: float) -> float:
+    """Return the distance of a pair where `place_bodies` has placed the bodies; a lower bound if it is not near [m].
+
+    The axis is kept.
+    """
+    places, chosen, shapes = pairs.places, pairs.others[:1], Shapes(*tables)
+    chosen[0] = pair
+    distances_from_axes(
+        places, tables, pairs.bound, chosen, pairs.axis, near, pairs.distance[:1], pairs.normal[:1], pairs.middle[:1],
+        pairs.state[:1],
+    )  # fmt: skip
+    keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, pairs.normal[:1])
+    return pairs.distance[0]
+
+
 @kernel("b1(Tuple(Shapes), PairShapes, i8, f8)")
 def is_beyond(tables: tuple[Array, ...], pairs: PairShapes, pair: int, distance: float) -> bool:
     """Return whether a pair is farther apart than a distance [m] where `place_bodies` has placed the bodies.
 
     The axis that separates it is kept, so that the next time most need one evaluation.
     """
-    places, chosen, shapes = pairs.places, pairs.others[:1], Shapes(*tables)
+    chosen = pairs.others[:1]
     chosen[0] = pair
-    if separated(places, tables, pairs.axis, chosen, distance, pairs.bounds, pairs.unresolved) == 0:
+    if separated(pairs.places, tables, pairs.axis, chosen, distance, pairs.bounds, pairs.unresolved) == 0:
         return True
-    distances_from_axes(
-        places, tables, pairs.bound, chosen, pairs.axis, distance, pairs.distance[:1], pairs.normal[:1],
-        pairs.middle[:1], pairs.state[:1],
-    )  # fmt: skip
-    keep_normals(places, shapes.frame, shapes.sides, pairs.axis, chosen, pairs.normal[:1])
-    return pairs.distance[0] > distance
+    return distance_of(tables, pairs, pair, distance) > distance
 
 
 @kernel("Tuple((i8, b1))(Mechanism, Tuple(Shapes), PairShapes, PairFamily, f8, RowBuffer)")

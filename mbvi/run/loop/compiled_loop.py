@@ -29,8 +29,9 @@ from ..recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
 from .asked import AskedPython, asked_python
 from .impact_rows import LaterRows
+from .loop_record import PLAIN, ROUGH, LoopRecord
 from .loop_scope import control_of, is_compiled, is_one_mechanism, loop_of
-from .step_loop import FULL, PLAIN, ROUGH, Loop, LoopRecord
+from .step_loop import FULL, Loop
 
 Array = np.ndarray
 
@@ -86,7 +87,7 @@ class CompiledLoop:
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
-        self._log = loop_record(problem, guard, *states)
+        self._log = loop_record(problem, scheme, guard, *states)
         self._held = held(self._step), held(self._log)
         self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
@@ -272,14 +273,22 @@ def mechanism_step(
 
 
 def loop_record(
-    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
+    problem: Problem,
+    scheme: Scheme,
+    guard: TunnellingGuard,
+    t: Array,
+    q: Array,
+    v: Array,
+    penetration: Array,
+    residual: Array,
 ) -> LoopRecord:
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
     width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
         t, q, v, penetration, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool),
         np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
-        *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
+        *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed, scheme.timing.jump,
+        np.zeros(guard.shares[1].shape[1]), np.zeros((3, problem.system.nv)), np.zeros((2, problem.system.nq)),
     )  # fmt: skip
 
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ...compiled import calling_others, kernel, record
-from ...constraints.mechanism.pairs import is_beyond, place_bodies
-from ...constraints.mechanism.rows import MechanismConstraints
-from ...constraints.mechanism.tables import MOST_ROWS, PAIRS
+from ...compiled import calling_others, kernel
+from ...constraints.mechanism.tables import MOST_ROWS
 from ...schemes.kernels.centered import centered_step
 from ...schemes.kernels.moreau_jean import moreau_jean_step
 from ...schemes.kernels.paoli import paoli_step
 from ...schemes.kernels.records import DONE, MechanismStep
 from ...schemes.kernels.stewart_trinkle import stewart_trinkle_step
-from ...system.mechanisms.mechanism import Mechanism, place
 from ..recorder import record_depth
-from ..tunnelling import RUNAWAY
+from .guard import may_pass
+from .loop_record import ROUGH, LoopRecord
 
 Array = np.ndarray
 # kernels as `run_paoli`
@@ -26,57 +24,6 @@ Loop = Callable[..., tuple[int, int, int]]
 
 # what the loop returns beside the codes of a step: a body may pass through another; no room for more rows
 SWIFT, FULL = 5, 6
-# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
-PLAIN, ROUGH = 12, 27
-
-
-@record(
-    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1], f8[:,::1], f8[::1], f8"
-)
-class LoopRecord(NamedTuple):
-    """The states of a run, and the rows of the steps of one call.
-
-    Attributes
-    ----------
-    t, q, v, penetration, residual : ndarray, shape (n, ...)
-        Those of the recorder.
-    taken : ndarray of int, shape (1,)
-        How many steps this call has taken.
-    begin : ndarray of int, shape (k + 1,)
-        Where the rows of each step of this call begin in the log.
-    event : ndarray of bool, shape (k,)
-        The steps that may have an impact.
-    number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
-        The log: constraints and numbers of rows.
-    lever : ndarray, shape (c,)
-        See `record_depth`.
-    before : ndarray, shape (4 MOST_ROWS,)
-        Room for the percussions at the beginning of a step.
-    share, shares : ndarray, shapes (nv,) and (nv, m)
-        See `TunnellingGuard.shares`.
-    thickness : ndarray, shape (m,)
-        Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
-    slow_speed : float
-        See `TunnellingGuard`.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    penetration: Array
-    residual: Array
-    taken: Array
-    begin: Array
-    event: Array
-    number: Array
-    rows: Array
-    lever: Array
-    before: Array
-    share: Array
-    shares: Array
-    thickness: Array
-    slow_speed: float
 
 
 @kernel("void(MechanismStep, LoopRecord, i8)")
@@ -97,74 +44,6 @@ def log_rows(s: MechanismStep, log: LoopRecord, begin: int) -> None:
                     to[13 + 3 * c + k] = rows.axes[a, c, k]
                 for r in range(4):
                     to[19 + 2 * r + c] = s.slip[(r * m + a) * 2 + c]
-
-
-@kernel("b1(Mechanism, MechanismConstraints, f8[::1], f8[::1], LoopRecord, f8)")
-def may_pass(
-    mechanism: Mechanism, constraints: MechanismConstraints, v: Array, w: Array, log: LoopRecord, limit: float
-) -> bool:
-    """Return whether a body may pass through another in a step, or a velocity runs away; see `TunnellingGuard`.
-
-    Parameters
-    ----------
-    mechanism, constraints : Mechanism and MechanismConstraints
-        After the step; the mechanism may be placed where the constraints were queried last.
-    v, w : ndarray, shape (nv,)
-        Velocities before and after the step.
-    log : LoopRecord
-        With the shares of the guard.
-    limit : float
-        See `TunnellingGuard`.
-    """
-    n, pairs = log.shares.shape
-    before = after = travel = fastest = 0.0
-    for k in range(n):
-        before += v[k] * v[k]
-        after += w[k] * w[k]
-        fastest = max(fastest, abs(v[k]), abs(w[k]))
-        if pairs > 0:
-            travel += log.share[k] * max(abs(v[k]), abs(w[k]))
-    # written so that a NaN counts as swift
-    if not after < RUNAWAY:
-        return True
-    if before < limit and after < limit:
-        return False
-    if pairs == 0:
-        return not fastest < log.slow_speed
-    if travel < 1.0:
-        return False
-    placed = False
-    for i in range(pairs):
-        travel = 0.0
-        for k in range(n):
-            travel += log.shares[k, i] * max(abs(v[k]), abs(w[k]))
-        if travel < 1.0:
-            continue
-        # a pair that is farther apart than it travels, there and back, does not pass
-        far = 2.0 * travel * log.thickness[i]
-        if far < clearance_of(constraints, i):
-            continue
-        if far == np.inf:
-            return True
-        if not placed:
-            place(mechanism, constraints.cache.q)
-            place_bodies(mechanism, constraints.near)
-            placed = True
-        if not is_beyond(constraints.shapes, constraints.near, i, far):
-            return True
-    return False
-
-
-@kernel("f8(MechanismConstraints, i8)")
-def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
-    """Return a lower bound of the distance of a pair of shapes at the last query [m]."""
-    cache, family = constraints.cache, constraints.pairs
-    bound = family.clearance[pair]
-    for f in range(len(cache.kind)):
-        if cache.kind[f] == PAIRS:
-            for k in range(len(cache.moved)):
-                bound -= cache.travel[cache.slot[f], k] * family.reach[k, pair]
-    return bound
 
 
 @kernel(
@@ -219,7 +98,7 @@ def run_paoli(
         m = rows.size[0]
         if code == DONE and place + m > len(log.number):
             code = FULL
-        if code == DONE and may_pass(s.mechanism, s.constraints, v, s.v, log, limit):
+        if code == DONE and may_pass(s, log, q, v, h, limit):
             code = SWIFT
         if code != DONE:
             memory.size[0], memory.size[1], memory.size[2] = size

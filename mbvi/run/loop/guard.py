@@ -1,0 +1,144 @@
+"""The tunnelling guard as a kernel: whether a body may pass through another in a step, as `TunnellingGuard` has it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ...constraints.mechanism.pairs import distance_of, is_beyond, place_bodies
+from ...constraints.mechanism.rows import MechanismConstraints
+from ...constraints.mechanism.tables import PAIRS
+from ...schemes.kernels.records import MechanismStep
+from ...system.mechanisms.mechanism import place
+from ...system.mechanisms.pinocchio_address import retract, tangent
+from ...system.system import Array
+from ..tunnelling import DEPTH, RUNAWAY
+from .loop_record import LoopRecord
+
+# places at which a pair is measured on its way
+_MOST_PLACES = 40
+
+
+@kernel("f8(MechanismConstraints, i8)")
+def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
+    """Return a lower bound of the distance of a pair of shapes at the last query [m]."""
+    cache, family = constraints.cache, constraints.pairs
+    bound = family.clearance[pair]
+    for f in range(len(cache.kind)):
+        if cache.kind[f] == PAIRS:
+            for k in range(len(cache.moved)):
+                bound -= cache.travel[cache.slot[f], k] * family.reach[k, pair]
+    return bound
+
+
+@kernel("f8(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8)")
+def distance_on_way(
+    s: MechanismStep, log: LoopRecord, pair: int, q: Array, way: Array, share: float, near: float
+) -> float:  # fmt: skip
+    """Return the distance of a pair of shapes after a share of a way from q; a lower bound if it is not near [m]."""
+    drift, there = log.ways[2], log.places[1]
+    for k in range(len(way)):
+        drift[k] = share * way[k]
+    retract(s.mechanism.calls, q, drift, there)
+    place(s.mechanism, there)
+    place_bodies(s.mechanism, s.constraints.near)
+    return distance_of(s.constraints.shapes, s.constraints.near, pair, near)
+
+
+@kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1])")
+def may_meet(s: MechanismStep, log: LoopRecord, pair: int, q: Array, way: Array) -> bool:
+    """Return whether a pair of shapes may meet on a way from q, shapes (nq,) and (nv,), if it could pass there.
+
+    The steps of the search are such that the pair cannot meet within one. A pair that touches at the start meets only
+    if it sinks.
+    """
+    travel, thickness, reach, tolerance = 0.0, log.thickness[pair], s.constraints.pairs.reach, s.scales.tolerance
+    for k in range(len(way)):
+        travel += abs(way[k]) * reach[k, pair]
+    if not travel > thickness:
+        return False
+    near, share = max(tolerance, 0.1 * DEPTH * thickness), 0.0
+    gap = distance_on_way(s, log, pair, q, way, 0.0, near)
+    if gap <= tolerance:
+        share = min(DEPTH * thickness / travel, 1.0)
+        rise = distance_on_way(s, log, pair, q, way, share, near) - gap
+        if rise < near:
+            return rise < -near
+        gap += rise
+    for _ in range(_MOST_PLACES):
+        if not gap > near:
+            return True
+        share += gap / travel
+        if share >= 1.0:
+            return False
+        gap = distance_on_way(s, log, pair, q, way, share, near)
+    return True
+
+
+@kernel("b1(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, f8)")
+def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, limit: float) -> bool:
+    """Return whether a body may pass through another in a step, or a velocity runs away.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        After the step; the mechanism may be placed where the constraints were queried last.
+    log : LoopRecord
+        With the shares of the guard.
+    q, v : ndarray, shapes (nq,) and (nv,)
+        The state before the step.
+    h : float
+        Length of the step [s].
+    limit : float
+        See `TunnellingGuard`.
+    """
+    n, pairs = log.shares.shape
+    w, speed, middle, before, after, total, fastest = s.v, log.ways[0], log.places[0], 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        before += v[k] * v[k]
+        after += w[k] * w[k]
+        speed[k] = max(abs(v[k]), abs(w[k]))
+        fastest = max(fastest, speed[k])
+        if pairs > 0:
+            total += log.share[k] * speed[k]
+    # written so that a NaN counts as swift
+    if not after < RUNAWAY:
+        return True
+    if before < limit and after < limit:
+        return False
+    if pairs == 0:
+        return not fastest < log.slow_speed
+    if total < 1.0:
+        return False
+    if h * fastest > 2.0 * np.pi:
+        # gains may be what turns it
+        return True
+    for i in range(pairs):
+        log.travel[i] = 0.0
+    for k in range(n):
+        for i in range(pairs):
+            log.travel[i] += log.shares[k, i] * speed[k]
+    placed = False
+    for i in range(pairs):
+        # a pair that is farther apart than it travels, there and back, does not pass
+        far = 2.0 * log.travel[i] * log.thickness[i]
+        if log.travel[i] < 1.0 or far < clearance_of(s.constraints, i):
+            continue
+        if far == np.inf:
+            return True
+        if not placed:
+            place(s.mechanism, s.constraints.cache.q)
+            place_bodies(s.mechanism, s.constraints.near)
+            placed = True
+        if is_beyond(s.constraints.shapes, s.constraints.near, i, far):
+            continue
+        placed, way = False, log.ways[1]
+        for k in range(n):
+            way[k] = log.jump * h * v[k]
+        if may_meet(s, log, i, q, way):
+            return True
+        retract(s.mechanism.calls, q, way, middle)
+        tangent(s.mechanism.calls, middle, s.q, way)
+        if may_meet(s, log, i, middle, way):
+            return True
+    return False

@@ -1,0 +1,70 @@
+"""What the compiled loop records in one call."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...compiled import record
+from ...system.system import Array
+
+# numbers of a row in the log: gap, e, contact point, normal, rates; and with friction mu, both tangents, slip
+PLAIN, ROUGH = 12, 27
+
+
+@record(
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[::1], f8[:,::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
+)
+class LoopRecord(NamedTuple):
+    """The states of a run, and the rows of the steps of one call.
+
+    Attributes
+    ----------
+    t, q, v, penetration, residual : ndarray, shape (n, ...)
+        Those of the recorder.
+    taken : ndarray of int, shape (1,)
+        How many steps this call has taken.
+    begin : ndarray of int, shape (k + 1,)
+        Where the rows of each step of this call begin in the log.
+    event : ndarray of bool, shape (k,)
+        The steps that may have an impact.
+    number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
+        The log: constraints and numbers of rows.
+    lever : ndarray, shape (c,)
+        See `record_depth`.
+    before : ndarray, shape (4 MOST_ROWS,)
+        Room for the percussions at the beginning of a step.
+    share, shares : ndarray, shapes (nv,) and (nv, m)
+        See `TunnellingGuard.shares`.
+    thickness : ndarray, shape (m,)
+        Thickness of the pairs of shapes, of which the first `shares` are [m]; infinite for others.
+    slow_speed : float
+        See `TunnellingGuard`.
+    jump : float
+        See `Timing`.
+    travel : ndarray, shape (m,)
+        Room for the travel of pairs.
+    ways, places : ndarray, shapes (3, nv) and (2, nq)
+        Room for tangent vectors and configurations.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    penetration: Array
+    residual: Array
+    taken: Array
+    begin: Array
+    event: Array
+    number: Array
+    rows: Array
+    lever: Array
+    before: Array
+    share: Array
+    shares: Array
+    thickness: Array
+    slow_speed: float
+    jump: float
+    travel: Array
+    ways: Array
+    places: Array
