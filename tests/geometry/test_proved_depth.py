@@ -81,7 +81,7 @@ class Pair:
         """Distance, normal, midpoint and state by a search that starts from an axis, NaN for none."""
         found = np.empty(1), np.empty((1, 3)), np.empty((1, 3)), np.empty(1, np.int64)
         bound, axes = np.array([self.bound]), np.array([axis])
-        distances_from_axes(self.places, self.axes.tables, bound, np.zeros(1, np.int64), axes, *found)
+        distances_from_axes(self.places, self.axes.tables, bound, np.zeros(1, np.int64), axes, np.inf, *found)
         return tuple(part[0] for part in found)
 
     def separation(self, n):

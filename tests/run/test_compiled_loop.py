@@ -545,6 +545,18 @@ def test_a_swift_body_passes_through_nothing(scheme, loops, monkeypatch):
     assert run.notes == other.notes
 
 
+@pytest.mark.parametrize("scheme", SCHEMES[:3], ids=repr)
+@pytest.mark.parametrize("speed", [30.0, 300.0])
+def test_a_swift_body_that_meets_nothing_stays_in_the_loop(scheme, speed, loops, monkeypatch):
+    """It moves off by many times its thickness in a step."""
+    problem = moving(on_block(0.5, 0.0), speed)
+    run = mbvi.simulate(copied(problem), scheme, step=STEP, duration=0.02, progress=False)
+    assert loops[0].codes[5] == 0
+    other = by_python(monkeypatch, problem, scheme, step=STEP, duration=0.02)
+    np.testing.assert_allclose(run.q, other.q, rtol=1e-12, atol=1e-12)
+    assert run.notes == other.notes
+
+
 def test_a_run_that_diverges_ends_with_the_same_error(monkeypatch):
     control = mbvi.PDControl(np.zeros(2), 1e9, 1e9)
     scene = mbvi.Scene()

@@ -250,7 +250,7 @@ def turn_to(rng):
 def maximum(rng):
     gaps = 4 * MOST_GATHERED
     room = np.zeros(3), np.zeros(gaps), np.zeros((gaps, 3)), np.zeros((2, MOST_POINTS, 2)), np.zeros(2, np.int64)
-    return *pair_of(rng), 0.2, *room
+    return *pair_of(rng), bool(rng.integers(2)), 0.2, *room
 
 
 DISTANCE_ARGUMENTS = {
@@ -321,7 +321,7 @@ DISTANCE_ARGUMENTS = {
         np.zeros(3),
     ),
     "turn_to": turn_to,
-    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 6))),
+    "approach": lambda rng: (*pair_of(rng), np.zeros((4, 6)), float(rng.choice([0.0, 0.1])), int(rng.choice([0, 4]))),
     "ascend": lambda rng: (*pair_of(rng), np.zeros((4, 6)), np.zeros(3)),
     "write_midpoint": lambda rng: (
         *pair_of(rng),
@@ -330,8 +330,14 @@ DISTANCE_ARGUMENTS = {
         int(rng.integers(1, 4)),
         np.zeros(3),
     ),
-    "search_cores": lambda rng: (*pair_of(rng), np.zeros(3)),
-    "_curved_maximum": lambda rng: maximum(rng)[:-2],
+    "search_cores": lambda rng: (*pair_of(rng), bool(rng.integers(2)), np.zeros(3)),
+    "_curved_maximum": lambda rng: (*pair_of(rng), *maximum(rng)[5:-2]),
+    "_nearly_apart": lambda rng: (
+        *pair_of(rng),
+        bool(rng.integers(2)),
+        float(rng.choice([0.0, 0.1])),
+        np.zeros((4, 6)),
+    ),
     "_maximum": maximum,
     "_points_about": points_about,
     "separation_of": pair_of,

@@ -4,6 +4,7 @@ The run goes by the interpreter down to the kernel in question. The arrays are t
 hold addresses, so that they cannot be copied: arguments that are wanted twice are those of two equal runs.
 """
 
+import ctypes
 import pickle
 import warnings
 from functools import cache
@@ -14,7 +15,11 @@ import pytest
 
 import mbvi
 from mbvi.compiled import Kernel
+from mbvi.constraints.mechanism.asked import AskedFamilies
+from mbvi.constraints.mechanism.state import row_buffer
+from mbvi.constraints.mechanism.tables import MOST_ROWS
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
+from mbvi.run.loop.loop_record import LoopRecord
 from mbvi.system.mechanisms.mechanism import place
 from support.paths import DATA, ROBOTS
 
@@ -61,7 +66,7 @@ def arguments_of_call(number, wanted, problem, scheme):
         patched.setattr(compiled_loop, "loop_of", lambda _: interpreted(loop, wanted, catch))
         mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)
     for record in caught.value.args[0]:
-        if isinstance(record, step_loop.LoopRecord):
+        if isinstance(record, LoopRecord):
             # not yet written
             for room in record[:3]:
                 room[:] = 0.0
@@ -314,10 +319,29 @@ def _within_a_run(wanted):
 
 
 def may_pass(rng, seed):
-    mechanism, constraints, v, w, log, _ = _call("may_pass", *CALLS["may_pass"][seed])
+    s, log, q, v, h, _ = _call("may_pass", *CALLS["may_pass"][seed])
     # at the first two no pair is farther apart than it travels, at the last some are
     scale = 10.0 ** rng.uniform(0.0, 3.0)
-    return mechanism, constraints, scale * v, scale * w, log, 1e-9
+    return s._replace(v=scale * s.v), log, q, scale * v, h, 1e-9
+
+
+def may_meet(rng, seed):
+    s, log, q, v, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v
+
+
+# a function that is asked, and changes nothing
+_NOTHING = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_double)(lambda *_: None)
+
+
+def asked_rows(rng, seed):
+    address = np.array([ctypes.cast(_NOTHING, ctypes.c_void_p).value], np.int64)
+    asked, rows = row_buffer(2, True), row_buffer(2, True)
+    for array in asked[2:]:
+        array[:] = rng.normal(size=array.shape)
+    # answers that fail, that fit, and that do not
+    asked.size[0], rows.size[0] = (-1, 2, 3)[seed], (0, 1, MOST_ROWS - 2)[seed]
+    return AskedFamilies(address, np.zeros(1), asked), 1, rng.normal(size=3), 0.1, rows
 
 
 def write_gradients(rng, seed):
@@ -355,20 +379,25 @@ def project_moving(rng, seed):
 
 def _near(seed):
     """A mechanism, the tables of its shapes, and its pairs."""
-    mechanism, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
-    return mechanism, constraints.shapes, constraints.near
+    s, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return s.mechanism, s.constraints.shapes, s.constraints.near
 
 
 def clearance_of(rng, seed):
-    _, constraints, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
-    return constraints, int(rng.integers(len(constraints.pairs.clearance)))
+    s, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
+    return s.constraints, int(rng.integers(len(s.constraints.pairs.clearance)))
 
 
 LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
+    "may_meet": may_meet,
+    "distance_on_way": lambda rng, seed: (*may_meet(rng, seed), rng.random(), float(rng.choice([0.0, 1.0]))),
+    "write_travels": lambda rng, seed: (rng.random((4, 7)), rng.random(4), np.zeros(7)),
+    "asked_rows": asked_rows,
     "place_bodies": lambda rng, seed: _near(seed)[::2],
+    "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
     "is_beyond": lambda rng, seed: (
         *_near(seed)[1:],
         int(rng.integers(len(_near(seed)[2].bound))),

@@ -89,9 +89,15 @@ def near_corners(rng):
 
 
 def leave(rng):
-    world, shapes, _, side, points = side_of_pair(rng)
-    count = len(points) if shapes.first_face[points[0] + 1] > shapes.first_face[points[0]] else 0
-    return world[side], shapes, side, points, count, world[side, 3] + 0.02 * rng.normal(size=3), unit(rng)
+    world, shapes, _, side, _ = side_of_pair(rng)
+    return world[side], shapes, side, world[side, 3] + 0.02 * rng.normal(size=3), unit(rng)
+
+
+def lines_out(rng):
+    while True:
+        world, shapes, _, side, points = side_of_pair(rng)
+        if shapes.first_face[points[0] + 1] > shapes.first_face[points[0]]:
+            return world[side], shapes, points, len(points), rotation(rng), float(rng.normal())
 
 
 def facing(rng):
@@ -141,7 +147,8 @@ def from_axes(rng):
     if rng.random() < 0.2:
         axes.axis[0] = np.nan
     written = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, np.int64)
-    return places, axes.tables, np.array([0.2]), np.zeros(1, np.int64), axes.axis, *written
+    near = float(rng.choice([0.0, np.inf]))
+    return places, axes.tables, np.array([0.2]), np.zeros(1, np.int64), axes.axis, near, *written
 
 
 def contacts(rng):
@@ -187,6 +194,8 @@ PATCH_ARGUMENTS = {
     "near_corners": near_corners,
     "_leave_ball": lambda rng: (0.1 * rng.normal(size=3), unit(rng), 0.5),
     "leave": leave,
+    "lines_out": lines_out,
+    "least_line": lambda rng: (rng.normal(size=(int(rng.integers(4)), 3)), *rng.normal(size=2).tolist()),
     "facing": facing,
     "_choose_normal": choose_normal,
     "shared_region": region,

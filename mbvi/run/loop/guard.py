@@ -75,6 +75,17 @@ def may_meet(s: MechanismStep, log: LoopRecord, pair: int, q: Array, way: Array)
     return True
 
 
+@kernel("void(f8[:,::1], f8[::1], f8[::1])")
+def write_travels(shares: Array, speed: Array, travel: Array) -> None:
+    """Write how far the bodies of each pair travel at most, in thicknesses, shape (m,)."""
+    for i in range(len(travel)):
+        travel[i] = 0.0
+    for k in range(len(speed)):
+        fast = speed[k]
+        for i in range(len(travel)):
+            travel[i] += shares[k, i] * fast
+
+
 @kernel("b1(MechanismStep, LoopRecord, f8[::1], f8[::1], f8, f8)")
 def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, limit: float) -> bool:
     """Return whether a body may pass through another in a step, or a velocity runs away.
@@ -113,16 +124,12 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
     if h * fastest > 2.0 * np.pi:
         # gains may be what turns it
         return True
-    for i in range(pairs):
-        log.travel[i] = 0.0
-    for k in range(n):
-        for i in range(pairs):
-            log.travel[i] += log.shares[k, i] * speed[k]
-    placed = False
+    travel, placed = log.travel, False
+    write_travels(log.shares, speed, travel)
     for i in range(pairs):
         # a pair that is farther apart than it travels, there and back, does not pass
-        far = 2.0 * log.travel[i] * log.thickness[i]
-        if log.travel[i] < 1.0 or far < clearance_of(s.constraints, i):
+        far = 2.0 * travel[i] * log.thickness[i]
+        if travel[i] < 1.0 or far < clearance_of(s.constraints, i):
             continue
         if far == np.inf:
             return True
