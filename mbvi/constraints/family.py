@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -259,6 +260,11 @@ class ConstraintFamily(ABC):
 
     def least_displacement(self) -> float:
         """Return a bound: no body passes through another if no entry of a displacement is larger."""
+        return self._least_displacement
+
+    @cached_property
+    def _least_displacement(self) -> float:
+        # every run asks for it
         envelope = self.envelope()
         total = 0.0 if envelope is None else float(envelope.sum())
         return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf
