@@ -16,7 +16,6 @@ import pytest
 import mbvi
 from mbvi.cli.names.schemes import SchemeName
 from mbvi.cli.names.solvers import SolverName
-from mbvi.shipped import robot_path
 from support.paths import ROBOTS
 from support.programs import run
 
@@ -310,12 +309,12 @@ def test_the_installed_command_runs():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_robot_is_found(name):
-    assert robot_path(name).read_bytes() == (ROBOTS / name / f"{name}.urdf").read_bytes()
+    assert mbvi.robot(name).read_bytes() == (ROBOTS / name / f"{name}.urdf").read_bytes()
 
 
 def test_an_unknown_robot_is_refused_with_the_known_ones():
     with pytest.raises(mbvi.InputError, match=f"known are {', '.join(NAMES)}"):
-        robot_path("unicycle")
+        mbvi.robot("unicycle")
 
 
 @pytest.mark.slow
@@ -332,7 +331,7 @@ def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
         copy.parent.mkdir(exist_ok=True)
         shutil.copyfile(file, copy)
     work.mkdir()
-    program = "import mbvi, mbvi.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
+    program = "import mbvi; print(mbvi.__file__, mbvi.robot('hopper'))\n"
     program += "from mbvi.cli.main import main; main(['demo'])"
     environment = {**os.environ, "PYTHONPATH": str(site)}
     done = run([sys.executable, "-c", program], cwd=work, env=environment)
