@@ -90,7 +90,15 @@ class Kernel:
         return self._compilable().callee()
 
     def carry(self, folder: Path) -> None:
-        """Write the machine code for calls from Python to the folder of a wheel."""
+        """Write the machine code for calls from Python to the folder of a wheel, `mbvi/compiled/machine_code` there.
+
+        Raises
+        ------
+        InputError
+            If kernels are compiled for the processor of this machine, which may have instructions that others have not.
+        """
+        if os.environ.get("NUMBA_CPU_NAME") != "generic":
+            raise InputError("machine code for other machines needs NUMBA_CPU_NAME=generic")
         self.compiled()
         self._compilable().carry(folder)
 
@@ -112,6 +120,7 @@ class Kernel:
         return digest.digest()
 
     def callees(self) -> dict[str, Kernel]:
+        """Return the kernels that this one calls, by the names that it has for them."""
         return {name: value for name, value in self._named().items() if isinstance(value, Kernel)}
 
     def _apart_callees(self) -> list[Kernel]:
@@ -249,17 +258,6 @@ def compile_all() -> None:
     """Compile every kernel now, so that compiling is no part of a measurement that follows."""
     for item in all_kernels():
         item.compiled()
-
-
-def carry_all(folder: Path) -> None:
-    """Write the machine code of every kernel to the folder of a wheel, which is to become `mbvi/compiled/machine_code`.
-
-    NUMBA_CPU_NAME must be "generic": the processor of this machine may have instructions that others have not.
-    """
-    if os.environ.get("NUMBA_CPU_NAME") != "generic":
-        raise InputError("machine code for other machines needs NUMBA_CPU_NAME=generic")
-    for item in all_kernels():
-        item.carry(folder)
 
 
 def seconds_compiling(thread: int | None = None) -> Seconds:

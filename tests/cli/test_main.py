@@ -4,9 +4,7 @@ import logging
 import os
 import re
 import shlex
-import shutil
 import sys
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
@@ -315,33 +313,3 @@ def test_a_shipped_robot_is_found(name):
 def test_an_unknown_robot_is_refused_with_the_known_ones():
     with pytest.raises(mbvi.InputError, match=f"known are {', '.join(NAMES)}"):
         mbvi.robot("unicycle")
-
-
-@pytest.mark.slow
-def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
-    wheel = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"]
-    built = run([*wheel, "--wheel-dir", tmp_path, ROBOTS.parent], env=None)
-    assert built.returncode == 0, built.stderr
-    site, work = tmp_path / "site", tmp_path / "work"
-    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
-        archive.extractall(site)
-    # kernels that were compiled from the same code here are valid there
-    for file in (ROBOTS.parent / "mbvi").rglob("*.nb[ic]"):
-        copy = site / file.relative_to(ROBOTS.parent)
-        copy.parent.mkdir(exist_ok=True)
-        shutil.copyfile(file, copy)
-    work.mkdir()
-    program = "import mbvi; print(mbvi.__file__, mbvi.robot('hopper'))\n"
-    program += "from mbvi.cli.main import main; main(['demo'])"
-    environment = {**os.environ, "PYTHONPATH": str(site)}
-    done = run([sys.executable, "-c", program], cwd=work, env=environment)
-    assert done.returncode == 0, done.stderr
-    first = f"{site / 'mbvi/__init__.py'} {site / 'mbvi/robots/hopper/hopper.urdf'}"
-    assert done.stdout.splitlines()[0] == first
-    assert (work / "out/demo.html").is_file() and (work / "out/demo.h5").is_file()
-    program = (
-        "import mbvi_studies; print(mbvi_studies.__file__)\nfrom mbvi.cli.main import main; main(['chart', '--list'])"
-    )
-    done = run([sys.executable, "-c", program], cwd=work, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{site / 'mbvi_studies/__init__.py'}\nproblems\n")
