@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= auto
 
-.PHONY: demo docs check test test-slow test-all faults package-check clean
+.PHONY: demo docs check test test-slow test-all faults wheel package-check clean
 
 # write a replay to out/
 demo: $(VENV)/installed
@@ -36,9 +36,15 @@ check: $(VENV)/installed-test
 faults: $(VENV)/installed-test
 	$(VENV)/bin/python benchmarks/faults.py
 
-# build wheel and sdist, install the wheel into a fresh environment, and run the demo and tests of it; some minutes
-package-check:
-	PYTHON=$(PYTHON) .ci/package-check $(TESTS)
+# the wheel of this Python with machine code of the kernels, in dist/
+wheel: $(VENV)/installed-test
+	$(VENV)/bin/python tools/wheel.py dist
+
+# build wheel and sdist, and use the wheel in a fresh environment: the demo, pages of the docs, and TESTS if any are given;
+# both are kept in the folder DIST
+DIST ?=
+package-check: $(VENV)/installed-test
+	PYTHON=$(VENV)/bin/python DIST=$(DIST) .ci/package-check $(TESTS)
 
 clean:
 	rm -rf $(VENV) out

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 import mbvi
-from mbvi.shipped import robot_path
 from mbvi.sweeps.batch import Done
 from mbvi.sweeps.cluster import local_client
 from mbvi.sweeps.points import points_of
@@ -32,7 +31,7 @@ def make(height: float, rng: np.random.Generator) -> mbvi.Scene:
     """Return a hopper above a floor."""
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace((0, 0, 1), name="floor")
-    scene.add_urdf(robot_path("hopper"), position=(0, 0, height), joints={"knee": 0.4 + 0.1 * rng.standard_normal()})
+    scene.add_urdf(mbvi.robot("hopper"), position=(0, 0, height), joints={"knee": 0.4 + 0.1 * rng.standard_normal()})
     return scene
 
 

@@ -16,7 +16,7 @@ def dropped_quadruped() -> mbvi.Problem:
     """Return a quadruped in the air above a floor."""
     scene = mbvi.Scene(restitution=0.5)
     scene.add_halfspace(normal=(0, 0, 1), name="floor")
-    scene.add_urdf(Path(__file__).parents[1] / "robots/quadruped/quadruped.urdf", position=(0, 0, 0.6))
+    scene.add_urdf(mbvi.robot("quadruped"), position=(0, 0, 0.6))
     return scene.build()
 
 

@@ -1,12 +1,10 @@
 """A control of the whole scene: the hopper stretches its leg when its foot touches down, and hops."""
 
-from pathlib import Path
-
 import numpy as np
 
 import mbvi
 
-HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
+HOPPER = mbvi.robot("hopper")
 BENT = np.array([-0.45, 0.9])
 THRUST, PUSH_TIME = 20.0, 0.1
 

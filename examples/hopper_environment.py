@@ -1,6 +1,5 @@
 """A hopper as an environment for reinforcement learning: gymnasium's interface, whether it is installed or not."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ except ImportError:
         dtype: type
 
 
-HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
+HOPPER = mbvi.robot("hopper")
 BENT = np.array([-0.45, 0.9])
 
 

@@ -4,13 +4,12 @@
 """
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
 import mbvi
 
-QUADRUPED = Path(__file__).parents[1] / "robots/quadruped/quadruped.urdf"
+QUADRUPED = mbvi.robot("quadruped")
 ANGLE, FRICTION = np.radians(15), 0.6
 # the feet are below the hips, the trunk is parallel to the slope
 CROUCH = np.tile([0.0, 0.7 + ANGLE, -1.4], 4)

@@ -3,13 +3,11 @@
 Every iteration draws torques about the best ones known, rolls all of them out at once, and keeps the best eighth.
 """
 
-from pathlib import Path
-
 import numpy as np
 
 import mbvi
 
-HOPPER = Path(__file__).parents[1] / "robots/hopper/hopper.urdf"
+HOPPER = mbvi.robot("hopper")
 STEP, STEPS = 1e-3, 350
 # torques are constant for so many steps; they act on the hip and on the knee
 HOLD, MOST = 50, 20.0

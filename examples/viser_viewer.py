@@ -4,7 +4,6 @@ It needs viser: pip install 'mbvi[viser]'. As a program it serves the page until
 """
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +12,7 @@ from pinocchio.visualize import ViserVisualizer
 
 import mbvi
 
-URDF = str(Path(__file__).parents[1] / "robots/quadruped/quadruped.urdf")
+URDF = str(mbvi.robot("quadruped"))
 
 
 def main(serve: bool = False) -> float:

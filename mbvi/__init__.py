@@ -1,9 +1,9 @@
 """Rigid multibody systems with impacts: perfect unilateral constraints, Newton restitution, several impacts at once."""
 
 import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from . import packing, reference
-from .constraints import GapFunction
 from .errors import (
     DivergedError,
     InadmissibleStartError,
@@ -18,19 +18,24 @@ from .errors import (
     UrdfError,
 )
 from .geometry import motion, surfaces
-from .impacts import Forks, forks
-from .problem import Problem
-from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
-from .results import Diagnosis, Impact, Trajectory, load
-from .run.rollouts.rollout import Rollouts, rollout
-from .run.rollouts.rollout_job import RolloutStatus
-from .run.simulate import simulate, steps
-from .run.simulator import Simulator
-from .scene import REDUCTIONS, Scene
-from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
-from .sweeps import plot_sweep, replay, sweep
-from .system import LagrangianSystem
-from .system.controls import CompiledControl, ConstantTorque, PDControl
+
+if TYPE_CHECKING:
+    from . import packing, reference
+    from .constraints import GapFunction
+    from .impacts import Forks, forks
+    from .problem import Problem
+    from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
+    from .results import Diagnosis, Impact, Trajectory, load
+    from .run.rollouts.rollout import Rollouts, rollout
+    from .run.rollouts.rollout_job import RolloutStatus
+    from .run.simulate import simulate, steps
+    from .run.simulator import Simulator
+    from .scene import REDUCTIONS, Scene
+    from .scene.urdf.shipped import robot
+    from .schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, StewartTrinkle
+    from .sweeps import plot_sweep, replay, sweep
+    from .system import LagrangianSystem
+    from .system.controls import CompiledControl, ConstantTorque, PDControl
 
 # both are public modules: `import mbvi.motion` works as well
 sys.modules[f"{__name__}.motion"] = motion
@@ -84,9 +89,43 @@ __all__ = [
     "project",
     "reference",
     "replay",
+    "robot",
     "rollout",
     "simulate",
     "steps",
     "surfaces",
     "sweep",
 ]
+
+# modules that are imported when one of their names is first used
+_LATER = {
+    ".constraints": "GapFunction",
+    ".impacts": "Forks forks",
+    ".problem": "Problem",
+    ".projection": "DualActiveSet Projection ProxQP SparsePCG impact project",
+    ".results": "Diagnosis Impact Trajectory load",
+    ".run.rollouts.rollout": "Rollouts rollout",
+    ".run.rollouts.rollout_job": "RolloutStatus",
+    ".run.simulate": "simulate steps",
+    ".run.simulator": "Simulator",
+    ".scene": "REDUCTIONS Scene",
+    ".scene.urdf.shipped": "robot",
+    ".schemes": "Centered EventDriven MoreauJean Paoli SchatzmanPaoli StewartTrinkle",
+    ".sweeps": "plot_sweep replay sweep",
+    ".system": "LagrangianSystem",
+    ".system.controls": "CompiledControl ConstantTorque PDControl",
+}
+_MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("packing", "reference"):
+        return import_module(f".{name}", __name__)
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_MODULE_OF[name], __name__), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

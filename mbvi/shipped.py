@@ -1,15 +1,14 @@
-"""What the package ships: robots, and the scene of `mbvi demo`."""
+"""The scene of `mbvi demo`."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .errors import InputError
 from .scene import Scene
+from .scene.urdf.shipped import robot
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -19,28 +18,6 @@ if TYPE_CHECKING:
 _CROUCH = {"hip": 0.1, "thigh": 0.7, "calf": -1.4}
 _STIFFNESS, _DAMPING = 60.0, 2.0
 _TILT = Rotation.from_euler("xyz", [0.15, 0.1, 0.0]).as_matrix()
-
-
-def robot_path(name: str) -> Path:
-    """Return the URDF of a shipped robot.
-
-    Parameters
-    ----------
-    name : str
-        Name, such as "quadruped".
-
-    Raises
-    ------
-    InputError
-        If no robot has that name.
-    """
-    package = Path(__file__).resolve().parent
-    # a wheel has the robots inside the package, a clone beside it
-    folders = [folder for folder in (package / "robots", package.parent / "robots") if folder.is_dir()]
-    known = {file.stem: file for folder in reversed(folders) for file in folder.glob("*/*.urdf")}
-    if name not in known:
-        raise InputError(f"no shipped robot {name!r}; known are {', '.join(sorted(known)) or 'none'}")
-    return known[name]
 
 
 def demo_problem() -> Problem:
@@ -59,6 +36,6 @@ def demo_problem() -> Problem:
 
     scene = Scene(restitution=0.5)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
-    scene.add_urdf(robot_path("quadruped"), position=(0.0, 0.0, 0.8), rotation=_TILT, joints=joints, control=legs)
+    scene.add_urdf(robot("quadruped"), position=(0.0, 0.0, 0.8), rotation=_TILT, joints=joints, control=legs)
     scene.add_sphere(0.1, 1.5, position=(-1.2, 0.08, 0.6), velocity=(2.0, 0.0, 2.5), name="ball")
     return scene.build()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mbvi.compiled import KERNELS
+from mbvi.compiled import all_kernels
 
 # where helpers assert, what they compared is shown
 pytest.register_assert_rewrite("support")
@@ -30,8 +30,9 @@ def kernels():
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     # each worker begins with a share of its own, and loads what the others have compiled by then
-    first = worker * len(KERNELS) // workers
-    for kernel in (*KERNELS[first:], *KERNELS[:first]):
+    kernels = all_kernels()
+    first = worker * len(kernels) // workers
+    for kernel in (*kernels[first:], *kernels[:first]):
         kernel.compiled()
 
 

@@ -12,7 +12,6 @@ import pytest
 
 import mbvi
 from mbvi import packing, surfaces
-from mbvi.shipped import robot_path
 from mbvi.sweeps.points import points_of, takes_rng
 from support.paths import EXAMPLES
 from support.repeated_runs import bytes_of, every_shape, short_run, simulate_elsewhere
@@ -168,7 +167,7 @@ def test_another_process_simulates_a_problem_that_was_sent_to_it():
 
 def test_a_function_without_a_name_is_refused_by_pickle_and_copied_by_deepcopy():
     scene = mbvi.Scene()
-    scene.add_urdf(robot_path("hopper"), position=(0, 0, 1), control=lambda t, q, v: -0.1 * v)
+    scene.add_urdf(mbvi.robot("hopper"), position=(0, 0, 1), control=lambda t, q, v: -0.1 * v)
     problem = scene.build()
     with pytest.raises((pickle.PicklingError, AttributeError), match="lambda"):
         pickle.dumps(problem)

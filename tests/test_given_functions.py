@@ -354,12 +354,11 @@ def test_event_driven_says_where_it_makes_no_progress():
 @pytest.mark.parametrize("bad", [NAN, INF])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=repr)
 def test_a_control_that_is_not_finite_raises_at_its_step(scheme, bad, tmp_path):
-    from mbvi.shipped import robot_path
 
     scene = mbvi.Scene()
     scene.add_halfspace((0, 0, 1))
     scene.add_urdf(
-        robot_path("hopper"), position=(0, 0, 2),
+        mbvi.robot("hopper"), position=(0, 0, 2),
         control=lambda t, q, v: np.where(t > 0.05, bad, 0.0) * np.ones(len(v)),
     )  # fmt: skip
     problem = scene.build()

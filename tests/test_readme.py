@@ -24,8 +24,7 @@ BLOCKS = [
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Work in a folder with the robots of the repository."""
-    (tmp_path / "robots").symlink_to(ROOT / "robots")
+    """Work in an empty folder: mbvi brings the robots."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -13,11 +13,6 @@ import numpy as np
 import typer
 
 from ..errors import InadmissibleStartError, InputError
-from ..scene import Scene
-from ..scene.mjcf.file import compiled_model
-from ..scene.reductions import DEFAULT_REDUCTIONS
-from ..scene.urdf.checks import read_xml
-from ..scene.urdf.robot_names import description_file, format_of, is_robot_name
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -39,7 +34,9 @@ class Base(StrEnum):
 RobotArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="ROBOT", help="A URDF, a MJCF, or robot:NAME of the package robot_descriptions.", show_default=False
+        metavar="ROBOT",
+        help="A URDF, a MJCF, or robot:NAME of mbvi or robot_descriptions.",
+        show_default=False,
     ),
 ]
 BaseOption = Annotated[
@@ -102,11 +99,17 @@ class RobotOnFloor(NamedTuple):
 
     @property
     def _mjcf(self) -> bool:
+        from ..scene.urdf.checks import read_xml
+        from ..scene.urdf.robot_names import format_of, is_robot_name
+
         if is_robot_name(self.robot):
             return format_of(self.robot) == "MJCF"
         return read_xml(self.robot)[1].tag == "mujoco"
 
     def _gravity_of_mjcf(self) -> Array:
+        from ..scene.mjcf.file import compiled_model
+        from ..scene.urdf.robot_names import description_file
+
         return np.array(compiled_model(description_file(self.robot, "MJCF"))[0].opt.gravity)
 
     def _of_mjcf(self, gravity: Array) -> tuple[bool, bool]:
@@ -116,9 +119,14 @@ class RobotOnFloor(NamedTuple):
         return bool(model.items.walls), model.items.robots[0].base == "fixed"
 
     def _problem_at(
-        self, gravity: Array | None, floor: bool, z: float, reduce: Collection[str] = DEFAULT_REDUCTIONS
+        self, gravity: Array | None, floor: bool, z: float, reduce: Collection[str] | None = None
     ) -> Problem:
-        """Return the problem with the robot raised by z; `gravity` is that of a MJCF, None for a URDF."""
+        """Return the problem with the robot raised by z; `gravity` is that of a MJCF, None for a URDF.
+
+        Without `reduce` its default of `Scene.build` holds.
+        """
+        from ..scene import Scene
+
         scene = Scene(restitution=self.restitution, friction=self.friction)
         if gravity is not None:
             scene = Scene(gravity=gravity, restitution=self.restitution, friction=self.friction)
@@ -129,7 +137,7 @@ class RobotOnFloor(NamedTuple):
         else:
             base, srdf = (self.base or Base.free).value, None if self.srdf is None else str(self.srdf)
             scene.add_urdf(self.robot, base=base, position=(0.0, 0.0, z), joints=self.joints, srdf=srdf)
-        return scene.build(reduce)
+        return scene.build() if reduce is None else scene.build(reduce)
 
 
 def joint_positions(given: Sequence[str]) -> dict[str, float]:

@@ -15,14 +15,13 @@ import typer
 
 from ..arguments import positive
 from ..errors import InputError, MbviWarning, TrajectoryFileError
-from ..run.interrupted import save_interrupted
-from ..schemes import EventDriven, Scheme
 from .names.schemes import SchemeName
 from .names.solvers import SolverName
 from .replay import Shapes, page_name, write_page
 
 if TYPE_CHECKING:
     from ..problem import Problem
+    from ..schemes import EventDriven, Scheme
 
 
 def positive_option(option: typer.CallbackParam, value: float | None) -> float | None:
@@ -128,6 +127,8 @@ def chosen_scheme(name: SchemeName | None, tolerance: float | None) -> Scheme | 
         return None if name is None else name.make()
     if name not in (None, SchemeName.event_driven):
         raise InputError(f"--tolerance is an option of event-driven; {name} needs --step")
+    from ..schemes import EventDriven
+
     return EventDriven(tolerance)
 
 
@@ -135,6 +136,7 @@ def run_and_print(problem: Problem, request: Request) -> None:
     """Run a problem; print its impacts, energy, penetration and notes, and write its files."""
     from ..compiled import seconds_compiling
     from ..results.diagnosis.energies import energies
+    from ..run.interrupted import save_interrupted
     from ..run.simulate import simulate as run_problem
 
     scheme, duration, out = request.scheme, request.duration, request.out

@@ -2,11 +2,23 @@
 
 from .addresses import call_address
 from .folder import cache_folder
-from .kernels import KERNELS, Kernel, calling_others, compile_all, held, kernel, plain_array, record, seconds_compiling
+from .kernels import (
+    KERNELS,
+    Kernel,
+    all_kernels,
+    calling_others,
+    compile_all,
+    held,
+    kernel,
+    plain_array,
+    record,
+    seconds_compiling,
+)
 
 __all__ = [
     "KERNELS",
     "Kernel",
+    "all_kernels",
     "cache_folder",
     "call_address",
     "calling_others",

@@ -9,6 +9,7 @@ import gc
 import logging
 import os
 import pickle
+import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,21 +17,34 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
 import numpy as np
 from numba import types
 from numba.core import config
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+from ..errors import InputError
 from .folder import cache_folder
 from .interrupts import interrupts_later
-from .linking import compile_now, entry_dispatcher, function_dispatcher, rebuilt, reduced
+from .linking import (
+    compile_now,
+    entry_dispatcher,
+    function_dispatcher,
+    rebuilt,
+    rebuilt_entry,
+    reduced,
+    reduced_entry,
+)
 from .one_process import one_process
 from .records import RecordType, record_type
 
 _logger = logging.getLogger(__name__)
 
-_MARK = b"mbvi-5\n\0"
+# what a wheel carries, by the versions that made it; a clone has no such folder
+_CARRIED = Path(__file__).parent / "machine_code"
+
+_MARK = b"mbvi-6\n\0"
 _DIGEST = 32
 # files of a kernel that are kept: four of each version of mbvi, numba or Python
 _MOST_FILES = 40
@@ -47,7 +61,7 @@ class _CheckedFile(IndexDataCacheFile):
 
     def _load_index(self) -> dict[Any, str]:
         try:
-            found = self._checked(self._index_path)
+            found = self.checked(self._index_path)
             if found is None or found[0] != self._version or found[1] != self._source_stamp:
                 return {}
             overloads: dict[Any, str] = found[2]
@@ -57,20 +71,21 @@ class _CheckedFile(IndexDataCacheFile):
             return {}
 
     def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+        self.write(self._index_path, (self._version, self._source_stamp, overloads))
 
     def _load_data(self, name: str) -> Any:
         path = self._data_path(name)
         try:
-            return self._checked(path)
+            return self.checked(path)
         except _DamagedFile:
             self._remove(path)
             return None
 
     def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
+        self.write(self._data_path(name), data)
 
-    def _write(self, path: str, content: Any) -> None:
+    def write(self, path: str, content: Any) -> None:
+        """Write what `checked` reads."""
         data = self._dump(content)
         with self._open_for_write(path) as file:
             file.write(_MARK + sha256(data).digest() + data)
@@ -84,7 +99,7 @@ class _CheckedFile(IndexDataCacheFile):
             pass
 
     @staticmethod
-    def _checked(path: str) -> Any:
+    def checked(path: str) -> Any:
         """Return what was written to a file, None if there is no such file; nothing else is ever unpickled."""
         try:
             with open(path, "rb") as file:
@@ -113,9 +128,10 @@ class _CheckedCache(FunctionCache):
     Files are named by a hash of all that machine code depends on: versions of mbvi do not overwrite each other's.
     """
 
-    def __init__(self, function: Callable[..., Any], stamp: str, name: str, is_entry: bool) -> None:
-        self._name, self._py_func, self._is_entry = repr(function), function, is_entry
-        self._impl = object.__new__(CompileResultCacheImpl)
+    def __init__(
+        self, function: Callable[..., Any], stamp: str, name: str, is_entry: bool, carried: Path | None = None
+    ) -> None:
+        self._name, self._py_func, self._is_entry, self._carried = repr(function), function, is_entry, carried
         self._cache_path = str(cache_folder())
         self._cache_file = _CheckedFile(self._cache_path, name, stamp)
         self.enable()
@@ -123,10 +139,22 @@ class _CheckedCache(FunctionCache):
         self.compiles = False
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        if self._is_entry:
-            return super()._load_overload(sig, target_context)
-        kept = self._cache_file.load(self._index_key(sig, target_context.codegen()))
-        return None if kept is None else rebuilt(target_context, kept)
+        kept = self._kept_by_wheel() or self.kept(sig, target_context.codegen())
+        if kept is None:
+            return None
+        return (rebuilt_entry if self._is_entry else rebuilt)(target_context, kept)
+
+    def kept(self, sig: Any, codegen: Any) -> Any:
+        """Return what the user's cache has, None if nothing."""
+        return self._cache_file.load(self._index_key(sig, codegen))
+
+    def _kept_by_wheel(self) -> Any:
+        """Return what the wheel carries, None if nothing that can be read."""
+        try:
+            return None if self._carried is None else _CheckedFile.checked(str(self._carried))
+        except _DamagedFile:
+            _logger.warning("%s is damaged: its kernel is compiled on this machine", self._carried)
+            return None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
@@ -136,7 +164,7 @@ class _CheckedCache(FunctionCache):
 
     def _save_overload(self, sig: Any, data: Any) -> None:
         os.makedirs(self._cache_path, exist_ok=True)
-        kept = self._impl.reduce(data) if self._is_entry else reduced(data)
+        kept = (reduced_entry if self._is_entry else reduced)(data)
         self._cache_file.save(self._index_key(sig, data.codegen), kept)
         self._remove_old()
 
@@ -155,6 +183,12 @@ class _CheckedCache(FunctionCache):
                 f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror or error}): the next process "
                 "compiles them again"
             )
+
+
+def made_by() -> str:
+    """Return by which Python, on which platform, and by which numba machine code is made that this process can load."""
+    python = f"{sys.implementation.cache_tag}{getattr(sys, 'abiflags', '')}-{sys.platform}-{platform.machine()}"
+    return f"{python}-numba-{numba.__version__}-llvmlite-{llvmlite.__version__}"
 
 
 def signature_of(text: str, records: dict[str, Any]) -> Any:
@@ -205,8 +239,9 @@ class Code:
         self._before_compiling, self._nogil, self._apart = before_compiling, nogil, apart
         # no C functions: nothing takes the kernels' addresses
         self._options = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": allocates}
+        name = f"{Path(function.__code__.co_filename).stem}.{function.__name__}"
         key = sha256(f"{stamp} {numba.__version__} {np.__version__} {sys.version} {_MARK!r}".encode()).hexdigest()[:20]
-        self._name = f"{Path(function.__code__.co_filename).stem}.{function.__name__}-{key}"
+        self._name, self._carried = f"{name}-{key}", f"{made_by()}/{name}-{stamp[:20]}"
         self._callee: Any = None
 
     def callee(self) -> Any:
@@ -223,14 +258,23 @@ class Code:
             # there is nothing to compile
             self._before_compiling()
             return self._function
-        cache = _CheckedCache(self._function, self._stamp, self._name, True)
+        cache = _CheckedCache(self._function, self._stamp, self._name, True, _CARRIED / self._carried)
         how = self.callee, self._nogil, self._apart
         return self._made(entry_dispatcher(self._function, self._options, cache, *how))
+
+    def carry(self, folder: Path) -> None:
+        """Write machine code for calls from Python, which is in the user's cache, to the folder of a wheel."""
+        entry, file = self.entry(), folder / self._carried
+        kept = entry._cache.kept(self._signature, entry.targetctx.codegen())
+        if kept is None:
+            raise InputError(f"{self._name} is not in the cache {cache_folder()}")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        entry._cache._cache_file.write(str(file), kept)
 
     def _made(self, dispatcher: Any) -> Any:
         if self._found(dispatcher):
             return dispatcher
-        with one_process(cache_folder()):
+        with one_process(cache_folder(), dispatcher._cache._cache_file._index_name):
             # another process may have compiled it meanwhile
             if not self._found(dispatcher):
                 with interrupts_later(), _without_garbage_collection():

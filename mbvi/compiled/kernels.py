@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import sys
 import threading
@@ -10,11 +11,14 @@ import time
 from collections.abc import Callable, Iterable
 from functools import cache
 from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
+from ..errors import InputError
 from .addresses import AddressCall
 from .folder import cache_folder
 
@@ -23,7 +27,7 @@ _logger = logging.getLogger(__name__)
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record", bound=type)
 
-# in order of definition
+# of the modules that are imported, in order of definition
 KERNELS: list[Kernel] = []
 # one kernel is compiled at a time; a kernel compiles those that it calls
 _LOCK = threading.RLock()
@@ -85,6 +89,19 @@ class Kernel:
         """Return numba's function that other kernels call."""
         return self._compilable().callee()
 
+    def carry(self, folder: Path) -> None:
+        """Write the machine code for calls from Python to the folder of a wheel, `mbvi/compiled/machine_code` there.
+
+        Raises
+        ------
+        InputError
+            If kernels are compiled for the processor of this machine, which may have instructions that others have not.
+        """
+        if os.environ.get("NUMBA_CPU_NAME") != "generic":
+            raise InputError("machine code for other machines needs NUMBA_CPU_NAME=generic")
+        self.compiled()
+        self._compilable().carry(folder)
+
     def interpret(self) -> None:
         """Have Python run the kernel in this process from now on, without compiling it."""
         setattr(type(self), "__call__", staticmethod(self.loops))  # noqa: B010
@@ -102,7 +119,8 @@ class Kernel:
             digest.update(value.stamp() if isinstance(value, Kernel) else _bytes_of(value))
         return digest.digest()
 
-    def _callees(self) -> dict[str, Kernel]:
+    def callees(self) -> dict[str, Kernel]:
+        """Return the kernels that this one calls, by the names that it has for them."""
         return {name: value for name, value in self._named().items() if isinstance(value, Kernel)}
 
     def _apart_callees(self) -> list[Kernel]:
@@ -110,7 +128,7 @@ class Kernel:
         found: list[Kernel] = []
         seen, left = {id(self)}, [self]
         while left:
-            for other in left.pop()._callees().values():
+            for other in left.pop().callees().values():
                 if id(other) not in seen:
                     seen.add(id(other))
                     (found if other.apart else left).append(other)
@@ -128,7 +146,7 @@ class Kernel:
 
     def _allocates(self) -> bool:
         """Return whether the kernel makes arrays, or calls a kernel that returns some."""
-        others = self._callees().values()
+        others = self.callees().values()
         makes = not _ALLOCATING.isdisjoint(self.loops.__code__.co_names)
         return makes or any(not _RETURNS_NUMBERS.match(other.signature) for other in others)
 
@@ -144,7 +162,7 @@ class Kernel:
 
         # numba takes no Kernel for a function: the names of other kernels mean compiled functions here
         namespace = dict(self.loops.__globals__)
-        others = self._callees()
+        others = self.callees()
         loops = FunctionType(self.loops.__code__, namespace, self.__name__)
         loops.__module__, loops.__doc__ = self.__module__, self.__doc__
         # numba names machine code by it: kernels of one source must not share a name
@@ -228,9 +246,17 @@ def plain_array(values: np.ndarray) -> np.ndarray:
     return values if values.flags.carray and values.dtype == np.float64 else np.array(values, dtype=float, order="C")
 
 
+def all_kernels() -> list[Kernel]:
+    """Return every kernel of mbvi: the modules of its public names are imported."""
+    package = import_module(__name__.partition(".")[0])
+    for name in package.__all__:
+        getattr(package, name)
+    return KERNELS
+
+
 def compile_all() -> None:
     """Compile every kernel now, so that compiling is no part of a measurement that follows."""
-    for item in KERNELS:
+    for item in all_kernels():
         item.compiled()
 
 

@@ -208,11 +208,45 @@ def rebuilt(context: Any, kept: tuple[Any, ...]) -> Any:
         function()
     library = _Library(context.codegen(), name)
     library._shared_module = binding.parse_bitcode(code)
-    return CompileResult(
-        typing_context=context.typing_context, target_context=context, entry_point=_Function(), typing_error=None,
-        type_annotation="", signature=signature, objectmode=False, lifted=(), fndesc=description, library=library,
-        call_helper=None, environment=environment, metadata=None, reload_init=reload_init, referenced_envs=None,
+    return _result(
+        context, entry_point=_Function(), signature=signature, fndesc=description, library=library,
+        environment=environment, reload_init=reload_init,
     )  # fmt: skip
+
+
+def reduced_entry(found: Any) -> tuple[Any, ...]:
+    """Return what a cache keeps of a function that Python calls: machine code, and nothing that kernels take over."""
+    environments = tuple(found._find_referenced_environments())
+    code = found.library._get_compiled_object()
+    return found.library.name, code, found.fndesc, found.environment, found.signature, found.reload_init, environments
+
+
+def rebuilt_entry(context: Any, kept: tuple[Any, ...]) -> Any:
+    """Return the function of which `reduced_entry` was kept."""
+    name, code, description, environment, signature, reload_init, environments = kept
+    for function in reload_init:
+        function()
+    codegen = context.codegen()
+    library = _Library(codegen, name)
+    library.enable_object_caching()
+    library._set_compiled_object(code)
+    library._finalize_final_module()
+    # numba looks only for symbols that it has seen in a module
+    codegen._engine._defined_symbols.add(description.llvm_cpython_wrapper_name)
+    entry = context.get_executable(library, description, environment)
+    for each in environments:
+        codegen.set_env(each.env_name, each)
+    return _result(
+        context, entry_point=entry, signature=signature, fndesc=description, library=library, environment=environment,
+        reload_init=reload_init, referenced_envs=environments,
+    )  # fmt: skip
+
+
+def _result(context: Any, **known: Any) -> Any:
+    """Return numba's result of compiling, of which a few fields are read."""
+    empty = dict.fromkeys(CompileResult._fields)
+    fields = {**empty, "objectmode": False, "lifted": (), "type_annotation": "", **known}
+    return CompileResult(**{**fields, "typing_context": context.typing_context, "target_context": context})
 
 
 def compile_now(dispatcher: Any, signature: Any) -> None:

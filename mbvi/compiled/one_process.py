@@ -1,4 +1,4 @@
-"""One lock for all processes of a user that compile kernels: each kernel is compiled once, and the others read it."""
+"""Locks for all processes of a user that compile kernels: each kernel is compiled once, and the others read it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 
 _logger = logging.getLogger(__name__)
@@ -20,55 +21,55 @@ except ImportError:
 
 _POLL = 0.05
 _threads = threading.RLock()
-_depth = 0
+# one file of each folder stays open: closing it would release all locks of this process
+_files: dict[Path, int] = {}
 # said once a process
 _said = False
 
 
 @contextmanager
-def one_process(folder: Path) -> Iterator[None]:
-    """Wait until no other process is in such a block with the same folder, and keep them out until the end.
+def one_process(folder: Path, name: str) -> Iterator[None]:
+    """Wait until no other process is in such a block with the same folder and name, and keep them out until the end.
 
     A process that ends, in whatever way, keeps nobody out. Where the folder cannot be written to, nobody waits.
     """
-    global _depth
     with _threads:
-        file = _lock_file(folder) if _depth == 0 else None
-        _depth += 1
+        file = _lock_file(folder)
+        # a byte of the file for each name
+        place = int(sha256(name.encode()).hexdigest()[:12], 16)
+        locked = file is not None and _locked(file, place)
         try:
             yield
         finally:
-            _depth -= 1
-            if file is not None:
-                # closing releases the lock
-                os.close(file)
+            if file is not None and locked:
+                fcntl.lockf(file, fcntl.LOCK_UN, 1, place)
 
 
 def _lock_file(folder: Path) -> int | None:
-    """Return a file that this process holds locked, or None where there are no locks."""
-    global _said
+    """Return the file of the locks, or None where there are none."""
     if fcntl is None:
         return None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError:
-        return None
-    try:
-        while True:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                return file
-            except BlockingIOError:
-                if not _said:
-                    _logger.warning("another process compiles kernels: waiting for it ...")
-                _said = True
-                time.sleep(_POLL)
-            except OSError:
-                # a file system without locks
-                os.close(file)
-                return None
-    except BaseException:
-        # interrupted
-        os.close(file)
-        raise
+    if folder not in _files:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _files[folder] = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:
+            return None
+    return _files[folder]
+
+
+def _locked(file: int, place: int) -> bool:
+    """Wait for a lock; return whether this process holds it then."""
+    global _said
+    while True:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
+            return True
+        except (BlockingIOError, PermissionError):
+            if not _said:
+                _logger.warning("another process compiles kernels: waiting for it ...")
+            _said = True
+            time.sleep(_POLL)
+        except OSError:
+            # a file system without locks
+            return False

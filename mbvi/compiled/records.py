@@ -102,12 +102,16 @@ def _from_value(context: Any, builder: Any, given: Any, of: RecordType, record: 
     return room
 
 
+# entries for Python are compiled with code for each field of a record; those of longer ones are written by Python
+_MOST_FIELDS = 30
+
+
 @unbox(RecordType)
 def _from_python(of: RecordType, record: Any, c: Any) -> Any:
     """Take the address of a `Held` record, or write one that Python gives to memory that lasts until the call ends."""
     pointer = c.context.get_value_type(of)
     place = cgutils.alloca_once(c.builder, pointer)
-    failed, cleanups = cgutils.alloca_once_value(c.builder, cgutils.false_bit), []
+    failed, cleanups = cgutils.alloca_once_value(c.builder, cgutils.false_bit), list[Any]()
     address = c.pyapi.object_getattr_string(record, "memory_address")
     with c.builder.if_else(cgutils.is_null(c.builder, address)) as (given, held):
         with held:
@@ -115,21 +119,55 @@ def _from_python(of: RecordType, record: Any, c: Any) -> Any:
             c.pyapi.decref(address)
         with given:
             c.pyapi.err_clear()
-            room = cgutils.alloca_once(c.builder, pointer.pointee)
-            for k, field in enumerate(of.types):
-                native = c.unbox(field, c.pyapi.tuple_getitem(record, k))
-                with c.builder.if_then(native.is_error, likely=False):
-                    c.builder.store(cgutils.true_bit, failed)
-                c.context.pack_value(c.builder, field, native.value, cgutils.gep_inbounds(c.builder, room, 0, k))
-                if native.cleanup is not None:
-                    cleanups.append(native.cleanup)
-            c.builder.store(room, place)
+            write = _write_held if _number_of_fields(of) > _MOST_FIELDS else _write_fields
+            write(of, record, c, place, failed, cleanups)
 
     def cleanup() -> None:
         for each in reversed(cleanups):
             each()
 
     return NativeValue(c.builder.load(place), is_error=c.builder.load(failed), cleanup=cleanup if cleanups else None)
+
+
+def _write_fields(of: RecordType, record: Any, c: Any, place: Any, failed: Any, cleanups: list[Any]) -> None:
+    """Generate code that reads each field, and store the address of the record that it writes."""
+    room = cgutils.alloca_once(c.builder, c.context.get_value_type(of).pointee)
+    for k, field in enumerate(of.types):
+        native = c.unbox(field, c.pyapi.tuple_getitem(record, k))
+        with c.builder.if_then(native.is_error, likely=False):
+            c.builder.store(cgutils.true_bit, failed)
+        c.context.pack_value(c.builder, field, native.value, cgutils.gep_inbounds(c.builder, room, 0, k))
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+    c.builder.store(room, place)
+
+
+def _write_held(of: RecordType, record: Any, c: Any, place: Any, failed: Any, cleanups: list[Any]) -> None:
+    """Generate a call of `hold`, and store the address of what it returns, which is kept until the call ends."""
+    module = c.pyapi.import_module(c.context.insert_const_string(c.builder.module, __name__))
+    function = c.pyapi.object_getattr_string(module, hold.__name__)
+    made = c.pyapi.call_function_objargs(function, [record])
+    c.pyapi.decref(function)
+    c.pyapi.decref(module)
+    # null where the record is held already
+    kept = cgutils.alloca_once(c.builder, c.pyapi.pyobj)
+    with c.builder.if_else(cgutils.is_null(c.builder, made)) as (error, held):
+        with error:
+            c.builder.store(cgutils.true_bit, failed)
+        with held:
+            address = c.pyapi.object_getattr_string(made, "memory_address")
+            pointer = c.context.get_value_type(of)
+            c.builder.store(c.builder.inttoptr(c.pyapi.long_as_longlong(address), pointer), place)
+            c.builder.store(made, kept)
+            c.pyapi.decref(address)
+    cleanups.append(lambda: c.pyapi.decref(c.builder.load(kept)))
+
+
+def _number_of_fields(of: Any) -> int:
+    if isinstance(of, RecordType | types.BaseTuple):
+        inner: Any = of.types if isinstance(of, RecordType) else of
+        return sum(_number_of_fields(each) for each in inner)
+    return 1
 
 
 class Held:
@@ -172,6 +210,11 @@ class Held:
         for value, kind in zip(fields, kinds, strict=True):
             _append(value, kind, numbers)
         layout.pack_into(self._memory, 0, *numbers)
+
+
+def hold(record: Any) -> Held:
+    """Return a record that kernels were given in memory of its own."""
+    return Held(record, _known[type(record)])
 
 
 def _place_of(array: Any) -> int:

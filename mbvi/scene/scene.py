@@ -121,7 +121,8 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         Parameters
         ----------
         path : path
-            URDF file, or "robot:" and a name of the package robot_descriptions, whose cache must hold it.
+            URDF file, or "robot:" and a name: of a robot that mbvi ships, such as "robot:hopper", or of the package
+            robot_descriptions, whose cache must hold it.
         base : "free" or "fixed"
             Whether its root link floats or is welded to the world.
         position, rotation : array_like

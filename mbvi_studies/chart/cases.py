@@ -12,8 +12,8 @@ from mbvi.reference import MAKERS
 from mbvi.reference.solution import Reference
 from mbvi.run.simulate import simulate
 from mbvi.scene import Scene
+from mbvi.scene.urdf.shipped import robot
 from mbvi.schemes import EventDriven
-from mbvi.shipped import robot_path
 
 from ..published_robots import PUBLISHED, published_robot
 from ..spheres import cube_of_spheres
@@ -37,7 +37,7 @@ def quadruped_landing(e: float) -> Case:
     scene = Scene(restitution=e)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     velocity = {"FL_hip_joint": 0.5, "RR_thigh_joint": 1.0}
-    scene.add_urdf(robot_path("quadruped"), position=(0.0, 0.0, 0.45), rotation=_TILT, joints=joints, velocity=velocity)
+    scene.add_urdf(robot("quadruped"), position=(0.0, 0.0, 0.45), rotation=_TILT, joints=joints, velocity=velocity)
     problem, duration = scene.build(), 0.2
     run = simulate(problem, EventDriven(_ROBOT_TOLERANCE), duration=duration, progress=False)
     # other engines model joint limits and link shapes differently, so the case ends before they matter

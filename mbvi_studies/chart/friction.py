@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mbvi.reference import painleve_rod
-from mbvi.shipped import robot_path
+from mbvi.scene.urdf.shipped import robot
 
 from ..engines.rig import State
 from .errors import Array
@@ -147,7 +147,7 @@ def standing() -> Rough:
     still = np.zeros(3)
     start = State(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.0, 1.0]), rest, still, still, np.zeros(12))
     return Rough(
-        "quadruped that stands on a slope", robot_path("quadruped").read_text(), "trunk", joints, mu, _inclined(slope),
+        "quadruped that stands on a slope", robot("quadruped").read_text(), "trunk", joints, mu, _inclined(slope),
         start, 60.0, (10.0, 60.0), lambda s: float(np.linalg.norm(s[1].position - s[0].position)),
         "creep of the trunk, 10 to 60 s [m]", "rest", _STIFFNESS, _DAMPING,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbvi.shipped import robot_path
+from mbvi.scene.urdf.shipped import robot
 from mbvi.system import ArticulatedSystem
 
 from ..chart.sweep import Case
@@ -166,7 +166,7 @@ def _quadruped(case: Case) -> Rig:
     system = case.problem.system
     assert isinstance(system, ArticulatedSystem)
     model = system.model
-    text = robot_path("quadruped").read_text()
+    text = robot("quadruped").read_text()
 
     def state(q: Array, v: Array) -> State:
         q, v = np.array(q), np.array(v)

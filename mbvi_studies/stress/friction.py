@@ -11,7 +11,7 @@ from mbvi.geometry.motion import Rotation
 from mbvi.problem import Problem
 from mbvi.results.trajectory import Trajectory
 from mbvi.scene import Scene
-from mbvi.shipped import robot_path
+from mbvi.scene.urdf.shipped import robot
 from mbvi.system.system import Array
 
 from .scene import StressScene, gain_or_penetration, moved
@@ -97,7 +97,7 @@ def _quadruped(h: float) -> Problem:
 
     scene = _slope(0.7, 0.3)
     joints = dict(zip(names, _STANCE.tolist(), strict=True))
-    scene.add_urdf(robot_path("quadruped"), position=(0, 0, 0.36), joints=joints, control=hold)
+    scene.add_urdf(robot("quadruped"), position=(0, 0, 0.36), joints=joints, control=hold)
     return scene.build()
 
 

@@ -4,9 +4,7 @@ import logging
 import os
 import re
 import shlex
-import shutil
 import sys
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +14,6 @@ import pytest
 import mbvi
 from mbvi.cli.names.schemes import SchemeName
 from mbvi.cli.names.solvers import SolverName
-from mbvi.shipped import robot_path
 from support.paths import ROBOTS
 from support.programs import run
 
@@ -310,39 +307,9 @@ def test_the_installed_command_runs():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_robot_is_found(name):
-    assert robot_path(name).read_bytes() == (ROBOTS / name / f"{name}.urdf").read_bytes()
+    assert mbvi.robot(name).read_bytes() == (ROBOTS / name / f"{name}.urdf").read_bytes()
 
 
 def test_an_unknown_robot_is_refused_with_the_known_ones():
     with pytest.raises(mbvi.InputError, match=f"known are {', '.join(NAMES)}"):
-        robot_path("unicycle")
-
-
-@pytest.mark.slow
-def test_the_wheel_runs_the_demo_outside_the_clone(tmp_path):
-    wheel = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet"]
-    built = run([*wheel, "--wheel-dir", tmp_path, ROBOTS.parent], env=None)
-    assert built.returncode == 0, built.stderr
-    site, work = tmp_path / "site", tmp_path / "work"
-    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
-        archive.extractall(site)
-    # kernels that were compiled from the same code here are valid there
-    for file in (ROBOTS.parent / "mbvi").rglob("*.nb[ic]"):
-        copy = site / file.relative_to(ROBOTS.parent)
-        copy.parent.mkdir(exist_ok=True)
-        shutil.copyfile(file, copy)
-    work.mkdir()
-    program = "import mbvi, mbvi.shipped as s; print(mbvi.__file__, s.robot_path('hopper'))\n"
-    program += "from mbvi.cli.main import main; main(['demo'])"
-    environment = {**os.environ, "PYTHONPATH": str(site)}
-    done = run([sys.executable, "-c", program], cwd=work, env=environment)
-    assert done.returncode == 0, done.stderr
-    first = f"{site / 'mbvi/__init__.py'} {site / 'mbvi/robots/hopper/hopper.urdf'}"
-    assert done.stdout.splitlines()[0] == first
-    assert (work / "out/demo.html").is_file() and (work / "out/demo.h5").is_file()
-    program = (
-        "import mbvi_studies; print(mbvi_studies.__file__)\nfrom mbvi.cli.main import main; main(['chart', '--list'])"
-    )
-    done = run([sys.executable, "-c", program], cwd=work, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{site / 'mbvi_studies/__init__.py'}\nproblems\n")
+        mbvi.robot("unicycle")

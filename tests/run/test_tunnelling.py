@@ -6,7 +6,6 @@ import pytest
 import mbvi
 from mbvi.constraints.families.signed_distance import SignedDistances
 from mbvi.geometry.broad.sweep import may_pass
-from mbvi.shipped import robot_path
 
 SCHEMES = [
     mbvi.Paoli(),
@@ -59,7 +58,7 @@ def test_a_box_that_spins_fast_clatters_on_a_plate_and_stays_on_its_side(scheme)
 def test_links_that_are_not_watched_on_a_way_do_not_meet_on_it(rng):
     """A quadruped's legs swing by up to a radian; the gaps of the pairs that are left out stay open."""
     scene = mbvi.Scene()
-    scene.add_urdf(robot_path("quadruped"))
+    scene.add_urdf(mbvi.robot("quadruped"))
     problem = scene.build()
     links = next(c for c in problem.constraints.constraints if isinstance(c, SignedDistances))
     every, left_out = np.arange(len(links.names)), 0

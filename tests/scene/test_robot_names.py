@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import mbvi
+from mbvi.scene.urdf.robot_names import description_file, format_of
 from support.paths import REAL_ROBOTS
 
 pytest.importorskip("robot_descriptions")
@@ -74,7 +75,15 @@ def test_unknown_names_are_refused_with_similar_ones(cache):
             mbvi.Scene().add_urdf(f"robot:{name}")
 
 
+def test_a_robot_that_mbvi_ships_is_found_by_its_name(monkeypatch):
+    monkeypatch.setitem(sys.modules, "robot_descriptions._descriptions", None)
+    assert description_file("robot:hopper", "URDF") == mbvi.robot("hopper")
+    assert format_of("robot:hopper") == "URDF"
+    with pytest.raises(mbvi.InputError, match="hopper is URDF, not MJCF: use add_urdf"):
+        mbvi.Scene().add_mjcf("robot:hopper")
+
+
 def test_without_the_package_the_error_names_the_extra(cache, monkeypatch):
     monkeypatch.setitem(sys.modules, "robot_descriptions._descriptions", None)
-    with pytest.raises(mbvi.InputError, match=r"pip install 'mbvi\[robots\]'"):
+    with pytest.raises(mbvi.InputError, match=r"mbvi ships arm, .*: pip install 'mbvi\[robots\]'"):
         mbvi.Scene().add_urdf("robot:go2_description")

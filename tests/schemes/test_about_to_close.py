@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.shipped import robot_path
 
 LEGS = np.tile([0.0, 0.6, -1.2], 4)
 
@@ -17,7 +16,7 @@ def landing(friction, e=0.0):
     scene.add_halfspace((0, 0, 1))
     names = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
     control = mbvi.PDControl(LEGS, 60.0, 1.5)
-    path = robot_path("quadruped")
+    path = mbvi.robot("quadruped")
     scene.add_urdf(path, position=(0, 0, 0.37), joints=dict(zip(names, LEGS, strict=True)), control=control)
     return scene.build()
 
@@ -60,7 +59,7 @@ def test_a_ball_bounces_beside_a_body_that_is_projected(other, friction, loop, m
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_sphere(radius=0.1, mass=1.0, position=(2, 0, 0.6), name="ball")
     if other == "robot":
-        scene.add_urdf(robot_path("hopper"), position=(0, 0, 0.5), joints={"knee": 0.4})
+        scene.add_urdf(mbvi.robot("hopper"), position=(0, 0, 0.5), joints={"knee": 0.4})
     else:
         scene.add_box((0.4, 0.3, 0.1), mass=1.0, position=(0, 0, 0.08), rotation=(0.02, 0.01, 0), name="box")
     problem, count = scene.build(), 0

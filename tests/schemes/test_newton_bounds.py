@@ -9,7 +9,6 @@ import mbvi
 from mbvi import packing
 from mbvi.projection import Projector
 from mbvi.schemes.positions.newton_bounds import newton_bounds
-from mbvi.shipped import robot_path
 from mbvi_studies.chart.errors import fitted_order, path_errors, worst_errors
 from support.orders import STEPS
 
@@ -172,7 +171,7 @@ def grains(count, e, radius=0.02, robot=False):
     centres = centres - (centres.min(axis=0) + centres.max(axis=0)) / 2.0 + width * np.array([0.5, 0.5, 0.6])
     scene.add_spheres(centres, radius, 1.0)
     if robot:
-        scene.add_urdf(robot_path("quadruped"), position=(width / 2, width / 2, width + 0.7))
+        scene.add_urdf(mbvi.robot("quadruped"), position=(width / 2, width / 2, width + 0.7))
     return scene.build()
 
 

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 import mbvi
 from mbvi.projection import Projector
-from mbvi.shipped import robot_path
 from mbvi_studies.spheres import cube_of_spheres
 
 H = 2e-3
@@ -304,7 +303,7 @@ def test_percussions_are_the_gain_of_momentum_of_a_robot(e):
     """M (w - v_free) = J^T p with the mass matrix of the beginning of the step, also after searches at its end."""
     scene = mbvi.Scene(restitution=e)
     scene.add_halfspace((0, 0, 1))
-    scene.add_urdf(robot_path("quadruped"), position=(0, 0, 0.5))
+    scene.add_urdf(mbvi.robot("quadruped"), position=(0, 0, 0.5))
     problem, h, struck = scene.build(), 1e-3, 0
     q, v, projector = problem.q0, problem.v0.copy(), Projector()
     v[6:] = 5.0 * np.sin(np.arange(12.0))

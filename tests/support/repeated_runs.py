@@ -3,7 +3,6 @@
 import numpy as np
 
 import mbvi
-from mbvi.shipped import robot_path
 
 # steps of each example that a copy takes
 FEW = 40
@@ -44,8 +43,8 @@ def every_shape():
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.1, 0.1, 0.1]])
     scene.add_convex(corners, [(-0.3, 0.3, 0.2)], mass=1.0)
     scene.add_sphere(0.05, position=(-0.3, -0.3, 0.2))
-    scene.add_urdf(robot_path("hopper"), position=(2, 0, 0.8), joints={"hip": -0.2, "knee": 0.4}, control=hold)
-    scene.add_urdf(robot_path("arm"), base="fixed", position=(-2, 0, 0.1))
+    scene.add_urdf(mbvi.robot("hopper"), position=(2, 0, 0.8), joints={"hip": -0.2, "knee": 0.4}, control=hold)
+    scene.add_urdf(mbvi.robot("arm"), base="fixed", position=(-2, 0, 0.1))
     scene.set_restitution("hopper", "floor", 0.7)
     return scene.build()
 

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
-from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from ...schemes import Centered, EventDriven, MoreauJean, Paoli, SchatzmanPaoli, Scheme, StewartTrinkle
+if TYPE_CHECKING:
+    from ...schemes import EventDriven, Scheme
 
 
 class SchemeName(StrEnum):
-    """The name of a scheme on the command line; `make()` returns the scheme."""
+    """The name of a scheme on the command line, with its class in `mbvi.schemes` and arguments of that."""
 
-    make: Callable[[], Scheme | EventDriven]
+    class_name: str
+    options: dict[str, Any]
 
-    paoli = "paoli", Paoli
-    moreau_jean = "moreau-jean", MoreauJean
-    centered = "centered", Centered
-    centered_projected = "centered-projected", partial(Centered, project_positions=True)
-    schatzman_paoli = "schatzman-paoli", SchatzmanPaoli
-    event_driven = "event-driven", EventDriven
-    stewart_trinkle = "stewart-trinkle", StewartTrinkle
+    paoli = "paoli", "Paoli"
+    moreau_jean = "moreau-jean", "MoreauJean"
+    centered = "centered", "Centered"
+    centered_projected = "centered-projected", "Centered", {"project_positions": True}
+    schatzman_paoli = "schatzman-paoli", "SchatzmanPaoli"
+    event_driven = "event-driven", "EventDriven"
+    stewart_trinkle = "stewart-trinkle", "StewartTrinkle"
 
-    def __new__(cls, word: str, make: Callable[[], Scheme | EventDriven]) -> SchemeName:
+    def __new__(cls, word: str, class_name: str, options: dict[str, Any] | None = None) -> SchemeName:
         """Return the member of a name."""
         name = str.__new__(cls, word)
-        name._value_, name.make = word, make
+        name._value_, name.class_name, name.options = word, class_name, options or {}
         return name
+
+    def make(self) -> Scheme | EventDriven:
+        """Return the scheme."""
+        # imported here for its weight: a text of help needs none
+        from ... import schemes
+
+        made: Scheme | EventDriven = getattr(schemes, self.class_name)(**self.options)
+        return made

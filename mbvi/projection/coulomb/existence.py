@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..metric import Array, Metric
 
@@ -23,6 +22,9 @@ def existence_margin(metric: Metric, J: Array, friction: Array) -> float:
     """
     W = metric.whiten(J.T).T
     W = W / np.repeat(np.linalg.norm(W[::3], axis=1), 3)[:, None]
+    # imported here for its weight: few runs need it
+    from scipy.optimize import nnls
+
     vertices, least, margin = [W[0]], W[0], 0.0
     for _ in range(_MOST_VERTICES):
         rates = (W @ least).reshape(-1, 3)

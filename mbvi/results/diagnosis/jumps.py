@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
@@ -175,6 +174,9 @@ def _contacts(problem: Problem, step: Step, v: Array, away: float, wide: Array, 
 
 def _beyond(contacts: _Contacts, percussion: Array, change: Array, pushed: Array) -> bool:
     """Return whether percussions and jump exceed those of the frictionless law, which stops what approaches."""
+    # imported here for its weight
+    from scipy.optimize import nnls
+
     normals = contacts.wide[::3]
     # whitened velocities with these normal speeds
     needed = np.linalg.lstsq(normals, contacts.least - contacts.free[:, 0])[0]
@@ -213,6 +215,8 @@ def _with_cases(contacts: _Contacts, held: Array, slips: Array, slip: Array) -> 
 
     Friction acts against `slip`.
     """
+    from scipy.optimize import nnls
+
     wide, mu, columns, equations = contacts.wide, contacts.mu, [], []
     for a in np.flatnonzero(held):
         directions = _directions(slip[a] if slips[a] else None, mu[a])

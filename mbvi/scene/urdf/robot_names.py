@@ -1,4 +1,4 @@
-"""Finds robots by their names in the package robot_descriptions, in its local cache only: nothing is downloaded."""
+"""Finds robots by their names: those that mbvi ships, and of robot_descriptions those in its cache."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 
 from ...arguments import file_path, shown
 from ...errors import InputError
+from .shipped import robot, shipped_robots
 
 _PREFIX = "robot:"
 _PACKAGE = "robot_descriptions"
@@ -23,7 +24,8 @@ def description_file(path: str | os.PathLike[str], kind: str) -> Path:
     Parameters
     ----------
     path : path
-        A file, or "robot:" and a name of robot_descriptions, such as "robot:go2_description".
+        A file, or "robot:" and a name: of a robot that mbvi ships, such as "robot:hopper", or of robot_descriptions,
+        such as "robot:go2_description"; nothing is downloaded.
     kind : "URDF" or "MJCF"
         What the description must be.
 
@@ -36,6 +38,10 @@ def description_file(path: str | os.PathLike[str], kind: str) -> Path:
     if not str(file).startswith(_PREFIX):
         return file
     name = str(file).removeprefix(_PREFIX)
+    if name in shipped_robots():
+        if kind != "URDF":
+            raise InputError(f"{name} is URDF, not {kind}: use add_urdf")
+        return robot(name)
     module = _description(name)
     found: str | None = getattr(module, f"{kind}_PATH", None)
     if found is None:
@@ -47,7 +53,10 @@ def description_file(path: str | os.PathLike[str], kind: str) -> Path:
 
 def format_of(path: str | os.PathLike[str]) -> str:
     """Return "MJCF" if a name "robot:..." has no URDF and a MJCF, else "URDF"."""
-    module = _description(str(path).removeprefix(_PREFIX))
+    name = str(path).removeprefix(_PREFIX)
+    if name in shipped_robots():
+        return "URDF"
+    module = _description(name)
     return "MJCF" if hasattr(module, "MJCF_PATH") and not hasattr(module, "URDF_PATH") else "URDF"
 
 
@@ -62,7 +71,9 @@ def _description(name: str) -> Any:
         known = importlib.import_module(f"{_PACKAGE}._descriptions").DESCRIPTIONS
         repositories = importlib.import_module(f"{_PACKAGE}._repositories").REPOSITORIES
     except ImportError as error:
-        raise InputError("robots are found by name in robot_descriptions: pip install 'mbvi[robots]'") from error
+        known_here = ", ".join(sorted(shipped_robots()))
+        said = f"mbvi ships {known_here}; other robots are found in robot_descriptions: pip install 'mbvi[robots]'"
+        raise InputError(said) from error
     if name not in known:
         near = [other for other in known if name.removesuffix("_description") in other][:5]
         more = f"; similar are {', '.join(near)}" if near and name else ""

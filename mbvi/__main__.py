@@ -1,0 +1,5 @@
+"""`python -m mbvi` is the command `mbvi`."""
+
+from mbvi_command import main
+
+main()
