@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from html import escape
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -34,11 +35,14 @@ class Page:
         What meshcat's viewer is told.
     data : dict
         What the script of the page plays.
+    title : str
+        The title of the page.
     """
 
     def __init__(self) -> None:
         self.commands: list[dict[str, object]] = []
         self.data: dict[str, Any] = {}
+        self.title = "mbvi replay"
 
     def send(self, command: Command) -> None:
         """Keep a command."""
@@ -60,4 +64,5 @@ class Page:
         style, *scripts = parts
         script = f"const COMMANDS = {json.dumps(texts)};\nconst DATA = {data};\n" + "".join(scripts)
         viewer = Path(VIEWER_ROOT, "main.min.js").read_text(encoding="utf-8")
+        page = page.replace("@TITLE@", escape(self.title))
         return page.replace("@STYLE@", style).replace("@SCRIPT@", script).replace("@VIEWER@", viewer)

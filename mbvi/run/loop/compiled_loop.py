@@ -85,8 +85,8 @@ class CompiledLoop:
         self._asked = AskedForces(problem.system, self._state) if asks_python(problem.system) else None
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
-        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
-        self._log = loop_record(problem, guard, *states)
+        states = recorder.t, recorder.q, recorder.v, recorder.penetration
+        self._log = loop_record(problem, guard, *states, recorder.limit_violation, recorder.residual)
         self._held = held(self._step), held(self._log)
         self._patience, self.idle = Patience(), False
         self.codes = np.zeros(8, np.int64)
@@ -270,13 +270,15 @@ def mechanism_step(
 
 
 def loop_record(
-    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, residual: Array
-) -> LoopRecord:
+    problem: Problem, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array, violation: Array,
+    residual: Array,
+) -> LoopRecord:  # fmt: skip
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
     width = ROUGH if problem.constraints.frictional else PLAIN
     return LoopRecord(
-        t, q, v, penetration, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool),
-        np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
+        t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
+        np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
+        problem.constraints.limits, np.zeros(4 * MOST_ROWS),
         *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed,
     )  # fmt: skip
 

@@ -31,15 +31,15 @@ PLAIN, ROUGH = 12, 27
 
 
 @record(
-    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1], f8[:,::1], f8[::1], f8"
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1],"
+    " i8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
 
     Attributes
     ----------
-    t, q, v, penetration, residual : ndarray, shape (n, ...)
+    t, q, v, penetration, violation, residual : ndarray, shape (n, ...)
         Those of the recorder.
     taken : ndarray of int, shape (1,)
         How many steps this call has taken.
@@ -49,7 +49,7 @@ class LoopRecord(NamedTuple):
         The steps that may have an impact.
     number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
         The log: constraints and numbers of rows.
-    lever : ndarray, shape (c,)
+    lever, limits : ndarray, shape (c,), and int
         See `record_depth`.
     before : ndarray, shape (4 MOST_ROWS,)
         Room for the percussions at the beginning of a step.
@@ -65,6 +65,7 @@ class LoopRecord(NamedTuple):
     q: Array
     v: Array
     penetration: Array
+    violation: Array
     residual: Array
     taken: Array
     begin: Array
@@ -72,6 +73,7 @@ class LoopRecord(NamedTuple):
     number: Array
     rows: Array
     lever: Array
+    limits: int
     before: Array
     share: Array
     shares: Array
@@ -228,12 +230,12 @@ def run_paoli(
             for a in range(size[1]):
                 memory.start[a] = log.before[MOST_ROWS + a]
             return i, count, code
-        log.event[i - first], log.penetration[count] = False, 0.0
+        log.event[i - first], log.penetration[count], log.violation[count] = False, 0.0, 0.0
         if m > 0:
             rates = s.rates[: 4 * m].reshape((4, m))
             log.event[i - first] = record_depth(
-                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, still, log.penetration,
-                log.residual,
+                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, log.limits, still,
+                log.penetration, log.violation, log.residual,
             )  # fmt: skip
             log_rows(s, log, place)
             place += m
