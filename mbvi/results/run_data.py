@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -115,8 +115,8 @@ class RunData:
     record: RunRecord = field(default_factory=RunRecord, repr=False)
 
     def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.v, self.residual, self.record.penetration, self.record.limit_violation):
-            array.setflags(write=False)
+        for values in (self.t, self.q, self.v, self.residual, self.record.penetration, self.record.limit_violation):
+            values.setflags(write=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -147,7 +147,7 @@ class RunData:
             If t lies outside the run, or is neither a number nor a list of numbers.
         """
         if np.ndim(t) == 0:
-            return self._at(number(t, "t"))
+            return self._at(number(cast("float", t), "t"))
         times = array(t, "t", ("m",))
         states = [self._at(float(one)) for one in times]
         q = np.reshape([state[0] for state in states], (len(times), self.q.shape[1]))

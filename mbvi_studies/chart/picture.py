@@ -118,7 +118,8 @@ def _frame(left: Any, right: Any, records: Sequence[Record]) -> None:
 
 def _names(figure: Any, axes: Any, lines: Mapping[str, Sequence[Record]], best: Collection[str]) -> None:
     """Write the name and the order of each line beside its right end, one below the other where ends are close."""
-    ends, low, high = dict[str, tuple[float, float]](), *np.log(axes.get_ylim())
+    ends = dict[str, tuple[float, float]]()
+    low, high = np.log(axes.get_ylim())
     for name, records in lines.items():
         seen = [(r.step, max(r.error, ROUNDING)) for r in records if np.isfinite(r.error)]
         if seen:

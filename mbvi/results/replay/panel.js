@@ -120,7 +120,7 @@ function controls() {
     };
     $("body").append(new Option("none", -1), ...DATA.names.map((name, k) => new Option(name, DATA.driven + k)));
     const chosen = () => Number($("body").value), state = () => {
-        $("follow").classList.toggle("on", Camera.followed === chosen());
+        $("follow").classList.toggle("on", chosen() >= 0 && Camera.followed === chosen());
         $("trail").classList.toggle("on", Trails.lines.has(chosen()));
         $("follow").disabled = $("trail").disabled = chosen() < 0;
     };
@@ -139,7 +139,8 @@ function controls() {
     const small = () => innerWidth < 560 || innerHeight < 420;
     $("more").onclick = () => { $("options").hidden = !$("options").hidden; $("more").classList.toggle("on", !$("options").hidden); };
     addEventListener("keydown", keys);
-    if (!small()) $("more").classList.add("on"); else $("options").hidden = true;
+    // embedded in another page, it is small
+    if (!small() && !replay.loops) $("more").classList.add("on"); else $("options").hidden = true;
 }
 
 function loop(now) {

@@ -114,7 +114,7 @@ class MechanismRun:
         self._asked = AskedForces(problem.system, own.state) if asks_python(problem.system) else None
         self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
-        self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room)))
+        self._log = loop_record(problem, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((3, room)))
         self._held = held(self._step), held(self._log)
         # where states are recorded
         self._recorded = self._log.q, self._log.v
