@@ -1,7 +1,8 @@
-"""The gallery of the docs: pictures of the examples' own runs, with the number that each returns.
+"""The gallery of the docs: pictures and replays of the examples' own runs, with the number that each returns.
 
     python benchmarks/gallery.py                 # all pictures of docs/gallery, and docs/gallery.md
     python benchmarks/gallery.py drum heap       # only these pictures
+    python benchmarks/gallery.py demo            # only the replay of the first page
     python benchmarks/gallery.py --page          # only the page
 
 Needs Chromium, and Pillow. A picture is taken as `replay_video` takes it.
@@ -10,12 +11,15 @@ Needs Chromium, and Pillow. A picture is taken as `replay_video` takes it.
 from __future__ import annotations
 
 import argparse
+import base64
 import contextlib
+import gzip
 import importlib.util
 import io
 import json
 import sys
 import tempfile
+import zlib
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -23,12 +27,17 @@ from typing import NamedTuple
 import numpy as np
 
 import mbvi
+from mbvi.results.replay.page import Page
+from mbvi.results.replay.replay import page_of
 from mbvi.results.replay.video import pictures
+from mbvi.shipped import demo_problem
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES, FOLDER, PAGE = ROOT / "examples", ROOT / "docs/gallery", ROOT / "docs/gallery.md"
-NUMBERS = FOLDER / "numbers.json"
+NUMBERS, REPLAYS = FOLDER / "numbers.json", ROOT / "docs/replays"
 WIDTH, HEIGHT, QUALITY = 420, 280, 60
+# bytes of a replay beyond which it has no visual meshes
+LARGEST = 200_000
 
 
 class Shown(NamedTuple):
@@ -64,6 +73,7 @@ SECTIONS = {
         Shown("sampled_jump", "m: height that the trunk gains by sampled torques", 0, 0.35, 12, "jump.html"),
         Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6, 14),
         Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 12, "gravel.html"),
+        Shown("panda_throws_ball", "m: miss of a ball that a gripper holds and throws", 1.2, 2.4, 16, "throw.html"),
         Shown(
             "mixed_heap", ": percussions of the floor, over weight times duration plus gain of momentum: 1", 0, 0.5, 12,
             "mixed.html",
@@ -80,6 +90,7 @@ SECTIONS = {
         Shown("shaker", "s: a bed of spheres lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
         Shown("box_shaker", "s: a bed of boxes lands; the end of its free flight is 0.2063", 0, 0.4, 10, "shaker.html"),
         Shown("boxes_at_rest", "m g d: energy of a poured box with friction; all sleep", 0, 1.2, 12, "rest.html"),
+        Shown("dominoes", "m/s: speed of the wave; finer steps give 0.845", 0, 0.6, 14, "dominoes.html"),
         Shown("boxes_hit_by_ball", "N s: a ball hits a stack at rest; by hand 4.8", 0.1, 0.6, 16),
     ],
 }  # fmt: skip
@@ -146,12 +157,46 @@ def draw(shown: Shown) -> float:
     first, *rest = (Image.open(io.BytesIO(one)).convert("RGB") for one in taken)
     # an animation stays at its end for a second
     pause = [1000 * (end - shown.start) / max(shown.frames - 1, 1) * 2] * (shown.frames - 1) + [1000]
+    write_replay(shown.name, run)
     file = FOLDER / f"{shown.name}.webp"
     first.save(
         file, save_all=True, append_images=rest, duration=[int(p) for p in pause], loop=0, quality=QUALITY, method=6
     )
     print(f"{shown.name}: {number:.6g}, {file.stat().st_size / 1e3:.0f} kB", flush=True)
     return number
+
+
+def write_replay(name: str, run: mbvi.Trajectory) -> None:
+    """Write what the replay of a run shows; the build of the site makes a page of it."""
+    shown = packed(page_of(run))
+    if len(shown) > LARGEST:
+        page = page_of(run, "collision")
+        only_collision_shapes(page)
+        shown = packed(page)
+    REPLAYS.mkdir(exist_ok=True)
+    (REPLAYS / f"{name}.json.gz").write_bytes(shown)
+
+
+def packed(page: Page) -> bytes:
+    """Return what a page shows, compressed."""
+    return gzip.compress(json.dumps(page.content()).encode(), mtime=0)
+
+
+def only_collision_shapes(page: Page) -> None:
+    """Leave the visual meshes out of a page, which may be large."""
+    groups = page.data["groups"]
+    kinds = [np.frombuffer(zlib.decompress(base64.b64decode(group["kinds"])), np.uint8) for group in groups]
+    number = {str(old): str(new) for new, old in enumerate(k for k, kind in enumerate(kinds) if (kind & 2).any())}
+    page.data["groups"] = [groups[int(old)] for old in number]
+    kept = []
+    for command in page.commands:
+        head, instances, rest = str(command["path"]).partition("/instances/")
+        old, slash, name = rest.partition("/")
+        if not instances:
+            kept.append(command)
+        elif old in number:
+            kept.append({**command, "path": f"{head}{instances}{number[old]}{slash}{name}"})
+    page.commands = kept
 
 
 def card(name: str, picture: str, text: str, command: str) -> str:
@@ -168,7 +213,8 @@ def page(numbers: dict[str, float]) -> str:
     parts = [
         "# Gallery\n\nEach picture is taken from a run of an example, and each number is what the example returns.\n"
         "Tests compare the numbers with exact values or with the limit of finer steps (`tests/test_examples.py`).\n\n"
-        "A command that names a page writes its replay there: open it in a browser, turn it, and move through time.\n"
+        "A picture opens its replay: turn it, and move through time.\n"
+        "A command that names a page writes the replay there.\n"
         "`python benchmarks/gallery.py` makes this page and its pictures.\n"
     ]
     for section in dict.fromkeys([*SECTIONS, *DRAWN]):
@@ -198,6 +244,8 @@ def main() -> None:
         if not options.names or shown.name in options.names:
             numbers[shown.name] = draw(shown)
             NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True) + "\n")
+    if not options.page and (not options.names or "demo" in options.names):
+        write_replay("demo", mbvi.simulate(demo_problem(), step=1e-3, duration=2.0))
     PAGE.write_text(page(numbers))
 
 

@@ -52,7 +52,7 @@ def measured(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme, step: float, du
         begin = process_time()
         run = mbvi.simulate(problem, scheme, step=step, duration=duration)
         times.append(1e6 * (process_time() - begin) * step / duration)
-    depth = 1e3 * run.penetration()
+    depth = 1e3 * np.maximum(run.penetration(), run.limit_violation())
     return f"{depth.max():.2g} | {depth[-1]:.2g} | {np.median(times):.0f}"
 
 

@@ -121,7 +121,13 @@ def counts(problem: mbvi.Problem, scheme: mbvi.schemes.Scheme | None) -> Counts:
         run = simulated(problem, scheme, DURATION, STEP)
         spent = time.perf_counter() - start
     parts = searches.seconds / spent, projections.seconds / spent
-    return Counts(float(rows), searches.calls / n, projections.calls / n, *parts, float(run.penetration().max()))
+    return Counts(
+        float(rows),
+        searches.calls / n,
+        projections.calls / n,
+        *parts,
+        float(np.maximum(run.penetration(), run.limit_violation()).max()),
+    )
 
 
 def chosen(problem: mbvi.Problem, repeats: int) -> tuple[float, str]:

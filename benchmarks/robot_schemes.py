@@ -176,7 +176,11 @@ def row_of_steps(name: str, motion: str) -> str:
     chosen = run(h)
     energy = chosen.energy() + (control.energy(chosen.q) if control else 0.0)
     raised = np.maximum(np.diff(energy), 0.0).sum() / np.ptp(energy)
-    numbers = error(problem, chosen, reference), chosen.penetration().max(), raised
+    numbers = (
+        error(problem, chosen, reference),
+        np.maximum(chosen.penetration(), chosen.limit_violation()).max(),
+        raised,
+    )
     cells += [f"{h:g}", *(f"{x:.0e}" for x in numbers)]
     return f"| {name} | {motion} | {rate:.0f} | {elsewhere:.0f} | {' | '.join(cells)} |"
 
@@ -208,7 +212,7 @@ def main() -> None:
             for scheme in SCHEMES:
                 timed(problem, scheme, h, 10 * h)
                 time, run = timed(problem, scheme, h, DURATION)
-                depth = run.penetration().max()
+                depth = np.maximum(run.penetration(), run.limit_violation()).max()
                 cells = f"{scheme!r} | {time:.0f} | {error(problem, run, reference):.1e} | {depth:.1e}"
                 print(f"| {name} | {h:g} | {cells} |", flush=True)
         h, scale = time_step(problem, 1.0)

@@ -26,7 +26,7 @@ def make(e: float, drop: float) -> mbvi.Scene:
 
 def heights(run: mbvi.Trajectory) -> np.ndarray:
     """Return the height of the ball in each picture [m]."""
-    return np.array([run.at(t)[0][2] for t in TIMES])
+    return run.at(TIMES)[0][:, 2]
 
 
 def recording() -> np.ndarray:
@@ -60,6 +60,7 @@ def main(count: int = 6, picture: str | None = None) -> float:
     sigma = np.sqrt(2 * fit.cost / (len(TIMES) - 2) * np.linalg.inv(fit.jac.T @ fit.jac).diagonal())
     print(f"fitted: e = {fit.x[0]:.5f} +- {sigma[0]:.5f}, drop from {fit.x[1]:.4f} +- {sigma[1]:.4f} m")
     if picture:
+        ds["e"].attrs["long_name"], ds["drop"].attrs["units"], ds["misfit"].attrs["units"] = "restitution e", "m", "m"
         mbvi.plot_sweep(ds).savefig(picture, dpi=110)
     return float(fit.x[0])
 

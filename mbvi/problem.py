@@ -69,6 +69,9 @@ class BuiltScene(Protocol):
     def constraints(self) -> tuple[Constraint, ...]:
         """The constraints the scene was built to."""
 
+    def picture(self, q: Array, t: float) -> str:
+        """Return a picture of the scene at a configuration and a time [s], the text of an svg element."""
+
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
 

@@ -41,8 +41,14 @@ def test_every_example_is_in_the_gallery():
 
 
 def test_pictures_are_small():
-    """Those of the gallery are at most 1.5 MB together."""
-    assert sum(file.stat().st_size for file in (DOCS / "gallery").iterdir()) < 1.5e6
+    """Those of the gallery are at most 1.5 MB together, and its replays 2.2 MB."""
+    for folder, most in (("gallery", 1.5e6), ("replays", 2.2e6)):
+        assert sum(file.stat().st_size for file in (DOCS / folder).iterdir()) < most
+
+
+def test_every_picture_of_a_run_has_its_replay():
+    pictures = {file.stem for file in (DOCS / "gallery").glob("*.webp")}
+    assert {file.name.partition(".")[0] for file in (DOCS / "replays").iterdir()} == pictures | {"demo"}
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +85,49 @@ def test_the_site_is_built_with_all_names_formulas_and_a_search_of_its_own(site)
             and file.read_text().splitlines()[0].strip('"') not in html.unescape(text)] == []  # fmt: skip
     index = json.loads((site / "search/search_index.json").read_text())
     assert any("percussion" in entry["text"] for entry in index["docs"])
+
+
+@needs_browser
+@pytest.mark.slow(seconds=60)
+def test_the_first_page_and_the_gallery_play_replays(site):
+    with Browser(1280, 900) as browser:
+        for name in sorted(file.stem for file in (site / "replays").glob("*.html")):
+            browser.open(page_address(site / f"replays/{name}.html") + "#loop", "replay.ready && replay.playing")
+            assert browser.evaluate("replay.loops && document.title.includes(' by ')"), name
+            assert not browser.errors, name
+        browser.open(page_address(site / "index.html"), "document.querySelector('iframe.demo')")
+        assert browser.evaluate("document.querySelector('iframe.demo').src").endswith("replays/demo.html#loop")
+        browser.open(page_address(site / "gallery.html"), "document.readyState === 'complete'")
+        links = browser.evaluate("[...document.querySelectorAll('a.replay')].map(a => a.getAttribute('href'))")
+        assert len(links) == len(list((site / "gallery").glob("*.webp")))
+        assert all((site / link.partition("#")[0]).exists() for link in links)
+
+
+@needs_browser
+@pytest.mark.slow(seconds=60)
+@pytest.mark.parametrize("width", [390, 1280])
+def test_no_page_is_wider_than_its_window_and_no_code_is_cut_on_a_screen(site, width):
+    with Browser(width, 900) as browser:
+        for page in sorted(site.rglob("*.html")):
+            if page.parent.name == "replays":
+                continue
+            browser.open(page_address(page), "document.readyState === 'complete'")
+            assert browser.evaluate("document.documentElement.scrollWidth <= innerWidth"), page
+            code = "[...document.querySelectorAll('pre > code')].filter(c => c.offsetParent)"
+            assert width < 1280 or browser.evaluate(f"{code}.every(c => c.scrollWidth <= c.clientWidth)"), page
+
+
+@needs_browser
+@pytest.mark.slow(seconds=20)
+@pytest.mark.parametrize(
+    ("words", "method"),
+    [("restitution pair", "set_restitution"), ("friction pair", "set_friction"), ("contact force", "contact_forces")],
+)
+def test_the_search_finds_methods_first(site, words, method):
+    with Browser(1200, 900) as browser:
+        address = page_address(site / "index.html") + f"?q={words.replace(' ', '%20')}"
+        browser.open(address, "document.querySelectorAll('.md-search-result__item h2').length > 2")
+        assert browser.evaluate("document.querySelector('.md-search-result__item h2').innerText") == method
 
 
 @needs_browser

@@ -31,6 +31,8 @@ NUMBERS = {
     "boxes_hit_by_ball": (4.8, 1e-2),
     # the foot's clearance at the start, fallen through
     "drop_robot": (np.sqrt(2 * G * 0.52937537), 1e-2),
+    # the limit of finer steps
+    "dominoes": (0.845, 1e-2),
     # the balance of energies, an identity of the scheme
     "drum": (1.0, 1e-9),
     # the same at tolerances 1e-9 to 1e-11
@@ -52,6 +54,8 @@ NUMBERS = {
     "mixed_heap": (1.0, 1e-3),
     # the angular momentum about the end that jams
     "painleve_rod": (1.5 * np.sin(1.0), 2e-3),
+    # the parabola from where the hand lets go
+    "panda_throws_ball": (0.0, 2e-3),
     # it stands, but for the last of its swaying
     "quadruped_on_slope": (0.0, 1e-6),
     # more samples and iterations, and other seeds, find 0.31 m too
@@ -95,6 +99,11 @@ def test_example(name, tmp_path, monkeypatch):
 def test_example_of_many_bodies(name):
     number, tolerance = NUMBERS[name]
     assert load(name).main(**FULL_SIZE[name]) == pytest.approx(number, abs=tolerance)
+
+
+@pytest.mark.slow(seconds=20)
+def test_the_wave_of_fifty_dominoes_is_that_of_finer_steps():
+    assert load("dominoes").main(count=50, duration=1.5) == pytest.approx(0.869, abs=4e-3)
 
 
 @pytest.mark.slow(seconds=30)

@@ -163,7 +163,10 @@ def run_and_print(problem: Problem, request: Request) -> None:
     print(run.impact_table() if run.impacts else "no impact")
     print()
     print(f"energy       {first:.6g} J at the start, {last:.6g} J at the end")
-    print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most (rad at a joint limit)")
+    print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most")
+    if problem.constraints.limits:
+        beyond, unit = run.limit_violation().max() + 0.0, problem.constraints.limit_unit()
+        print(f"limits       violated by {beyond:.3g} {unit} at most")
     print(
         f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"
     )

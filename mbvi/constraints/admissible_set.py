@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from functools import partial
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..system import System
 from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
+from .families.joint_limit import JointLimits
 from .family import ConstraintFamily
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate, take
@@ -81,6 +83,8 @@ class AdmissibleSet(Rebuilt):
     lever : ndarray, shape (k,)
         Factors by which gaps and rates of the first k constraints become lengths and speeds: the scene's length for
         angles, otherwise 1. All further constraints have lengths as gaps.
+    limits : int
+        How many constraints, the first ones, are limits of joints.
     frictional : bool
         Whether a constraint has friction.
 
@@ -116,6 +120,8 @@ class AdmissibleSet(Rebuilt):
             self.frictional |= bool(np.where(np.isnan(own), self._mu[k], own).max(initial=0.0) > 0.0)
             if self._mu[k] > 0.0 and not np.isnan(own).any() and not own.any():
                 self._refuse(self.name(self._starts[k]), self._mu[k])
+        leading = takewhile(lambda family: isinstance(family, JointLimits), self.families)
+        self.limits = sum(family.size for family in leading)
         self.lever = np.zeros(0)
         for family, start, _ in self.numbered():
             if np.any(family.lever != 1.0):
@@ -192,6 +198,21 @@ class AdmissibleSet(Rebuilt):
         """The largest e of all constraints; pairs of a `BroadPhasePairs`, which are not listed yet, are not counted."""
         e = [np.where(np.isnan(family.restitution), e, family.restitution) for family, _, e in self.numbered()]
         return max((float(np.max(own, initial=0.0)) for own in e), default=0.0)
+
+    def depths(self, numbers: Array, gaps: Array) -> Array:
+        """Return the greatest depths of contacts and of joint limits among some rows, shape (2,), 0 without any."""
+        of_limits = numbers < self.limits
+        found = [gaps[~of_limits].min(initial=0.0), gaps[of_limits].min(initial=0.0)]
+        # without a negative zero
+        return 0.0 - np.array(found)
+
+    def limit_unit(self) -> str:
+        """Return the unit of the gaps of joint limits, "" where there are none."""
+        slides = self.system.are_lengths()
+        found = {
+            bool(slides[k]) for family in self.families if isinstance(family, JointLimits) for k in family.arrays[4]
+        }
+        return " or ".join({True: "m", False: "rad"}[one] for one in sorted(found))
 
     def levers(self, numbers: Array) -> Array | float:
         """Return the factors by which gaps of some constraints become lengths, shape (k,), or 1 for all."""

@@ -27,7 +27,9 @@ class Outputs(RunData):
     """The methods of a `Trajectory` that show it or write it for other programs."""
 
     def replay(self, speed: float = 1.0, shapes: str = "visual") -> None:
-        """Show the run in a browser; returns when the browser has the page, which it can reopen while the program runs.
+        """Show the run in a browser, or below the cell of a notebook.
+
+        Returns when the browser has the page, which it can reopen while the program runs.
 
         Parameters
         ----------
@@ -41,10 +43,11 @@ class Outputs(RunData):
         InputError
             If the run has no scene to show, the speed is not positive, or `shapes` is another word.
         """
-        from .replay.live import replay
+        from .replay.live import in_notebook, inline, replay
 
         shown = choice(shapes, "shapes", ("visual", "collision"))
-        replay(self, speed=between(positive(speed, "speed"), "speed", 1e-6, 1e6), shapes=shown)
+        show = inline if in_notebook() else replay
+        show(self, speed=between(positive(speed, "speed"), "speed", 1e-6, 1e6), shapes=shown)
 
     def replay_video(
         self,
@@ -113,9 +116,10 @@ class Outputs(RunData):
     def report(self, path: str | os.PathLike[str], diagnosis: Diagnosis | None = None) -> None:
         """Write one HTML page about the run, without a server or a network: replay, plots, impacts, diagnosis, model.
 
-        The plots are energies, percussions, gaps, penetration, closed contacts, kinetic angles, and with friction
-        the ratio |p_t| / p and the slip. Of long runs they show the least and the greatest value in each of 1000
-        intervals of time. The page holds the initial state as a file, from which the run can be made again.
+        The plots are energies, percussions, gaps and joint limits, penetration and violation of limits, closed
+        contacts, kinetic angles, and with friction the ratio |p_t| / p and the slip. Of long runs they show the least
+        and the greatest value in each of 1000 intervals of time. The page holds the initial state as a file, from which
+        the run can be made again.
 
         Parameters
         ----------
@@ -155,8 +159,8 @@ class Outputs(RunData):
         ----------
         table : "states", "impacts" or "contacts"
             States have the times as index "t", and the columns "q/robot/joint", "q/body/x", "v/robot/joint",
-            "v/body/vx", "penetration", "residual", "energy/kinetic" and "energy/potential". Impacts and recorded
-            contacts have a row for each contact point or limit.
+            "v/body/vx", "penetration", "limit_violation", "residual", "energy/kinetic" and "energy/potential".
+            Impacts and recorded contacts have a row for each contact point or limit.
 
         Raises
         ------
@@ -202,7 +206,7 @@ class Outputs(RunData):
         export(self, file_path(path), table)
 
     def to_rerun(self, path: str | os.PathLike[str]) -> None:
-        """Write the run to a file for the Rerun viewer: shapes, poses, impacts, contacts, energies and penetration.
+        """Write the run to a file for the Rerun viewer: shapes, poses, impacts, contacts, energies and depths.
 
         Parameters
         ----------

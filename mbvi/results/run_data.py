@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..arguments import number
+from ..arguments import array, number
 from ..errors import InputError
 from ..schemes import SchemeBase, Timing
 
@@ -73,7 +74,7 @@ class RunRecord:
     Attributes
     ----------
     penetration : ndarray, shape (n + 1,)
-        Deepest penetration at each time [m or rad].
+        Deepest penetration of contacts at each time [m].
     scheme : SchemeBase or None
         The scheme object; None where a file names an unknown scheme.
     timing : Timing
@@ -84,6 +85,8 @@ class RunRecord:
         Kinetic and potential energy read from a file [J].
     contacts : ContactTable or None
         None where contacts were not recorded.
+    limit_violation : ndarray, shape (n + 1,)
+        Greatest violation of joint limits at each time [rad, of sliding joints m].
     """
 
     penetration: Array = field(default_factory=lambda: np.zeros(0))
@@ -92,6 +95,7 @@ class RunRecord:
     dense: Array | None = None
     energies: Array | None = None
     contacts: ContactTable | None = None
+    limit_violation: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -111,15 +115,15 @@ class RunData:
     record: RunRecord = field(default_factory=RunRecord, repr=False)
 
     def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.v, self.residual, self.record.penetration):
-            array.setflags(write=False)
+        for values in (self.t, self.q, self.v, self.residual, self.record.penetration, self.record.limit_violation):
+            values.setflags(write=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         # the arrays of a copy are writeable
         RunData.__post_init__(self)
 
-    def at(self, t: float) -> tuple[Array, Array]:
+    def at(self, t: float | Sequence[float] | Array) -> tuple[Array, Array]:
         """Return q_h(t) and v_h(t): for `Paoli` the approximants of Theorem 3.2, for `EventDriven` its dense output.
 
         For a run of `EventDriven` thinned by `every` it is a cubic between the recorded states, which satisfies the
@@ -127,22 +131,30 @@ class RunData:
 
         Parameters
         ----------
-        t : float
-            Time [s], in [t_0, t_n].
+        t : float or array_like, shape (m,)
+            Time, or times in any order [s], in [t_0, t_n].
 
         Returns
         -------
-        q : ndarray, shape (nq,)
+        q : ndarray, shape (nq,) or (m, nq)
             Between the recorded states, along the retraction: for `Paoli` q_i + (t - t_i) v_i.
-        v : ndarray, shape (nv,)
+        v : ndarray, shape (nv,) or (m, nv)
             v_i until the part of the step after which the scheme lets it jump, then v_{i+1}: for `Paoli` v_i.
 
         Raises
         ------
         InputError
-            If t lies outside the run.
+            If t lies outside the run, or is neither a number nor a list of numbers.
         """
-        t = number(t, "t")
+        if np.ndim(t) == 0:
+            return self._at(number(cast("float", t), "t"))
+        times = array(t, "t", ("m",))
+        states = [self._at(float(one)) for one in times]
+        q = np.reshape([state[0] for state in states], (len(times), self.q.shape[1]))
+        return q, np.reshape([state[1] for state in states], (len(times), self.v.shape[1]))
+
+    def _at(self, t: float) -> tuple[Array, Array]:
+        """Return q and v at one time."""
         if not self.t[0] <= t <= self.t[-1]:
             raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
         i = int(np.searchsorted(self.t, t, side="right")) - 1

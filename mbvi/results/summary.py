@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arguments import integer
+from ..scene.overview import things_of
 from .diagnosis.energies import end_energies
 from .run_data import Impact, RunData
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    pass
 
-# characters of a note that are shown, and names of things
-_NOTE, _THINGS = 100, 4
+# characters of a note that are shown
+_NOTE = 100
 _ROUNDING = 1e-12
 # impacts that a notebook shows
 _SHOWN = 12
@@ -37,21 +38,7 @@ def _what(run: RunData) -> str:
     count, dofs = len(run.t), run.v.shape[1]
     freedom = f"{dofs} degree{'s' * (dofs != 1)} of freedom"
     states = f"{times} in {count} state{'s' * (count != 1)}{cut}"
-    return f"Run of {_things(run.problem)}, {freedom}, by {run.scheme}{step}: {states}"
-
-
-def _things(problem: Problem | None) -> str:
-    """Return the names or numbers of the robots, bodies and spheres."""
-    if problem is None or problem.scene is None:
-        return "given functions"
-    items = problem.scene.items
-    names = [item.robot.name for item in items.robots]
-    groups = [(sum(not b.fixed for b in items.bodies), "body", "bodies")]
-    groups.append((sum(len(s.radii) for s in items.spheres), "sphere", "spheres"))
-    if len(names) > _THINGS:
-        groups.insert(0, (len(names), "robot", "robots"))
-        names = []
-    return ", ".join([*names, *(f"{n} {one if n == 1 else many}" for n, one, many in groups if n)])
+    return f"Run of {things_of(run.problem)}, {freedom}, by {run.scheme}{step}: {states}"
 
 
 def _impacts(run: RunData) -> str:
@@ -99,10 +86,20 @@ def _accuracy(run: RunData) -> str:
     k = int(depth.argmax())
     deepest = "No penetration"
     if depth[k] > 0.0:
-        deepest = f"Deepest penetration {depth[k]:.3g} m or rad at t = {run.t[k]:.6g} s"
+        deepest = f"Deepest penetration {depth[k]:.3g} m at t = {run.t[k]:.6g} s"
+    beyond = run.record.limit_violation
+    farthest = int(beyond.argmax())
+    if beyond[farthest] > 0.0:
+        unit = limit_unit(run)
+        deepest += f"; joint limits violated by {beyond[farthest]:.3g} {unit} at t = {run.t[farthest]:.6g} s"
     worst = float(residual.max())
     # smaller residuals are rounding
     return f"{deepest}; largest residual {f'{worst:.2g}' if worst > _ROUNDING else f'below {_ROUNDING:.0e}'}"
+
+
+def limit_unit(run: RunData) -> str:
+    """Return the unit of violations of joint limits."""
+    return (run.problem.constraints.limit_unit() if run.problem is not None else "") or "rad or m"
 
 
 def _notes(run: RunData) -> str:
@@ -144,9 +141,11 @@ def rounded(impact: Impact, k: int) -> tuple[float, float, float]:
 
 
 def notebook(run: RunData) -> str:
-    """Return the summary as HTML, and the strongest impacts behind a click."""
+    """Return the summary and a picture of the last state as HTML, and the strongest impacts behind a click."""
     first, *lines = (html.escape(line) for line in summary(run).splitlines())
     text = f"<b>{first}</b>" + "".join(f"<br>{line}" for line in lines)
+    if run.problem is not None and run.problem.scene is not None and len(run.t):
+        text += f"<div>{run.problem.scene.picture(run.q[-1], float(run.t[-1]))}</div>"
     if not run.impacts:
         return f"<div>{text}</div>"
     table = html.escape(impact_table(run, _SHOWN))

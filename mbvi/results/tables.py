@@ -73,7 +73,8 @@ def _states(run: RunData) -> dict[str, Series]:
 def _of_states(run: RunData) -> dict[str, tuple[Array, str, str]]:
     """Return the quantities with one number for each state, with unit and description."""
     found = {}
-    for name, values in (("penetration", run.record.penetration), ("residual", run.residual)):
+    depths = {name: getattr(run.record, name) for name in ("penetration", "limit_violation")}
+    for name, values in (depths | {"residual": run.residual}).items():
         found[name] = (values, STATES[name].unit, STATES[name].description)
     if run.record.energies is not None or run.problem is not None:
         where = "energy where v_i and the configuration belong together"

@@ -98,8 +98,15 @@ class Trajectory(Outputs):
         return projection_energies(self)
 
     def penetration(self) -> Array:
-        """Return the deepest penetration at each time, shape (n + 1,), >= 0 [m or rad]."""
+        """Return the deepest penetration of contacts at each time, shape (n + 1,), >= 0 [m].
+
+        Of given functions it is that of their gaps, in the functions' own units.
+        """
         return self.record.penetration
+
+    def limit_violation(self) -> Array:
+        """Return the greatest violation of joint limits at each time, shape (n + 1,), >= 0 [rad; m of sliding ones]."""
+        return self.record.limit_violation
 
     def contacts(self, t: float) -> tuple[Contact, ...]:
         """Return the contacts between the recorded states before and after t, joint limits among them.

@@ -46,7 +46,7 @@ class _EventRecorder:
             contacts.close()
         self.t, self.q, self.v = [problem.t0], [problem.q0], [problem.v0]
         self.dense: list[Array] = []
-        self.penetration, self.residual = [0.0], [0.0]
+        self.penetration, self.limit_violation, self.residual = [0.0], [0.0], [0.0]
         self.impacts: list[Impact] = []
         self.notes = list(notes)
         self._no_motion = np.zeros((2, problem.system.nv, DEGREE))
@@ -54,7 +54,7 @@ class _EventRecorder:
         # with the state after it (t, q, v, depth)
         self._since, self._worst = 0, 0.0
         self._first: RungeKuttaStep | None = None
-        self._last: tuple[RungeKuttaStep, float, Array, Array, float] | None = None
+        self._last: tuple[RungeKuttaStep, float, Array, Array, Array] | None = None
 
     @property
     def count(self) -> int:
@@ -119,7 +119,7 @@ class _EventRecorder:
             )
         )
 
-    def _append_state(self, t: float, q: Array, v: Array, depth: float, dense: Array) -> None:
+    def _append_state(self, t: float, q: Array, v: Array, depth: Array, dense: Array) -> None:
         """Append a state and the dense output that leads to it."""
         if self.contacts is not None:
             self.contacts.close()
@@ -127,14 +127,16 @@ class _EventRecorder:
         self.t.append(t)
         self.q.append(q)
         self.v.append(v)
-        self.penetration.append(depth)
+        contacts, limits = depth.tolist()
+        self.penetration.append(contacts)
+        self.limit_violation.append(limits)
         self.residual.append(self._worst)
         self._since, self._worst, self._first, self._last = 0, 0.0, None, None
 
     def trajectory(self, scheme: EventDriven, *, complete: bool) -> Trajectory:
         """Return the run recorded so far."""
         # an interrupt may have left these lists at different lengths
-        n = min(len(self.t), len(self.q), len(self.v), len(self.penetration), len(self.residual))
+        n = min(len(self.t), len(self.q), len(self.v), len(self.limit_violation), len(self.residual))
         return Trajectory(
             np.array(self.t[:n]),
             np.array(self.q[:n]),
@@ -152,6 +154,7 @@ class _EventRecorder:
                 self.timing,
                 np.array(self.dense[: n - 1]).reshape(-1, 2, self._problem.system.nv, DEGREE),
                 contacts=None if self.contacts is None else self.contacts.table(self._problem.constraints.name, n),
+                limit_violation=np.array(self.limit_violation[:n]),
             ),
         )
 

@@ -30,12 +30,12 @@ RECENT = 16
 _MOST_NOTES = 20
 
 
-@kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], f8, f8[::1], f8[::1])")
+@kernel("b1(i8, i8[::1], f8[::1], f8[:,::1], f8, f8[::1], i8, f8, f8[::1], f8[::1], f8[::1])")
 def record_depth(
-    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
-    penetration: Array, residuals: Array,
+    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, limits: int, still: float,
+    penetration: Array, violation: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Record the depth of a step and its residual; return whether an impact is possible.
+    """Record the depths of a step and its residual; return whether an impact is possible.
 
     An impact is possible if the gap of a row with a percussion falls faster than twice what the forces of one step
     explain.
@@ -48,19 +48,25 @@ def record_depth(
         Those of a `Step`, `number` the constraints of its rows.
     lever : ndarray, shape (c,)
         Factors from rates of the first c constraints to m/s; that of other constraints is 1.
+    limits : int
+        How many constraints, the first ones, are limits of joints.
     still : float
         Closing speed below which a row counts as still [m/s].
-    penetration, residuals : ndarray, shape (n,)
-        Receive the depth of the step, and the largest residual since the last recorded state.
+    penetration, violation, residuals : ndarray, shape (n,)
+        Receive the greatest depths of contacts and of joint limits, and the largest residual since the last recorded
+        state.
     """
     residuals[k] = max(residuals[k], residual)
-    deepest, impact = 0.0, False
+    deepest, farthest, impact = 0.0, 0.0, False
     for a in range(len(gap)):
-        deepest = max(deepest, -gap[a])
+        if number[a] < limits:
+            farthest = max(farthest, -gap[a])
+        else:
+            deepest = max(deepest, -gap[a])
         percussion, free, before = rates[0, a], rates[1, a], rates[3, a]
         least = still / lever[number[a]] if number[a] < len(lever) else still
         impact = impact or (percussion > 0.0 and before + 2.0 * abs(free - before) < -least)
-    penetration[k] = deepest
+    penetration[k], violation[k] = deepest, farthest
     return impact
 
 
@@ -171,10 +177,12 @@ class Recorder:
         self.q = np.empty((count, problem.system.nq))
         self.v = np.empty((count, problem.system.nv))
         self.penetration = np.zeros(count)
+        self.limit_violation = np.zeros(count)
         self.residual = np.zeros(count)
         self.dense = None
         self.impacts: list[Impact] = []
         self.notes = list(notes)
+        self._limits = problem.constraints.limits
         self._lever, self._still = problem.constraints.lever, STILL * problem.length
         self._warned = False
         self.count = 0
@@ -194,10 +202,11 @@ class Recorder:
             if keep:
                 self.contacts.close()
         if not gap.size:
-            self.penetration[k] = 0.0
+            self.penetration[k] = self.limit_violation[k] = 0.0
         elif record_depth(
-            k, active.constraint, gap, rates, residual, self._lever, self._still, self.penetration, self.residual
-        ):
+            k, active.constraint, gap, rates, residual, self._lever, self._limits, self._still, self.penetration,
+            self.limit_violation, self.residual,
+        ):  # fmt: skip
             self.impact(step)
         if keep:
             self.t[k] = t
@@ -225,6 +234,7 @@ class Recorder:
                 self.penetration[:n],
                 scheme,
                 self.timing,
+                limit_violation=self.limit_violation[:n],
                 contacts=None if self.contacts is None else self.contacts.table(self.problem.constraints.name, n),
             ),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,7 +21,7 @@ from ..constraints import (
     SphereSurface,
     SphereWalls,
 )
-from ..errors import InputError
+from ..errors import InputError, MbviError
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
@@ -267,6 +268,18 @@ class _ConstraintBuilder:
         where, first, radii, names, group = self._all_spheres(system)
         settings = self._between([s.name for s in self.items.spheres], list(walls))
         yield SphereWalls(system, where, first, radii, list(walls.values()), names, tuple(walls), group, *settings)
+
+
+def start_picture(items: SceneItems) -> str:
+    """Return a picture of the start of a scene as the text of an svg element, "" for one that cannot be built."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            problem = assemble(items)
+    except MbviError:
+        # a scene that is not finished
+        return ""
+    return "" if problem.scene is None else problem.scene.picture(problem.q0, problem.t0)
 
 
 def assemble(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..constraints import ConstraintFamily
+from ..geometry.shapes.picture import Placed, picture
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
@@ -104,6 +105,22 @@ class SceneModel:
         """Raise `InputError` if a body of a planar scene lies outside the plane at a configuration."""
         if self.items.plane is not None and "plane" in self.reduce:
             check_same_plane(problem.system, problem.q0, q, self.items.plane)
+
+    def picture(self, q: Array, t: float) -> str:
+        """Return a picture, the text of an svg element, of a configuration, shape (nq,), and a time [s]."""
+        bodies = sorted({placed.body for placed in self.shapes} - {0})
+        poses = dict(zip(bodies, self.system.placements(q, np.array(bodies)), strict=True)) if bodies else {}
+        seen = list[Placed]()
+        for placed in self.shapes:
+            turn, place = np.eye(3), np.zeros(3)
+            if placed.body:
+                turn, place = poses[placed.body][:3].T, poses[placed.body][3]
+            elif placed.motion is not None:
+                turn, place = placed.motion.pose(t)
+            position = turn @ placed.position + place
+            seen.append(Placed(placed.shape, turn @ placed.rotation, position, placed.color, bool(placed.body)))
+        still = [item.placed() for item in self.surfaces if item.motion is None]
+        return picture(seen, [wall for wall in self.walls.values() if wall.motion is None], still)
 
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from html import escape
+from typing import TYPE_CHECKING
 
 from .items import SceneItems, entity
 
-# most names of one kind
-_MOST_NAMED = 8
+if TYPE_CHECKING:
+    from ..problem import Problem
+
+# most names of one kind, and of robots in a line on a problem
+_MOST_NAMED, _THINGS = 8, 4
 
 
 def overview(items: SceneItems) -> str:
@@ -29,6 +33,20 @@ def overview_html(items: SceneItems) -> str:
     rows = (_things(items) | settings).items()
     cells = "".join(f"<tr><th>{escape(head)}</th><td>{escape(text)}</td></tr>" for head, text in rows)
     return f"<table><caption>Scene</caption>{cells}</table>"
+
+
+def things_of(problem: Problem | None) -> str:
+    """Return the names or numbers of the robots, bodies and spheres of a problem."""
+    if problem is None or problem.scene is None:
+        return "given functions"
+    items = problem.scene.items
+    names = [item.robot.name for item in items.robots]
+    groups = [(sum(not b.fixed for b in items.bodies), "body", "bodies")]
+    groups.append((sum(len(s.radii) for s in items.spheres), "sphere", "spheres"))
+    if len(names) > _THINGS:
+        groups.insert(0, (len(names), "robot", "robots"))
+        names = []
+    return ", ".join([*names, *(f"{n} {one if n == 1 else many}" for n, one, many in groups if n)])
 
 
 def _things(items: SceneItems) -> dict[str, str]:

@@ -28,7 +28,7 @@ from ..geometry.motion import Motion, checked_motion
 from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..system.mechanisms.articulated import Control
-from .assembly import assemble
+from .assembly import assemble, start_picture
 from .forces.actions import Actions
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
@@ -98,8 +98,8 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         return overview(self._items)
 
     def _repr_html_(self) -> str:
-        """Return the things in the scene as a table for a notebook."""
-        return overview_html(self._items)
+        """Return a picture of the start, and the things in the scene as a table, for a notebook."""
+        return start_picture(self._items) + overview_html(self._items)
 
     def add_urdf(
         self,

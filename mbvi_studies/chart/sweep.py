@@ -86,7 +86,8 @@ class Case:
     def judged(self, run: Trajectory) -> tuple[float, float, float, float, float]:
         """Return the errors of a run: q, v, graph, energy, penetration; see `Record`."""
         located = run.step == 0.0
-        depth = float(run.penetration().max(initial=0.0)) if len(run.penetration()) else NOT_MEASURED
+        depths = np.maximum(run.penetration(), run.limit_violation())
+        depth = float(depths.max(initial=0.0)) if len(depths) else NOT_MEASURED
         off = self._energy_error(run)
         if self.solution is None:
             return NOT_MEASURED, NOT_MEASURED, NOT_MEASURED, off, depth

@@ -149,7 +149,11 @@ def _judged_between(case: Case, model: Rig, peer: Any, run: Trajectory) -> tuple
         return found
 
     # `sampled_errors` evaluates times in order
-    return *sampled_errors(at, np.zeros(0), solution), NOT_MEASURED, float(run.penetration().max(initial=0.0))
+    return (
+        *sampled_errors(at, np.zeros(0), solution),
+        NOT_MEASURED,
+        float(np.maximum(run.penetration(), run.limit_violation()).max(initial=0.0)),
+    )
 
 
 def _time(peer: Engine, count: int) -> float:

@@ -65,7 +65,7 @@ def energy_gain(run: Trajectory) -> float:
 
 def penetration(length: float) -> Callable[[Trajectory], float]:
     """Return the deepest penetration in units of a length [m]."""
-    return lambda run: float(run.penetration().max() / length)
+    return lambda run: float(max(run.penetration().max(), run.limit_violation().max()) / length)
 
 
 def gain_or_penetration(length: float) -> Callable[[Trajectory], float]:

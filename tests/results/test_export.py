@@ -241,6 +241,7 @@ def test_a_run_from_a_file_without_its_problem_still_has_tables(quiet, tmp_path)
         *(f"q/{k}" for k in range(3)),
         *(f"v/{k}" for k in range(3)),
         "penetration",
+        "limit_violation",
         "residual",
     ]
     bare.export(tmp_path / "run.mcap")

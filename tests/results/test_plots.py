@@ -89,9 +89,15 @@ def test_the_panels_hold_the_numbers_of_the_run(run):
     expected = np.sort(np.concatenate([impact.percussion for impact in run.impacts]))
     np.testing.assert_array_equal(percussions, expected[expected > 0.0])
     np.testing.assert_array_equal(found["Penetration"].curves[0].y, run.penetration())
-    smallest = next(curve for curve in found["Gaps"].curves if curve.name == "smallest of all")
-    gaps = [run.problem.constraints.gap(t, run.at(t)[0]).min() for t in smallest.t]
-    np.testing.assert_allclose(smallest.y, gaps, atol=1e-12)
+    np.testing.assert_array_equal(found["Violation of joint limits"].curves[0].y, run.limit_violation())
+    limits = run.problem.constraints.limits
+    for title, part in (("Gaps", slice(limits, None)), ("Joint limits", slice(0, limits))):
+        curves = {curve.name: curve for curve in found[title].curves}
+        t = next(iter(curves.values())).t
+        gaps = np.array([run.problem.constraints.gap(time, run.at(time)[0])[part] for time in t])
+        least = np.min([curve.y for curve in curves.values()], axis=0)
+        np.testing.assert_allclose(least, gaps.min(axis=1), atol=1e-12)
+    assert found["Gaps"].axis == "gap [m]" and found["Joint limits"].axis == "distance [rad]"
     strongest = max(run.impacts, key=lambda impact: impact.percussion.max()).constraints[0]
     assert strongest in [curve.name for curve in found["Gaps"].curves]
     # plots of friction are not mentioned where there is none
@@ -163,7 +169,7 @@ def test_many_constraints_at_once_are_not_diagnosed_unasked(run):
 def test_the_figure_has_labels_and_units_on_every_axis(sliding):
     figure = sliding.plot()
     axes = [axis for axis in figure.axes if axis.axison]
-    assert len(axes) == 8
+    assert len(axes) == 10
     for axis in axes:
         assert axis.get_title(loc="left") and axis.get_ylabel()
         assert "[" in axis.get_ylabel() or axis.get_ylabel() == "contacts"

@@ -131,6 +131,28 @@ def test_a_notebook_shows_run_problem_and_scene(run):
     assert repr(scene) == "Scene(bodies box, spheres grains (3), walls floor)"
     for cell in ("<th>walls</th><td>floor</td>", "<td>0.4; of some pairs 0.2</td>", "<th>plane</th><td>xz</td>"):
         assert cell in scene._repr_html_()
+    scene.add_sphere(0.1, position=(0, 0, 1), name="overlaps")
+    assert "<svg" not in scene._repr_html_() and "overlaps" in scene._repr_html_()
+
+
+def test_the_picture_of_a_scene_shows_each_shape_where_it_is():
+    """A sphere is a circle of 40 points about its centre, a box has three faces, a floor lies below both."""
+    scene = mbvi.Scene()
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(0.2, 1.0, position=(0, 0, 0.5), name="ball")
+    scene.add_box((0.2, 0.2, 0.2), 1.0, position=(1, 0, 0.5), name="box")
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1)
+    for html in (scene._repr_html_(), run._repr_html_()):
+        drawn = [
+            np.array(re.findall(r"[-\d.]+", text), float).reshape(-1, 2) for text in re.findall('points="(.*?)"', html)
+        ]
+        assert sorted(map(len, drawn)) == [4, 4, 4, 4, 40]
+        ball = next(points for points in drawn if len(points) == 40)
+        radius = np.linalg.norm(ball - ball.mean(axis=0), axis=1)
+        np.testing.assert_allclose(radius, radius.mean(), atol=0.1)
+        floor, *faces = [points for points in drawn if len(points) == 4]
+        assert floor[:, 1].max() > max(face[:, 1].max() for face in faces)
+        assert min(face[:, 0].min() for face in faces) > ball[:, 0].max()
 
 
 def browse(page, script, width):
@@ -170,7 +192,7 @@ ASK = """
 def test_a_browser_draws_reads_seeks_and_enlarges(run, page, width):
     said, picture = browse(page, ASK, width)
     found = json.loads(said)
-    assert found["charts"] == 6 and found["paths"] > 12 and found["requests"] == 0 and found["wide"] <= 0
+    assert found["charts"] == 8 and found["paths"] > 12 and found["requests"] == 0 and found["wide"] <= 0
     # the total energy at the middle of the run, in four digits
     assert float(found["read"]) == pytest.approx(run.energy()[250], rel=2e-2)
     assert float(found["shown"]) == pytest.approx(0.25, abs=2e-3)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import mbvi
+from support.paths import ROBOTS
 from support.programs import kill_writing
 from support.scenes import robot_bodies_and_post
 
@@ -186,7 +187,7 @@ def test_the_impact_table_shows_rounding_as_zero(run):
 def test_a_printed_run_says_in_five_lines_what_happened(run, tmp_path):
     text = str(run)
     assert repr(run) == text and len(text.splitlines()) == 5 and len(text) < 1000 and "array" not in text
-    strongest = max(run.impacts, key=lambda i: i.percussion.max())
+    strongest, beyond = max(run.impacts, key=lambda i: i.percussion.max()), run.limit_violation()
     for part in (
         "hopper, 1 body, 2 spheres",
         f"{run.problem.system.nv} degrees of freedom",
@@ -195,11 +196,41 @@ def test_a_printed_run_says_in_five_lines_what_happened(run, tmp_path):
         f"{len(run.impacts)} impacts",
         f"{strongest.percussion.max():.4g} N s at t = {strongest.time:.6g} s",
         f"Energy {run.energy()[0]:.6g} J at the start, {run.energy()[-1]:.6g} J at the end",
-        f"{run.penetration().max():.3g} m or rad at t = {run.t[run.penetration().argmax()]:.6g} s",
+        f"{run.penetration().max():.3g} m at t = {run.t[run.penetration().argmax()]:.6g} s",
+        f"limits violated by {beyond.max():.3g} rad at t = {run.t[beyond.argmax()]:.6g} s",
     ):
         assert part in text
     run.save(tmp_path / "run.h5")
     assert repr(mbvi.load(tmp_path / "run.h5")) == text
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.EventDriven(tolerance=1e-4)])
+def test_contacts_and_joint_limits_are_kept_apart(scheme, tmp_path):
+    """A knee that strikes its limit, and a ball that strikes the floor: each has its own depth."""
+    scene = mbvi.Scene(restitution=0.4)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    robot = {"joints": {"knee": 0.4}, "velocity": {"knee": -20.0}}
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", base="fixed", position=(0, 0, 3), **robot)
+    scene.add_sphere(0.1, 1.0, position=(5, 0, 0.5), name="ball")
+    problem = scene.build()
+    step = {} if isinstance(scheme, mbvi.EventDriven) else {"step": 2e-3}
+    run = mbvi.simulate(problem, scheme, duration=0.6, progress=False, **step)
+    ball = [c for i in run.impacts for c in i.constraints if "ball" in c]
+    limits = [c for i in run.impacts for c in i.constraints if "limit" in c]
+    assert ball and limits and problem.constraints.limit_unit() == "rad"
+    gaps = np.array([problem.constraints.gap(t, q) for t, q in zip(run.t, run.q, strict=True)])
+    n = problem.constraints.limits
+    assert all("limit" in problem.constraints.name(k) for k in range(n))
+    assert "limit" not in problem.constraints.name(n)
+    if step:
+        # Paoli's rows are those of the state itself
+        for found, part in ((run.penetration(), gaps[:, n:]), (run.limit_violation(), gaps[:, :n])):
+            np.testing.assert_allclose(found[1:], np.maximum(-part.min(axis=1), 0.0)[1:], rtol=0, atol=1e-12)
+            assert found.max() > 1e-4
+    run.save(tmp_path / "run.h5")
+    back = mbvi.load(tmp_path / "run.h5")
+    np.testing.assert_array_equal(back.limit_violation(), run.limit_violation())
+    np.testing.assert_array_equal(back.penetration(), run.penetration())
 
 
 def test_a_run_of_functions_and_one_without_impacts_print_too():
@@ -254,3 +285,16 @@ def test_all_that_passes_a_blow_on_belongs_to_the_impact():
         run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.2)
         names = {f"ball {k} | ball {k + 1}" for k in range(5)}
         assert set(run.impacts[0].constraints) == names
+
+
+def test_states_at_many_times_are_those_at_each(run):
+    times = [0.3, 0.0, 0.1234, 0.5]
+    q, v = run.at(times)
+    assert q.shape == (4, run.q.shape[1]) and v.shape == (4, run.v.shape[1])
+    for k, t in enumerate(times):
+        for many, one in zip((q, v), run.at(t), strict=True):
+            np.testing.assert_array_equal(many[k], one)
+    np.testing.assert_allclose(run.at(run.t)[0], run.q, rtol=0, atol=1e-15)
+    for wrong in ([], [0.1, 0.6], [[0.1]], ["a"], [0.1, np.nan], None):
+        with pytest.raises(mbvi.InputError):
+            run.at(wrong)

@@ -96,9 +96,23 @@ def test_the_picture_shows_every_point_on_two_labelled_panels(records):
         np.testing.assert_array_equal(sorted(map(tuple, points)), sorted(wanted))
         (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
         assert ((points > (x0, y0)) & (points < (x1, y1))).all()
-    labels = [text.get_text() for text in right.get_legend().get_texts()]
-    assert labels[0] == f"Paoli: {slope(records[:8])}" and labels[0].startswith("Paoli: order 1.0")
-    assert labels[1].startswith("EventDriven: tolerance^")
+    labels = {text.get_text(): text.xy for text in right.texts}
+    ours, events = sorted(labels, key=lambda text: not text.startswith("Paoli"))
+    assert ours == f"Paoli: {slope(records[:8])}" and ours.startswith("Paoli: order 1.0")
+    assert events.startswith("EventDriven: tolerance^")
+    # names stand where the lines end
+    assert labels[ours] == max((r.step, r.q) for r in records[:8])
+
+
+def test_the_best_eight_lines_have_colors_and_no_two_names_overlap(records):
+    paoli = records[:8]
+    made = [dataclasses.replace(r, scheme=f"{k}", cpu=r.cpu * (1 + k)) for k in range(12) for r in paoli]
+    left, right = draw(made).axes
+    colors = {text.get_text().partition(":")[0]: text.get_color() for text in right.texts}
+    assert [name for name, color in colors.items() if color == "0.55"] == ["8", "9", "10", "11"]
+    assert [line.get_color() for axes in (left, right) for line in axes.lines].count("0.78") == 8
+    heights = sorted(text.xyann[1] for text in right.texts)
+    assert len(heights) == 12 and np.diff(heights).min() > 0.03 and heights[-1] <= 1.0
 
 
 def test_a_slope_is_that_of_the_points_above_rounding(records):

@@ -518,8 +518,8 @@ def note(rng):
     free = before + 0.5 * rng.normal(size=m)
     rates = np.array([percussion, free, rng.normal(size=m), before])
     number, lever = rng.integers(0, 5, m), rng.random(3)
-    noted = rng.random(n), rng.random(n)
-    return int(rng.integers(n)), number, 0.1 * rng.normal(size=m), rates, rng.random(), lever, 1e-12, *noted
+    noted, limits = (rng.random(n), rng.random(n), rng.random(n)), int(rng.integers(0, 4))
+    return int(rng.integers(n)), number, 0.1 * rng.normal(size=m), rates, rng.random(), lever, limits, 1e-12, *noted
 
 
 def struck(rng):

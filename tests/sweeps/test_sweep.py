@@ -517,6 +517,10 @@ def test_pictures_have_a_panel_for_each_quantity_and_mark_failures(sweep):
     # a map and its bar of colours for each of count and high
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == ["count", "high"]
     assert len(mbvi.plot_sweep(table, ["count"]).axes) == 2
+    named = table.copy()
+    named["high"].attrs.update(units="m", long_name="highest point")
+    axes = mbvi.plot_sweep(named, ["high"]).axes[0]
+    assert axes.get_title() == "highest point [m]"
     # one parameter: a line each
     assert len(mbvi.plot_sweep(table.isel(e=0)).axes) == 2
     for wrong, message in [(5, "must be the Dataset"), (table.drop_vars("status"), "must be the Dataset")]:

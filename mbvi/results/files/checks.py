@@ -36,7 +36,7 @@ def check_states(states: dict[str, Array], dense: Array | None, metadata: Metada
             raise TrajectoryFileError(f"{name} has {len(values)} rows and t has {n}")
         if not np.isfinite(values).all() and not (name == "energy" and problem is None):
             raise TrajectoryFileError(f"{name} holds numbers that are not finite")
-    for name in ("penetration", "residual"):
+    for name in ("penetration", "limit_violation", "residual"):
         if states[name].min() < 0.0:
             raise TrajectoryFileError(f"{name} holds negative numbers")
     gaps = np.diff(t)

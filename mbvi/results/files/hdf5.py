@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 # seconds between two pieces: a killed run loses at most the states of this time
 _INTERVAL = 0.5
 
+# columns of states beside the energy
+_RECORDED = ("t", "q", "v", "penetration", "limit_violation", "residual")
+
 
 class Recording(Protocol):
     """States and impacts recorded so far by a run that is still going on.
@@ -37,6 +40,7 @@ class Recording(Protocol):
     q: Any
     v: Any
     penetration: Any
+    limit_violation: Any
     residual: Any
     dense: Any
     impacts: list[Impact]
@@ -101,8 +105,7 @@ class Writer:
         file, r = self._file, self._recorder
         assert file is not None
         part, impacts = slice(file.states, r.count), r.impacts[file.impacts :]
-        names = ("t", "q", "v", "penetration", "residual")
-        states = {name: np.asarray(getattr(r, name)[part]) for name in names} if part.start < part.stop else {}
+        states = {name: np.asarray(getattr(r, name)[part]) for name in _RECORDED} if part.start < part.stop else {}
         if states:
             states["energy"] = energies(self._problem, states["t"], states["q"], states["v"], self._h, r.timing.jump)
             self._energies.append(states["energy"])
@@ -122,7 +125,7 @@ class Writer:
             if error is None:
                 self._flush()
                 r = self._recorder
-                recorded = {name: np.asarray(getattr(r, name)) for name in ("t", "q", "v", "penetration", "residual")}
+                recorded = {name: np.asarray(getattr(r, name)) for name in _RECORDED}
                 recorded["energy"] = np.concatenate(self._energies)
                 if r.dense is not None:
                     recorded["dense"] = np.array(r.dense).reshape(-1, 2, self._problem.system.nv, DEGREE)
@@ -137,7 +140,8 @@ class Writer:
 def save(run: RunData, path: str | os.PathLike[str]) -> None:
     """Write a run to a file; see `Trajectory.save`."""
     record = run.record
-    recorded = {"t": run.t, "q": run.q, "v": run.v, "penetration": record.penetration, "residual": run.residual}
+    values = run.t, run.q, run.v, record.penetration, record.limit_violation, run.residual
+    recorded = dict(zip(_RECORDED, values, strict=True))
     if run.problem is not None or record.energies is not None:
         recorded["energy"] = energies_of_states(run)
     metadata = _metadata(run.problem, record.scheme, run.scheme, run.step, record.timing, run.notes)

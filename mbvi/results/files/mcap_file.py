@@ -79,7 +79,15 @@ def _schema(name: str) -> dict[str, Any]:
     number: dict[str, Any] = {"type": "number"}
     entries = {"type": "object", "additionalProperties": number}
     fields: dict[str, Any] = {
-        _STATE: {"t": number, "q": entries, "v": entries, "energy": entries, "penetration": number, "residual": number},
+        _STATE: {
+            "t": number,
+            "q": entries,
+            "v": entries,
+            "energy": entries,
+            "penetration": number,
+            "limit_violation": number,
+            "residual": number,
+        },
         _IMPACT: {"time": number, "contacts": {"type": "array", "items": {"type": "object"}}},
         _POSES: {"transforms": {"type": "array", "items": {"type": "object"}}},
         _SHAPES: {"entities": {"type": "array", "items": {"type": "object"}}},

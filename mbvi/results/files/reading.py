@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 _FUNCTIONS = "the problem or its system was given by functions, which a file cannot keep: run.problem is None"
 
+# a column that earlier files do not have, and what is noted of them
+_LIMITS = "limit_violation"
+_TOGETHER = "the file was written by an earlier version: penetration() holds violations of joint limits, too [m or rad]"
+
 
 def load(
     path: str | os.PathLike[str],
@@ -92,7 +96,9 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         kept = metadata.problem
         problem = None if kept is None else _problem(kept, GivenAgain())
         sizes = _sizes(file, problem)
-        states = {name: read_column(file, name, column, sizes) for name, column in STATES.items()}
+        # earlier files keep limits of joints and contacts in one column
+        known = {name: column for name, column in STATES.items() if name != _LIMITS or name in file}
+        states = {name: read_column(file, name, column, sizes) for name, column in known.items()}
         impacts = _table(file["impacts"], IMPACTS, IMPACT_FRICTION)
         dense = read_column(file, "dense", DENSE, sizes) if "dense" in file else None
         contacts = None
@@ -107,6 +113,11 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         check_digest(file, metadata, found)
     if metadata.old and not metadata.complete:
         states, impacts, dense = _whole_rows(states, impacts, dense)
+    notes = metadata.notes if kept is None or problem is not None else _noted(metadata.notes, _FUNCTIONS)
+    if _LIMITS not in states:
+        states[_LIMITS] = np.zeros(len(states["t"]))
+        if problem is None or problem.constraints.limits:
+            notes = _noted(notes, _TOGETHER)
     scheme = _scheme(metadata)
     check_states(states, dense, metadata, problem)
     check_impacts(impacts, states["t"], metadata, problem)
@@ -123,7 +134,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
         residual,
         metadata.scheme,
         metadata.step,
-        metadata.notes if kept is None or problem is not None else _noted(metadata.notes, _FUNCTIONS),
+        notes,
         problem,
         metadata.complete,
         RunRecord(
@@ -133,6 +144,7 @@ def _read(path: str) -> tuple[Trajectory, ProblemData | None]:
             dense,
             states["energy"] if len(states["energy"]) else None,
             None if contacts is None else _contacts(contacts, len(t)),
+            states[_LIMITS],
         ),
     )
     return run, kept

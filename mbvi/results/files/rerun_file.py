@@ -36,7 +36,7 @@ def write_rerun(run: RunData, path: Path) -> None:
     shown = shapes_of(run)["visual"]
     moves = motion(run, shown=shown)
     lower, upper = bounds(scene, moves, shown)
-    views = [rrb.TimeSeriesView(origin=name, name=name) for name in ("energy", "penetration")]
+    views = [rrb.TimeSeriesView(origin=name, name=name) for name in ("energy", "penetration", "limit_violation")]
     layout = rrb.Blueprint(
         rrb.Horizontal(rrb.Spatial3DView(origin="world"), rrb.Vertical(*views), column_shares=[2, 1])
     )
@@ -155,13 +155,14 @@ def _arrows(rr: Any, file: Any, run: RunData, length: float) -> None:
 
 
 def _scalars(rr: Any, file: Any, run: RunData) -> None:
-    """Write energies and penetration over time."""
+    """Write energies, penetration and violation of joint limits over time."""
     kinetic, potential = energies_of_run(run).T
     series = {
         "energy/kinetic": kinetic,
         "energy/potential": potential,
         "energy/total": kinetic + potential,
         "penetration": run.record.penetration,
+        "limit_violation": run.record.limit_violation,
     }
     times = rr.TimeColumn("time", duration=run.t)
     for entity, values in series.items():

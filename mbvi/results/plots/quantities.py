@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...constraints import JointLimits
 from ..diagnosis.energies import energies, energies_of_run
-from ..summary import regimes
+from ..summary import limit_unit, regimes
 from .panel import Array, Curve, Level, Panel, thinned
 
 if TYPE_CHECKING:
-    from ...problem import Problem
     from ..diagnosis.diagnosis import Diagnosis
     from ..run_data import RunData
 
@@ -52,8 +52,10 @@ def panels(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> tupl
     made: dict[str, Callable[[], Panel | str]] = {
         "Energy": lambda: _energy(run),
         "Percussions of impacts": lambda: _percussions(run),
-        "Gaps": lambda: _gaps(run),
+        "Gaps": lambda: _gaps(run, limits=False),
+        "Joint limits": lambda: _gaps(run, limits=True),
         "Penetration": lambda: _penetration(run),
+        "Violation of joint limits": lambda: _violation(run),
         "Closed contacts": lambda: _contacts(run),
         "Kinetic angles": lambda: no_diagnosis if diagnosis is None else _angles(diagnosis),
         "Friction": lambda: _friction(run),
@@ -148,38 +150,47 @@ def _note_of(run: RunData, states: _States) -> str:
     return f"at {len(states.t)} of {len(run.t)} states" if len(states.t) < len(run.t) else ""
 
 
-def _gaps(run: RunData) -> Panel | str:
+def _gaps(run: RunData, *, limits: bool) -> Panel | str:
     problem = run.problem
     if problem is None:
-        return "the file of this run could not bring its problem back"
-    constraints, families = problem.constraints, problem.constraints.families
+        return "" if limits else "the file of this run could not bring its problem back"
+    constraints = problem.constraints
+    families = [family for family in constraints.families if isinstance(family, JointLimits) is limits]
     count = sum(family.count for family in families)
     if not count:
-        return "there are no constraints"
+        return "" if limits else "there are no constraints"
     if count * _FEWEST_STATES > _MOST_VALUES:
         return f"{count} constraints are too many to evaluate all of them"
     states = _states(run, min(_MOST_STATES, _MOST_VALUES // count))
-    gaps = np.array([constraints.gap(float(t), q) for t, q in zip(states.t, states.q, strict=True)])
+    gaps = np.array(
+        [
+            np.concatenate([family.gap(float(t), q) for family in families])
+            for t, q in zip(states.t, states.q, strict=True)
+        ]
+    )
+    # limits come before all contacts
+    first = 0 if limits else constraints.limits
     t, curves = states.t, list[Curve]()
     # only where each number has a gap of its own are they known by name
     named = gaps.shape[1] == sum(family.size for family in families) <= _MOST_NAMED
-    chosen = _strongest(run, problem, gaps) if named else []
+    chosen = _strongest(run, [constraints.name(first + k) for k in range(gaps.shape[1])], gaps) if named else []
     if gaps.shape[1] > len(chosen):
         curves.append(Curve("smallest of all", t, gaps.min(axis=1), color=BLACK))
     curves += [
-        Curve(constraints.name(k), t, gaps[:, k], color=color) for k, color in zip(chosen, _COLORS, strict=False)
+        Curve(constraints.name(first + k), t, gaps[:, k], color=color)
+        for k, color in zip(chosen, _COLORS, strict=False)
     ]
-    return Panel("Gaps", "gap [m or rad]", curves, note=_note_of(run, states), levels=[Level("", 0.0)])
+    title, axis = ("Joint limits", f"distance [{constraints.limit_unit()}]") if limits else ("Gaps", "gap [m]")
+    return Panel(title, axis, curves, note=_note_of(run, states), levels=[Level("", 0.0)])
 
 
-def _strongest(run: RunData, problem: Problem, gaps: Array) -> list[int]:
+def _strongest(run: RunData, names: list[str], gaps: Array) -> list[int]:
     """Return the numbers of the constraints with the greatest sums of percussions, then of the smallest gaps."""
     total = Counter[str]()
     for impact in run.impacts:
         for name, p in zip(impact.constraints, impact.percussion.tolist(), strict=True):
             total[name] += p
     # several contact points of one pair have one number and one name
-    names = [problem.constraints.name(k) for k in range(gaps.shape[1])]
     least = gaps.min(axis=0)
     return sorted(range(len(names)), key=lambda k: (-total[names[k]], least[k]))[:_MOST_GAPS]
 
@@ -189,7 +200,15 @@ def _penetration(run: RunData) -> Panel | str:
     if not (depth > 0.0).any():
         return "nothing penetrates"
     curve = Curve("", run.t, depth, color=PURPLE)
-    return Panel("Penetration", "deepest [m or rad]", [curve], log=True)
+    return Panel("Penetration", "deepest of contacts [m]", [curve], log=True)
+
+
+def _violation(run: RunData) -> Panel | str:
+    beyond = run.record.limit_violation
+    if not (beyond > 0.0).any():
+        return "no joint is beyond its limits" if run.problem is not None and run.problem.constraints.limits else ""
+    curve = Curve("", run.t, beyond, color=PURPLE)
+    return Panel("Violation of joint limits", f"greatest [{limit_unit(run)}]", [curve], log=True)
 
 
 def _contacts(run: RunData) -> Panel | str:

@@ -1,7 +1,9 @@
-"""Shows a replay in the browser: a server on this machine has its page as long as the program runs."""
+"""Shows a replay in the browser, from a server that lasts as long as the program runs, or in a notebook."""
 
 from __future__ import annotations
 
+import html
+import sys
 import threading
 import webbrowser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -59,6 +61,23 @@ class ReplayServer:
         """End the server."""
         self._server.shutdown()
         self._server.server_close()
+
+
+def in_notebook() -> bool:
+    """Return whether this program is the kernel of a notebook."""
+    # where IPython runs it has been imported
+    known = sys.modules.get("IPython")
+    return hasattr(known.get_ipython() if known is not None else None, "kernel")
+
+
+def inline(run: PlayableRun, speed: float = 1.0, shapes: str = "visual") -> None:
+    """Show a run in a notebook, below the cell that calls this; the notebook keeps the page. See `replay`."""
+    from IPython.display import HTML, display  # type: ignore[import-not-found,unused-ignore]
+
+    page = html.escape(page_of(run, shapes, speed).html())
+    frame = f'<iframe srcdoc="{page}" style="width: 100%; height: 480px; border: 0" title="replay"></iframe>'
+    # IPython would advise against HTML that begins with a frame
+    display(HTML(f"<div>{frame}</div>"))  # type: ignore[no-untyped-call,unused-ignore]
 
 
 def replay(run: PlayableRun, speed: float = 1.0, shapes: str = "visual") -> ReplayServer:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import meshcat.geometry as g
 import numpy as np
 
+from ...geometry.shapes.picture import cut
 from ...geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull, PlacedShape, Sphere
 from ...geometry.shapes.triangles import Surface
 from ...scene.meshes.visual import Mesh
@@ -167,7 +168,7 @@ def plate_mesh(wall: HalfSpace, others: Sequence[HalfSpace], lower: Array, upper
         for j in range(first[1], last[1]):
             polygon = wall.offset * normal + cell * (square + np.array([i, j])) @ plane
             for other in others:
-                polygon = _cut(polygon, other)
+                polygon = cut(polygon, other)
             start = len(points)
             triangles += [(start, start + k, start + k + 1) for k in range(1, len(polygon) - 1)]
             points += list(polygon)
@@ -184,19 +185,6 @@ def sheet_mesh(surface: Surface) -> g.Mesh:
         color=_SHEET_COLOR, opacity=0.3, transparent=True, side=_BOTH, depthWrite=False, flatShading=True
     )
     return g.Mesh(g.TriangularMeshGeometry(surface.vertices, surface.triangles), material)
-
-
-def _cut(polygon: Array, wall: HalfSpace) -> Array:
-    """Return the part of a convex polygon, shape (n, 3), on the free side of a half-space."""
-    gap = polygon @ np.array(wall.normal) - wall.offset
-    kept = []
-    for k in range(len(polygon)):
-        here, there = gap[k - 1], gap[k]
-        if (here < 0.0) != (there < 0.0):
-            kept.append(polygon[k - 1] + here / (here - there) * (polygon[k] - polygon[k - 1]))
-        if there >= 0.0:
-            kept.append(polygon[k])
-    return np.reshape(kept, (-1, 3))
 
 
 def _round_number(length: float) -> float:

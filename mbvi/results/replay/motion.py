@@ -42,6 +42,14 @@ class PlayableRun(Protocol):
         """Impacts in order of time."""
 
     @property
+    def scheme(self) -> str:
+        """Name of the scheme."""
+
+    @property
+    def step(self) -> float:
+        """Time step [s], 0 where the scheme chooses it."""
+
+    @property
     def record(self) -> Any:
         """What the run keeps beside, such as `contacts`."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from html import escape
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -34,11 +35,14 @@ class Page:
         What meshcat's viewer is told.
     data : dict
         What the script of the page plays.
+    title : str
+        The title of the page.
     """
 
     def __init__(self) -> None:
         self.commands: list[dict[str, object]] = []
         self.data: dict[str, Any] = {}
+        self.title = "mbvi replay"
 
     def send(self, command: Command) -> None:
         """Keep a command."""
@@ -46,6 +50,10 @@ class Page:
 
     def html(self) -> str:
         """Return the page, the same for the same commands and data."""
+        return written(self.content())
+
+    def content(self) -> dict[str, Any]:
+        """Return what is shown, without the viewer and the scripts: numbers, text, lists and dicts of these."""
         numbers: dict[bytes, bytes] = {}
 
         def number(match: re.Match[bytes]) -> bytes:
@@ -54,10 +62,21 @@ class Page:
 
         packed = [_IDENTITY.sub(number, umsgpack.packb(command)) for command in self.commands]
         texts = [base64.b64encode(one).decode() for one in packed]
-        page, *parts = (Path(__file__).with_name(name).read_text(encoding="utf-8") for name in _PARTS)
-        # "<" begins no tag within a script
-        data = json.dumps(self.data).replace("<", "\\u003c")
-        style, *scripts = parts
-        script = f"const COMMANDS = {json.dumps(texts)};\nconst DATA = {data};\n" + "".join(scripts)
-        viewer = Path(VIEWER_ROOT, "main.min.js").read_text(encoding="utf-8")
-        return page.replace("@STYLE@", style).replace("@SCRIPT@", script).replace("@VIEWER@", viewer)
+        return {"title": self.title, "commands": texts, "data": self.data}
+
+
+def written(content: dict[str, Any], viewer: str = "") -> str:
+    """Return the page of what `Page.content` returned, with the viewer inside, or as a script at another address."""
+    page, style, *scripts = (Path(__file__).with_name(name).read_text(encoding="utf-8") for name in _PARTS)
+    # "<" begins no tag within a script
+    data = json.dumps(content["data"]).replace("<", "\\u003c")
+    script = f"const COMMANDS = {json.dumps(content['commands'])};\nconst DATA = {data};\n" + "".join(scripts)
+    page = page.replace("@TITLE@", escape(content["title"])).replace("@STYLE@", style).replace("@SCRIPT@", script)
+    if viewer:
+        return page.replace("<script>@VIEWER@", f'<script src="{escape(viewer)}">')
+    return page.replace("@VIEWER@", viewer_script())
+
+
+def viewer_script() -> str:
+    """Return meshcat's viewer."""
+    return Path(VIEWER_ROOT, "main.min.js").read_text(encoding="utf-8")

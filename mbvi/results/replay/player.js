@@ -197,20 +197,22 @@ class Group {
 }
 
 // percussions, cones and normals; those of impacts are seen for a while [s of the replay], and get thin
-const LASTS = 0.3, WHOLE = 0.08, ARROW = 0, CONE = 1, NORMAL = 2;
+const LASTS = 0.3, WHOLE = 0.08, ARROW = 0, CONE = 1, NORMAL = 2, WIDE = 14;
 const REGIMES = [[0.847, 0.106, 0.29], [0.082, 0.396, 0.753], [0.25, 0.3, 0.35]];
 class Marks {
     static async decoded() {
         const marks = new Marks(), rows = marks.rows = new Float32Array(await inflated(DATA.marks));
-        marks.begins = Float32Array.from({ length: rows.length / 12 }, (_, k) => rows[12 * k]);
-        marks.shown = [true, true, false];
+        marks.begins = Float32Array.from({ length: rows.length / WIDE }, (_, k) => rows[WIDE * k]);
+        // marks of many contacts hide the bodies; cones are those of one body
+        marks.shown = [!DATA.crowded, true, false];
+        marks.body = -1;
         const counts = [0, 0, 0];
-        for (let k = 0; k < marks.begins.length; k++) counts[rows[12 * k + 2]]++;
+        for (let k = 0; k < marks.begins.length; k++) counts[rows[WIDE * k + 2]]++;
         marks.meshes = counts.map((count, kind) => instanced(["meshcat", "marks", String(kind), "<object>"], count));
         // the longest time of a contact, which bounds the search
         marks.longest = 0;
         for (let k = 0; k < marks.begins.length; k++)
-            if (isFinite(rows[12 * k + 1])) marks.longest = Math.max(marks.longest, rows[12 * k + 1] - rows[12 * k]);
+            if (isFinite(rows[WIDE * k + 1])) marks.longest = Math.max(marks.longest, rows[WIDE * k + 1] - rows[WIDE * k]);
         const up = new THREE.Vector3(0, 0, 1);
         marks.tools = [up, new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3(), new THREE.Quaternion(), new THREE.Matrix4()];
         return marks;
@@ -220,8 +222,9 @@ class Marks {
         const now = DATA.start + time, { rows, tools: [up, place, along, size, turn, matrix] } = this;
         const used = [0, 0, 0], late = 1e-6 * (DATA.end - DATA.start), seen = Math.max(LASTS * rate, this.longest);
         for (let k = firstAbove(this.begins, now - seen - late); k < this.begins.length && this.begins[k] <= now + late; k++) {
-            const r = 12 * k, kind = rows[r + 2], impact = rows[r + 1] === rows[r], age = (now - rows[r]) / rate;
+            const r = WIDE * k, kind = rows[r + 2], impact = rows[r + 1] === rows[r], age = (now - rows[r]) / rate;
             if (!this.shown[kind] || (impact ? age >= LASTS : now >= rows[r + 1] - late)) continue;
+            if (kind === CONE && (this.body < 0 || (rows[r + 12] !== this.body && rows[r + 13] !== this.body))) continue;
             const thick = impact && kind === ARROW ? Math.min(1, (LASTS - age) / (LASTS - WHOLE)) : 1;
             const mesh = this.meshes[kind], n = used[kind]++, wide = rows[r + 10] * thick;
             turn.setFromUnitVectors(up, along.set(rows[r + 7], rows[r + 8], rows[r + 9]));

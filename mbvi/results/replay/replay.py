@@ -12,8 +12,9 @@ import meshcat
 import numpy as np
 
 from ...errors import TrajectoryFileError
+from ...scene.overview import things_of
 from .encoding import TURN_STEP, encode, packed, quantised, text_of
-from .marks import marks, strikes
+from .marks import crowded, marks, strikes
 from .meshes import ShapeMesh, arrow_mesh, cone_mesh, normal_mesh, plate_mesh, shape_color, shape_mesh, sheet_mesh
 from .motion import Array, Motion, bounds, motion, scene_of, shapes_of
 from .nodes import cast_shadow, label
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 _LONGEST = 10.0
 # the part of speeds and percussions that colors tell apart
 _COLORED = 0.995
+# impacts that keys lead to
+_MOST_INSTANTS = 20000
 # shapes from which on round ones are coarse
 _MANY = 2000
 # the shapes of an instance: visual ones, collision ones, or both
@@ -95,15 +98,23 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
     # long arrows would hide many small bodies
     assert run.problem is not None
     length = min(radius, _LONGEST * run.problem.length)
+    page.title = f"{things_of(run.problem)} by {run.scheme}{f', h = {run.step:g} s' if run.step else ''}"
     page.data = {
         **_poses(moves),
         "lower": lower.tolist(), "upper": upper.tolist(), "radius": radius, "speed": speed, "shapes": first,
         "frictional": scene.items.frictional, "driven": moves.driven, "names": _names(moves, every),
         "groups": [group.data() for group in groups],
-        "marks": packed(marks(run, moves, length).astype(np.float32)),
+        "marks": packed(marks(run, moves, length).astype(np.float32)), "crowded": crowded(run, moves),
+        "impacts": packed(_instants(run)),
         **_colors(run, moves),
     }  # fmt: skip
     return page
+
+
+def _instants(run: PlayableRun) -> Array:
+    """Return the times of the impacts since the start, each once, those of the strongest if there are many."""
+    strongest = sorted(run.impacts, key=lambda i: -float(i.percussion.max(initial=0.0)))[:_MOST_INSTANTS]
+    return np.unique([float(impact.time) for impact in strongest]) - float(run.t[0])
 
 
 def _poses(moves: Motion) -> dict[str, Any]:

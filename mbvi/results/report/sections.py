@@ -103,9 +103,8 @@ def rerun_section(run: RunData) -> str:
 def _start(run: RunData) -> bytes:
     """Return the file of a run that holds the problem and the first state only."""
     assert run.problem is not None
-    record = replace(
-        run.record, penetration=run.record.penetration[:1].copy(), energies=None, contacts=None, dense=None
-    )
+    depths = {name: getattr(run.record, name)[:1].copy() for name in ("penetration", "limit_violation")}
+    record = replace(run.record, energies=None, contacts=None, dense=None, **depths)
     first = {name: getattr(run, name)[:1].copy() for name in ("t", "q", "v", "residual")}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "start.h5")

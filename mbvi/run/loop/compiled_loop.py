@@ -86,7 +86,7 @@ class CompiledLoop:
         self._asked = asked_python(problem, self._state)
         self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
         self._memory = self._step.memory
-        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.residual
+        states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.limit_violation, recorder.residual
         self._log = loop_record(problem, scheme, guard, *states)
         self._held = held(self._step), held(self._log)
         self._patience, self.idle = Patience(), False
@@ -273,22 +273,17 @@ def mechanism_step(
 
 
 def loop_record(
-    problem: Problem,
-    scheme: Scheme,
-    guard: TunnellingGuard,
-    t: Array,
-    q: Array,
-    v: Array,
-    penetration: Array,
-    residual: Array,
-) -> LoopRecord:
+    problem: Problem, scheme: Scheme, guard: TunnellingGuard, t: Array, q: Array, v: Array, penetration: Array,
+    violation: Array, residual: Array,
+) -> LoopRecord:  # fmt: skip
     """Return the record of a loop that writes states to given arrays, and logs the rows of up to `CHUNK` steps."""
-    width = ROUGH if problem.constraints.frictional else PLAIN
+    width, nq, nv, pairs = ROUGH if problem.constraints.frictional else PLAIN, *problem.q0.shape, *guard.shares[1].shape
     return LoopRecord(
-        t, q, v, penetration, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64), np.zeros(CHUNK, bool),
-        np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever, np.zeros(4 * MOST_ROWS),
-        *guard.shares, guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed, scheme.timing.jump,
-        np.zeros(guard.shares[1].shape[1]), np.zeros((3, problem.system.nv)), np.zeros((2, problem.system.nq)),
+        t, q, v, penetration, violation, residual, np.zeros(1, np.int64), np.zeros(CHUNK + 1, np.int64),
+        np.zeros(CHUNK, bool), np.zeros(_ROWS, np.int64), np.zeros((_ROWS, width)), problem.constraints.lever,
+        problem.constraints.limits, np.zeros(4 * MOST_ROWS), *guard.shares,
+        guard.thickness(pairs_of_shapes(problem.constraints)), guard.slow_speed, scheme.timing.jump, np.zeros(pairs),
+        np.zeros((3, nv)), np.zeros((2, nq)),
     )  # fmt: skip
 
 

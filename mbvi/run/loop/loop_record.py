@@ -12,15 +12,15 @@ PLAIN, ROUGH = 12, 27
 
 
 @record(
-    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1], f8[::1],"
-    " f8[::1], f8[:,::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
+    "f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8[::1], b1[::1], i8[::1], f8[:,::1], f8[::1],"
+    " i8, f8[::1], f8[::1], f8[:,::1], f8[::1], f8, f8, f8[::1], f8[:,::1], f8[:,::1]"
 )
 class LoopRecord(NamedTuple):
     """The states of a run, and the rows of the steps of one call.
 
     Attributes
     ----------
-    t, q, v, penetration, residual : ndarray, shape (n, ...)
+    t, q, v, penetration, violation, residual : ndarray, shape (n, ...)
         Those of the recorder.
     taken : ndarray of int, shape (1,)
         How many steps this call has taken.
@@ -30,7 +30,7 @@ class LoopRecord(NamedTuple):
         The steps that may have an impact.
     number, rows : ndarray, shapes (r,) and (r, PLAIN or ROUGH)
         The log: constraints and numbers of rows.
-    lever : ndarray, shape (c,)
+    lever, limits : ndarray, shape (c,), and int
         See `record_depth`.
     before : ndarray, shape (4 MOST_ROWS,)
         Room for the percussions at the beginning of a step.
@@ -52,6 +52,7 @@ class LoopRecord(NamedTuple):
     q: Array
     v: Array
     penetration: Array
+    violation: Array
     residual: Array
     taken: Array
     begin: Array
@@ -59,6 +60,7 @@ class LoopRecord(NamedTuple):
     number: Array
     rows: Array
     lever: Array
+    limits: int
     before: Array
     share: Array
     shares: Array

@@ -114,9 +114,8 @@ class MechanismRun:
         self._asked = asked_python(problem, own.state)
         self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
-        self._log = loop_record(
-            problem, scheme, self._guard, np.zeros(room), self.q[None], self.v[None], *np.zeros((2, room))
-        )
+        states = np.zeros(room), self.q[None], self.v[None]
+        self._log = loop_record(problem, scheme, self._guard, *states, *np.zeros((3, room)))
         self._held = held(self._step), held(self._log)
         # where states are recorded
         self._recorded = self._log.q, self._log.v

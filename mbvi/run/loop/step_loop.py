@@ -107,12 +107,12 @@ def run_paoli(
             for a in range(size[1]):
                 memory.start[a] = log.before[MOST_ROWS + a]
             return i, count, code
-        log.event[i - first], log.penetration[count] = False, 0.0
+        log.event[i - first], log.penetration[count], log.violation[count] = False, 0.0, 0.0
         if m > 0:
             rates = s.rates[: 4 * m].reshape((4, m))
             log.event[i - first] = record_depth(
-                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, still, log.penetration,
-                log.residual,
+                count, rows.number[:m], rows.gap[:m], rates, s.residual[0], log.lever, log.limits, still,
+                log.penetration, log.violation, log.residual,
             )  # fmt: skip
             log_rows(s, log, place)
             place += m

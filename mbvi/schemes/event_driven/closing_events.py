@@ -27,15 +27,15 @@ class ClosingEvents:
 
     Attributes
     ----------
-    depth : float
-        Deepest penetration of an open row at the end of the last step [m or rad].
+    depth : ndarray, shape (2,)
+        Greatest depths of open contacts and limits at the end of the last step [m, and m or rad].
     """
 
     def __init__(self, system: System, rows: SmoothRows) -> None:
         self._system, self._rows = system, rows
         # a lower bound of each gap at the end of the last step; -inf where it is unknown
         self._bounds = np.full(len(rows.all), -np.inf)
-        self.depth = 0.0
+        self.depth = np.zeros(2)
 
     def first(self, step: RungeKuttaStep, closed: Array) -> tuple[float, Array]:
         """Return the share of a step at which the first open row closes, and which: 1 and none if none does."""
@@ -44,14 +44,14 @@ class ClosingEvents:
         candidates = (~(bounds > 0.0)).nonzero()[0]
         if closed.size:
             candidates = candidates[~np.isin(candidates, closed)]
-        self.depth = 0.0
+        self.depth = np.zeros(2)
         if not candidates.size:
             self._bounds = bounds
             return 1.0, candidates
         start = self._start(step, candidates)
         end = self._rows.lower_bounds(step.t + step.h, step.q, candidates)
         bounds[candidates] = end
-        self.depth = max(0.0, -float(end.min()))
+        self.depth = self._rows.depths(candidates, end)
         # a gap that reaches zero within the step changes by at least the sum of its values at both ends
         near = ~(start + end > fall[candidates])
         share, first = 1.0, candidates[:0]
@@ -60,7 +60,7 @@ class ClosingEvents:
         if share < 1.0:
             # the step will end at the event; 0 times an infinite bound counts as 0
             spent = share * fall if share > 0.0 else np.zeros_like(fall)
-            bounds, self.depth = self._bounds - spent, 0.0
+            bounds, self.depth = self._bounds - spent, np.zeros(2)
             bounds[candidates] = start - spent[candidates]
         self._bounds = bounds
         return share, first

@@ -64,7 +64,7 @@ class SmoothRows:
     """
 
     def __init__(self, constraints: AdmissibleSet, t: float, q: Array, length: float = 1.0) -> None:
-        self._system = constraints.system
+        self._system, self._constraints = constraints.system, constraints
         self._units = velocity_units(constraints.system, length)
         self._parts: list[tuple[ConstraintFamily, slice]] = []
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), np.zeros((0, self._system.nv)), np.zeros(0))
@@ -84,6 +84,10 @@ class SmoothRows:
         self.lever = np.broadcast_to(constraints.levers(self.number), (start,))
         self.rounding = _ROUNDING * max(length, _extent(self._system, q)) / self.lever
         self._splits: dict[bytes, list[tuple[ConstraintFamily, Array]]] = {}
+
+    def depths(self, index: Array, gap: Array) -> Array:
+        """Return the greatest depths of contacts and of limits, shape (2,), where some rows have these gaps."""
+        return self._constraints.depths(self.number[index], gap)
 
     def gaps(self, t: float, q: Array, index: Array) -> Array:
         """Return f(q) of some rows in ascending order, shape (k,) [m or rad]."""

@@ -52,19 +52,19 @@ def fall_back(state: MotionState, end: float) -> Iterator[RungeKuttaStep | Impac
         if not np.isin(active, jumping).any():
             break
     state.depth = _move_out(state)
-    if state.depth > 0.0:
+    if state.depth.any():
         yield _straight(state.t, 0.0, state.q, state.v, state.q)
     state.closing.forget()
     yield from change_contacts(state, touching_rows(state, NO_ROWS))
 
 
-def _move_out(state: MotionState) -> float:
-    """Move the configuration out of penetration by the smallest displacement; return the deepest penetration before."""
-    rows, depth, still = state.rows, 0.0, np.zeros(state.system.nv)
+def _move_out(state: MotionState) -> Array:
+    """Move the configuration out of penetration by the smallest displacement; return the greatest depths before."""
+    rows, depth, still = state.rows, np.zeros(2), np.zeros(state.system.nv)
     for _ in range(MOST_LINEARISATIONS):
         gap = rows.gaps(state.t, state.q, rows.all)
         inside = np.flatnonzero(gap < 0.0)
-        depth = max(depth, -float(gap.min(initial=0.0)))
+        depth = np.maximum(depth, rows.depths(rows.all, gap))
         if (gap[inside] >= -rows.rounding[inside]).all():
             break
         inside = few_rows(rows, state.t, state.q, inside, NO_ROWS)
@@ -85,7 +85,7 @@ def _paoli_step(state: MotionState, h: float, end: float) -> Generator[RungeKutt
     straight = _straight(state.t, h, q, v, step.q)
     state.t = end if end - step.t < 1e-12 * max(1.0, abs(end)) else step.t
     state.q, state.residual = step.q, step.residual
-    state.depth = max(0.0, -float(step.active.gap.min(initial=0.0)))
+    state.depth = state.problem.constraints.depths(step.active.constraint, step.active.gap)
     state.observed.step(step, h)
     # contacts that were active before and stay so are no impact
     closing = closes(step.rates, still_rates(state.problem, step.active.constraint))

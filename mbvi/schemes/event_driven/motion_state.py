@@ -46,8 +46,8 @@ class MotionState:
         The rows of the last event.
     impact_time : float
         Time of the last impact [s].
-    depth : float
-        Deepest penetration at the end of the last step, before drift was removed [m or rad].
+    depth : ndarray, shape (2,)
+        Greatest depths of contacts and of limits at the end of the last step, before drift was removed [m, m or rad].
     residual : float
         Relative KKT residual of the law that led to the state; 0 where the law was not applied.
     touching : float
@@ -69,7 +69,7 @@ class MotionState:
         self.closed = self.held = self.all_touching = NO_ROWS
         self.touching = min(problem.tolerance, _TOUCHING * tolerance * problem.length)
         self.event_rows, self.impact_time = NO_ROWS, -np.inf
-        self.depth, self.residual, self.fallbacks = 0.0, 0.0, 0
+        self.depth, self.residual, self.fallbacks = np.zeros(2), 0.0, 0
         self.fallback: Step | None = None
 
     def slow(self, index: Array) -> Array:
@@ -83,15 +83,15 @@ class MotionState:
     def remove_drift(self) -> None:
         """Remove the drift of closed contacts: from the configuration, then from the velocity."""
         for _ in range(2):
-            self.depth = max(self.depth, self.close_gaps(self.closed))
+            self.depth = np.maximum(self.depth, self.close_gaps(self.closed))
         J = self.rows.gradients(self.t, self.q, self.closed)
         self.v = self.v + velocity_change(self.system.metric(self.q), J, -(J @ self.v))
 
-    def close_gaps(self, index: Array) -> float:
-        """Move the configuration so that some gaps vanish, to first order; return the deepest penetration before."""
+    def close_gaps(self, index: Array) -> Array:
+        """Move the configuration so that some gaps vanish, to first order; return the greatest depths before."""
         gap, J = self.rows.gaps(self.t, self.q, index), self.rows.gradients(self.t, self.q, index)
         self.q = self.system.integrate(self.q, velocity_change(self.system.metric(self.q), J, -gap))
-        return max(0.0, -float(gap.min()))
+        return self.rows.depths(index, gap)
 
     def names(self, index: Array) -> list[str]:
         """Return the names of the constraints of some rows, each once."""

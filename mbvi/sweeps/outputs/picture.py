@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,8 @@ def plot_sweep(ds: xr.Dataset, names: Sequence[str] | None = None) -> Figure:
     ds : xarray.Dataset
         What `sweep` returned, or a part of it.
     names : sequence of str, optional
-        Measured quantities; all that are one number for each run by default.
+        Measured quantities; all that are one number for each run by default. What is written at an axis is the
+        variable's `attrs["long_name"]`, or its name, and its `attrs["units"]`.
 
     Returns
     -------
@@ -69,9 +70,9 @@ def plot_sweep(ds: xr.Dataset, names: Sequence[str] | None = None) -> Figure:
         for line, quantity in zip(lines, table.quantities, strict=True):
             for panel, name in zip(line, varied, strict=True):
                 _scatter(panel, table, quantity, name)
-            line[0].set_ylabel(quantity)
+            line[0].set_ylabel(table.labels[quantity])
         for panel, name in zip(lines[-1], varied, strict=True):
-            panel.set_xlabel(name)
+            panel.set_xlabel(table.labels[name])
     figure.suptitle(table.title, fontsize="medium")
     return figure
 
@@ -85,6 +86,7 @@ class _Table:
     good: np.ndarray
     grid: bool
     title: str
+    labels: dict[str, str]
 
 
 def _table(ds: Any, names: tuple[str, ...] | None) -> _Table:
@@ -114,7 +116,13 @@ def _table(ds: Any, names: tuple[str, ...] | None) -> _Table:
     title = f"{study.rpartition('/')[2]}: {good.size} runs" + (
         f", {failed} without a result (crosses)" if failed else ""
     )
-    return _Table(parameters, chosen, good, grid, title.removeprefix(": "))
+    labels = {name: _label(name, ds[name].attrs) for name in (*parameters, *chosen)}
+    return _Table(parameters, chosen, good, grid, title.removeprefix(": "), labels)
+
+
+def _label(name: str, about: Mapping[str, Any]) -> str:
+    """Return the name of a variable, or what is written for it, with its unit."""
+    return f"{about.get('long_name', name)}" + (f" [{about['units']}]" if "units" in about else "")
 
 
 def _axis(values: Any) -> tuple[Any, list[str] | None]:
@@ -145,7 +153,7 @@ def _map(figure: Any, panel: Any, table: _Table, name: str, varied: Sequence[str
         bar.set_ticks(middles, labels=[f"{value + 0.0:g}" for value in classes])
         bar.minorticks_off()
     _crosses(panel, x[~table.good], y[~table.good])
-    panel.set(xlabel=varied[1], ylabel=varied[0], title=name)
+    panel.set(xlabel=table.labels[varied[1]], ylabel=table.labels[varied[0]], title=table.labels[name])
     _labels(panel, x_labels, y_labels)
 
 

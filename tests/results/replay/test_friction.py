@@ -80,19 +80,33 @@ def test_only_scenes_with_friction_have_cones_and_stripes(run):
         data = page_of(each).data
         assert data["frictional"] == rough
         assert any(group["striped"] for group in data["groups"]) == rough
-        rows = np.frombuffer(zlib.decompress(base64.b64decode(data["marks"])), np.float32).reshape(-1, 12)
+        rows = np.frombuffer(zlib.decompress(base64.b64decode(data["marks"])), np.float32).reshape(-1, 14)
         assert (CONE in rows[:, 2]) == rough
         assert (SMOOTH in rows[rows[:, 2] == NORMAL, 3]) != rough
 
 
+def test_marks_know_the_bodies_that_touch(run):
+    moves = motion(run)
+    names = {moves.driven + k: run.problem.system.bodies[body] for k, body in enumerate(moves.bodies)}
+    rows = marks(run, moves, 1.0)
+    assert set(rows[:, 13]) == {-1.0}
+    brick = {name for column, name in names.items() if column in set(rows[rows[:, 0] > 0.7, 12])}
+    assert brick == {"brick", "ball"}
+
+
 @needs_browser
-def test_a_browser_shows_and_hides_the_cones(run, tmp_path):
+def test_a_browser_shows_and_hides_the_cones_of_a_chosen_body(run, tmp_path):
     run.replay_html(tmp_path / "run.html")
     with Browser(WIDTH, HEIGHT) as browser:
         shown(browser, tmp_path / "run.html")
+        look(browser, 0.75)
+        assert browser.evaluate("replay.marks.meshes[1].count") == 0
+        browser.evaluate("$('body').value = DATA.driven + DATA.names.indexOf('brick'); $('body').onchange()")
         late = look(browser, 0.75)
+        # the cones of the chosen body only
+        assert browser.evaluate("replay.marks.meshes[1].count") == 4
         click(browser, "#cones")
         hidden = look(browser, 0.75)
-    # beside the check mark
-    differs = (late != hidden).any(axis=2)[:, : WIDTH - 210]
+    # beside the controls
+    differs = (late != hidden).any(axis=2)[:, : WIDTH - 270]
     assert 50 < differs.sum() < 0.2 * differs.size

@@ -1,5 +1,10 @@
 """The live replay: a server on this machine, whose page can be closed and opened again."""
 
+import html
+import os
+import re
+import subprocess
+import sys
 import threading
 import urllib.error
 import urllib.request
@@ -43,3 +48,27 @@ def test_a_page_is_sent_as_often_as_it_is_opened(run, monkeypatch, capsys):
     server.close()
     with pytest.raises(urllib.error.URLError):
         fetched(server.address)
+
+
+# a shell with a kernel, as a notebook has; what is displayed goes to its publisher
+CELL = """
+import sys, mbvi
+from IPython.core.displaypub import CapturingDisplayPublisher
+from IPython.core.interactiveshell import InteractiveShell
+shell = InteractiveShell.instance()
+shell.kernel = None
+shell.display_pub = CapturingDisplayPublisher(shell=shell)
+mbvi.load(sys.argv[1]).replay(speed=0.5)
+(shown,) = shell.display_pub.outputs
+open(sys.argv[2], "w").write(shown["data"]["text/html"])
+"""
+
+
+def test_a_notebook_shows_the_page_below_its_cell(run, tmp_path):
+    pytest.importorskip("IPython")
+    run.save(tmp_path / "run.h5")
+    command = [sys.executable, "-c", CELL, tmp_path / "run.h5", tmp_path / "cell.html"]
+    subprocess.run(command, check=True, timeout=LIMIT, env={**os.environ, "IPYTHONDIR": str(tmp_path)})
+    shown = (tmp_path / "cell.html").read_text()
+    page = html.unescape(re.search('srcdoc="([^"]*)"', shown)[1])
+    assert page == page_of(mbvi.load(tmp_path / "run.h5"), speed=0.5).html()

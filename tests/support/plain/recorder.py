@@ -15,12 +15,14 @@ def _still(number: Array, lever: Array, still: float) -> Array:
 
 
 def _note_plain(
-    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, still: float,
-    penetration: Array, residuals: Array,
+    k: int, number: Array, gap: Array, rates: Array, residual: float, lever: Array, limits: int, still: float,
+    penetration: Array, violation: Array, residuals: Array,
 ) -> bool:  # fmt: skip
-    """Note the depth of step k and the largest residual since the last that was kept; tell if an impact is possible."""
+    """Note the depths of step k and the largest residual since the last kept one; tell if an impact is possible."""
     residuals[k] = max(residuals[k], residual)
-    penetration[k] = max((-gap).max(initial=0.0), 0.0)
+    of_limits = number < limits
+    penetration[k] = max((-gap[~of_limits]).max(initial=0.0), 0.0)
+    violation[k] = max((-gap[of_limits]).max(initial=0.0), 0.0)
     return bool(closes(rates, _still(number, lever, still)).any())
 
 
