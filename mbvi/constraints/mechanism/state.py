@@ -9,7 +9,7 @@ import numpy as np
 
 from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ..admissible_set import AdmissibleSet
-from ..families.given import GivenConstraint
+from ..families.given import GivenConstraint, GivenRows
 from ..families.half_space import HalfSpaceContacts
 from ..families.joint_limit import JointLimits
 from ..families.signed_distance import SignedDistances
@@ -23,14 +23,14 @@ from .tables import ASKED, BALLS, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearan
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
+    GivenConstraint: ASKED, GivenRows: ASKED,
 }  # fmt: skip
 
 
 def _kind_of(family: ConstraintFamily) -> int | None:
     """Return what a family is to kernels; None if they do not take it."""
-    if isinstance(family, GivenConstraint):
-        return None if family.moving else ASKED
-    return _KINDS.get(type(family))
+    kind = _KINDS.get(type(family))
+    return None if kind == ASKED and family.moving else kind
 
 
 def row_buffer(nv: int, frictional: bool) -> RowBuffer:
