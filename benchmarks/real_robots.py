@@ -19,13 +19,13 @@ mujoco (`pip install mbvi[test]`).
 from __future__ import annotations
 
 import os
+from importlib import import_module
 
 # read once, when numpy is imported
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 import argparse  # noqa: E402
-import sys  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable, Iterator  # noqa: E402
 from contextlib import ExitStack, contextmanager  # noqa: E402
@@ -102,7 +102,7 @@ def counting() -> Iterator[tuple[Counted, Counted]]:
     found = Counted(), Counted()
     methods = ((AdmissibleSet, ("active",)), (Projector, ("law", "project")))
     with ExitStack() as stack:
-        stack.enter_context(mock.patch.object(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None))
+        stack.enter_context(mock.patch.object(import_module("mbvi.run.simulate"), "compiled_loop", lambda *_: None))
         for counted, (owner, names) in zip(found, methods, strict=True):
             for name in names:
                 if hasattr(owner, name):

@@ -2,6 +2,7 @@
 
 import ctypes
 import resource
+import sys
 import threading
 from typing import NamedTuple
 
@@ -163,6 +164,34 @@ def test_a_held_record_stands_for_it_and_its_arrays_may_be_replaced():
     assert item(kept) == 10.0
     kept.replace(b=np.full(4, 7))
     assert item(kept) == sum_of_outer(kept) == 15.0
+
+
+@record("UniTuple(f8[::1], 20), Two, UniTuple(f8, 20)")
+class Long(NamedTuple):
+    arrays: tuple
+    two: Two
+    numbers: tuple
+
+
+def sum_of_long(long, last):
+    return long.arrays[0][0] + long.arrays[19][0] + long.two.a[0] + long.two.b[0] + long.numbers[0] + long.numbers[last]
+
+
+def test_a_long_record_is_written_by_python_for_each_call_and_released():
+    item = unlisted(sum_of_long, "f8(Long, i8)")
+    arrays, two = tuple(np.full(1, 10.0 * k) for k in range(20)), Two(np.ones(1), np.full(1, 2.0))
+    long = Long(arrays, two, tuple(0.5 * k for k in range(20)))
+    assert item(long, 19) == item(held(long), 19) == sum_of_long(long, 19) == 190.0 + 3.0 + 9.5
+    arrays[19][0] = 0.0
+    assert item(long, 2) == 3.0 + 1.0
+    counts = [sys.getrefcount(each) for each in (long, two, arrays[0])]
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(5_000):
+        item(long, 0)
+    assert [sys.getrefcount(each) for each in (long, two, arrays[0])] == counts
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4000
+    with pytest.raises(TypeError, match="No matching definition"):
+        item(long._replace(numbers=("a", *long.numbers[1:])), 0)
 
 
 @pytest.mark.parametrize("wrong", [np.ones(1), np.ones((1, 1), np.int64), np.ones(4, np.int64)[::2]])

@@ -1,6 +1,6 @@
 """The compiled loops of runs."""
 
-import sys
+from importlib import import_module
 
 import pytest
 
@@ -11,7 +11,7 @@ from mbvi.run.loop import compiled_loop
 def loops(monkeypatch):
     """The loops of the runs of a test."""
     # the package's `simulate` is the function
-    simulate, made = sys.modules["mbvi.run.simulate"], []
+    simulate, made = import_module("mbvi.run.simulate"), []
     build = simulate.compiled_loop
 
     def keep(*arguments):

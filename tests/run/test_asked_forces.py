@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import mbvi
 from mbvi.run.loop import compiled_loop
 from support.paths import ROBOTS
 
-SIMULATE = sys.modules["mbvi.run.simulate"]
+SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)

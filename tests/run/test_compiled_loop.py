@@ -2,7 +2,7 @@
 
 import pickle
 import signal
-import sys
+from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +40,7 @@ from support.paths import ROBOTS, real_robot
 from support.robot_problems import OWN, problem_of
 
 # the package's `simulate` is the function
-SIMULATE = sys.modules["mbvi.run.simulate"]
+SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=repr)

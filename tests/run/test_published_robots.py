@@ -1,7 +1,7 @@
 """Published robots fall for a second: no error, no deeper than a step can take them, no energy from nothing."""
 
-import sys
 import warnings
+from importlib import import_module
 from itertools import product
 from typing import NamedTuple
 
@@ -51,7 +51,7 @@ def fall(request):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setattr(Recorder, "step", noted)
         # the compiled loop, which takes the same steps (test_compiled_loop.py), hands no steps to the recorder
-        patch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
+        patch.setattr(import_module("mbvi.run.simulate"), "compiled_loop", lambda *_: None)
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         run = mbvi.simulate(problem, method, step=STEP, duration=STEP * STEPS)
     # the first is the start

@@ -2,8 +2,8 @@
 
 import importlib.util
 import inspect
-import sys
 from functools import partial
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from mbvi.run.progress import Progress
 from support.loop_arguments import among_boxes, hopper, on_block, quadruped, swaying, two_hoppers
 from support.paths import EXAMPLES, ROBOTS, real_robot
 
-SIMULATE = sys.modules["mbvi.run.simulate"]
+SIMULATE = import_module("mbvi.run.simulate")
 DEFAULT, PAOLI, PILES = mbvi.Centered(project_positions=True), mbvi.Paoli(), mbvi.StewartTrinkle()
 EVENTS = mbvi.EventDriven(1e-8)
 EVERY = 3

@@ -1,6 +1,6 @@
 """Contacts that a step leaves slightly open bear load in the next step, where positions are projected."""
 
-import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_it_lands_the_same_by_the_loop_and_by_python(friction, e, monkeypatch):
     runs, scheme = [], mbvi.Centered(project_positions=True)
     for loop in (True, False):
         if not loop:
-            monkeypatch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
+            monkeypatch.setattr(import_module("mbvi.run.simulate"), "compiled_loop", lambda *_: None)
         runs.append(mbvi.simulate(landing(friction, e), scheme, step=1e-3, duration=0.2, progress=False))
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0.0, atol=1e-8)
@@ -54,7 +54,7 @@ def test_it_lands_the_same_by_the_loop_and_by_python(friction, e, monkeypatch):
 def test_a_ball_bounces_beside_a_body_that_is_projected(other, friction, loop, monkeypatch):
     """The velocity after the position projection keeps Newton's law of contacts that bounce."""
     if not loop:
-        monkeypatch.setattr(sys.modules["mbvi.run.simulate"], "compiled_loop", lambda *_: None)
+        monkeypatch.setattr(import_module("mbvi.run.simulate"), "compiled_loop", lambda *_: None)
     scene = mbvi.Scene(restitution=0.5, friction=friction)
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_sphere(radius=0.1, mass=1.0, position=(2, 0, 0.6), name="ball")

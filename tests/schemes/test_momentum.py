@@ -1,6 +1,6 @@
 """Contacts between free bodies keep momentum and angular momentum, wherever positions are projected or not."""
 
-import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from mbvi.run.loop import compiled_loop
 from mbvi.system.free.free_momentum import keep_momentum
 from support.momentum import momentum
 
-SIMULATE = sys.modules["mbvi.run.simulate"]
+SIMULATE = import_module("mbvi.run.simulate")
 PROJECTING = [scheme(project_positions=True) for scheme in (mbvi.Centered, mbvi.Paoli, mbvi.MoreauJean)]
 SCHEMES = [*PROJECTING, mbvi.Centered(), mbvi.Paoli()]
 OCTAHEDRON = "".join(f"v {x} {y} {z}\n" for x, y, z in 0.15 * np.concatenate([np.eye(3), -np.eye(3)]))
