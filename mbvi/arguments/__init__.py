@@ -1,4 +1,4 @@
-"""Checks of arguments: every public function checks by them what users give."""
+"""Checks of arguments, by which every public function checks what users give; bars for what users wait for."""
 
 from .arrays import Array, all_finite, all_positive, array, friction, integers, restitution, returned, vector, vectors
 from .numbers import (
@@ -25,6 +25,7 @@ from .others import (
     printable,
     several_names,
 )
+from .watched import watched
 
 __all__ = [
     "LARGEST",
@@ -57,4 +58,5 @@ __all__ = [
     "shown",
     "vector",
     "vectors",
+    "watched",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from ..arguments import watched
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
 from .forces.link_centres import with_centres
@@ -104,7 +105,7 @@ class Blocks:
         self.q0.append(item.q0)
         self.v0.append(item.v0)
         placed = [replace(s, body=s.body + nb if s.body else 0) for s in shapes]
-        self.shapes += [self.simplify(s, item.tolerance) for s in placed]
+        self.shapes += [self.simplify(s, item.tolerance) for s in watched(placed, f"hulls of {item.robot.name}")]
         self.apart |= item.robot.apart
         self.omitted += [*item.robot.omitted, *still]
         joints = [j for j in range(1, model.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1]
@@ -126,7 +127,7 @@ class Blocks:
         """Add all bodies, fixed ones included."""
         moving = [b for b in bodies if not b.fixed]
         body = self.counts()[2]
-        for k, b in enumerate(bodies):
+        for k, b in enumerate(watched(bodies, "bodies")):
             if b.fixed:
                 placed = PlacedShape(b.name, b.shape, 0, b.rotation, b.position, _GREY, b.motion)
             else:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from scipy.sparse import csr_array
 
-from ...arguments import shown
+from ...arguments import shown, watched
 from ...constraints.rows import take
 from ...errors import InputError, ProjectionError
 from ...impacts import condition_12_violation, cosines_between, follow, independent, unit_gradients
@@ -185,7 +185,7 @@ def _states(run: RunData) -> Iterator[_State]:
     )
     problem.system.start()
     yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
-    for i in range(1, len(run.t)):
+    for i in watched(range(1, len(run.t)), "diagnosis"):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)

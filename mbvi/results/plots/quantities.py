@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...arguments import watched
 from ...constraints import JointLimits
 from ..diagnosis.energies import energies, energies_of_run
 from ..summary import limit_unit, regimes
@@ -63,7 +64,7 @@ def panels(run: RunData, diagnosis: Diagnosis | None, no_diagnosis: str) -> tupl
     }
     shown, omitted = list[Panel](), list[Omitted]()
     start, end = float(run.t[0]), float(run.t[-1])
-    for title, make in made.items():
+    for title, make in watched(made.items(), "plots"):
         panel = make() if end > start else "the run has one state"
         if panel == "":
             continue

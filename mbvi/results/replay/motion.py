@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments import choice
+from ...arguments import choice, watched
 from ...errors import InputError, MbviWarning
 from ...geometry.shapes.shapes import Box, Capsule, Convex, Cylinder, Ellipsoid, PlacedShape, Sphere
 from ...scene.urdf.visuals import visual_shapes
@@ -173,7 +173,7 @@ def _poses(run: PlayableRun, drives: Sequence[Drive], bodies: list[int], times: 
         np.zeros((len(times), driven + len(bodies), 4)),
     )
     quaternion[..., 3] = 1.0
-    for k, t in enumerate(times.tolist()):
+    for k, t in enumerate(watched(times.tolist(), "replay")):
         for column, drive in enumerate(drives):
             turn, place = drive.pose(t)
             position[k, column], quaternion[k, column] = place, Rotation.from_matrix(turn).as_quat()

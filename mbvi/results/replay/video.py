@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arguments import watched
 from ...errors import InputError, TrajectoryFileError
 from .browser import Browser, chromium, page_address
 from .replay import replay_html
@@ -86,7 +87,7 @@ def pictures(
         replay_html(run, page, shapes)
         browser.open(page_address(page), "replay.ready")
         browser.evaluate("replay.still()")
-        for time in instants.tolist():
+        for time in watched(instants.tolist(), "pictures"):
             browser.evaluate(f"replay.seek({time!r}), viewer.render()")
             yield browser.picture()
 

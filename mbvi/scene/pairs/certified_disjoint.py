@@ -14,6 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from ...arguments import watched
 from ...geometry.shapes.shapes import Array, HalfSpace, PlacedShape, length_unit
 from ...system import System
 
@@ -76,7 +77,7 @@ def always_apart(
     left = _MOST
     candidates = sorted(_candidates(chains, shapes, walls, known), key=lambda sides: sum(map(_count, sides)))
     geometry: dict[tuple[int, float], Any] = {}
-    for first, second in candidates:
+    for first, second in watched(candidates, "pairs"):
         if left < _LOOK:
             return
         pair = _Pair(first, second, geometry)

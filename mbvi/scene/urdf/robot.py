@@ -15,7 +15,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import LARGEST
+from ...arguments import LARGEST, watched
 from ...errors import InputError, UrdfError
 from ...geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, PlacedShape, Sphere
 from ..meshes.visual import LARGEST_LENGTH
@@ -199,7 +199,7 @@ def _shapes(
     links = [item.name.rsplit("_", 1)[0] for item in items]
     shapes: list[PlacedShape] = []
     omitted: list[Omission] = []
-    for item, link in zip(items, links, strict=True):
+    for item, link in watched([*zip(items, links, strict=True)], f"shapes of {name}"):
         # the only shape of a link has the name of the link
         label = f"{name}/{link if links.count(link) == 1 else item.name}"
         try:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from ...arguments import watched
 from ...errors import InputError
 from ...geometry.shapes.shapes import Box, Capsule, Cylinder, PlacedShape, Sphere
 from ..meshes.visual import Mesh, visual_mesh
@@ -76,7 +77,7 @@ def _of_robot(item: RobotItem, meshes: dict[Any, Mesh]) -> Iterator[PlacedShape]
     file = Path(robot.file)
     folders = mesh_folders(file)
     base = pin.SE3(item.rotation, item.position)
-    for link in root.findall("link"):
+    for link in watched(root.findall("link"), f"meshes of {robot.name}"):
         visuals = link.findall("visual")
         for k, visual in enumerate(visuals):
             label = f"{robot.name}/{link.get('name')}" + (f"_{k}" if len(visuals) > 1 else "")
