@@ -1,7 +1,7 @@
 """Given constraints in the compiled loop: states are those of the Python step, errors reach the caller."""
 
 import signal
-import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import pytest
 import mbvi
 from support.paths import ROBOTS
 
-SIMULATE = sys.modules["mbvi.run.simulate"]
+SIMULATE = import_module("mbvi.run.simulate")
 STEP = 1e-3
 SCHEMES = [
     mbvi.Paoli(), mbvi.MoreauJean(), mbvi.Centered(), mbvi.Centered(project_positions=True), mbvi.StewartTrinkle(),
