@@ -75,7 +75,7 @@ PAGES = [
         *sorted((ROOT / "robots").glob("*/README.md")),
     )
 ]
-FOLDERS = ("mbvi", "mbvi_studies", "tests", "docs", "examples", "benchmarks", "robots")
+FOLDERS = ("mbvi", "mbvi_studies", "tests", "docs", "examples", "benchmarks", "robots", "tools")
 
 
 def anchors(page):

@@ -257,14 +257,15 @@ HOLD = """
 import sys
 from pathlib import Path
 from mbvi.compiled.one_process import one_process
-with one_process(Path(sys.argv[1]), "a"), one_process(Path(sys.argv[1]), "b"):
+folder, name = Path(sys.argv[1]), sys.argv[2]
+with one_process(folder, name), one_process(folder, f"a callee of {name}"):
     print("held", flush=True)
     sys.stdin.read()
 """
 
 
 def test_a_process_that_is_killed_keeps_nobody_out(tmp_path):
-    command, pipe = [sys.executable, "-c", HOLD, str(tmp_path)], subprocess.PIPE
+    command, pipe = [sys.executable, "-c", HOLD, str(tmp_path), "a"], subprocess.PIPE
     with (
         started(command, stdin=pipe, stderr=None) as first,
         started(command, stdin=pipe) as second,
@@ -275,6 +276,10 @@ def test_a_process_that_is_killed_keeps_nobody_out(tmp_path):
         assert not select.select([other.stdout], [], [], 0.3)[0]
         holder.kill()
         assert other.stdout.readline() == "held\n"
+        # another kernel is compiled meanwhile
+        with started([*command[:-1], "b"], stdin=pipe) as third:
+            assert third.stdout.readline() == "held\n"
+            third.kill()
 
 
 KERNEL = """
