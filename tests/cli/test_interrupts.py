@@ -37,9 +37,7 @@ mbvi_command.main()
 """
 
 
-@pytest.mark.parametrize(
-    "where", ["get_command", "load_robot", "assemble", "page_of"]
-)
+@pytest.mark.parametrize("where", ["get_command", "load_robot", "assemble", "page_of"])
 def test_an_interrupt_at_each_stage_of_a_run_is_one_line(where, tmp_path):
     command = ["simulate", ROBOTS / "hopper/hopper.urdf", "--duration", "0.01", "--step", "1e-3", "--replay", "r.html"]
     with started([sys.executable, "-c", AT, where, *command], cwd=tmp_path) as child:
