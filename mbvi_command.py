@@ -1,5 +1,6 @@
 """The command `mbvi`, outside the package, so that Ctrl-C while the package is imported is one line as well."""
 
+import atexit
 import os
 import signal
 from types import FrameType
@@ -12,11 +13,17 @@ def main() -> NoReturn:
     # in the background of a script interrupts are ignored
     interrupt = _leave if before is signal.default_int_handler else before
     signal.signal(signal.SIGINT, interrupt)
+    if interrupt is _leave:
+        # called last: Python itself would end by the signal from then on, without a line
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     from mbvi.cli.main import main as command
 
-    signal.signal(signal.SIGINT, before)
     try:
+        signal.signal(signal.SIGINT, before)
         command()
+    except KeyboardInterrupt:
+        # between the places that handle it
+        _leave(signal.SIGINT, None)
     finally:
         signal.signal(signal.SIGINT, interrupt)
 

@@ -102,7 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _fail(f"{said} (see: {error.ctx.command_path if error.ctx else 'mbvi'} --help)")
     except MbviError as error:
         _fail(str(error), 1 if isinstance(error, _FAILED) else 2)
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
+        # typer leaves those to Python that come before it calls the command
         code = 130
     except MemoryError as error:
         _fail(f"not enough memory: {error}; record less with --every, or simulate a shorter time")

@@ -136,6 +136,7 @@ def run_and_print(problem: Problem, request: Request) -> None:
     """Run a problem; print its impacts, energy, penetration and notes, and write its files."""
     from ..compiled import seconds_compiling
     from ..results.diagnosis.energies import energies
+    from ..results.summary import limit_unit
     from ..run.interrupted import save_interrupted
     from ..run.simulate import simulate as run_problem
 
@@ -165,7 +166,7 @@ def run_and_print(problem: Problem, request: Request) -> None:
     print(f"energy       {first:.6g} J at the start, {last:.6g} J at the end")
     print(f"penetration  {run.penetration().max() + 0.0:.3g} m at most")
     if problem.constraints.limits:
-        beyond, unit = run.limit_violation().max() + 0.0, problem.constraints.limit_unit()
+        beyond, unit = run.limit_violation().max() + 0.0, limit_unit(problem)
         print(f"limits       violated by {beyond:.3g} {unit} at most")
     print(
         f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"

@@ -206,14 +206,6 @@ class AdmissibleSet(Rebuilt):
         # without a negative zero
         return 0.0 - np.array(found)
 
-    def limit_unit(self) -> str:
-        """Return the unit of the gaps of joint limits, "" where there are none."""
-        slides = self.system.are_lengths()
-        found = {
-            bool(slides[k]) for family in self.families if isinstance(family, JointLimits) for k in family.arrays[4]
-        }
-        return " or ".join({True: "m", False: "rad"}[one] for one in sorted(found))
-
     def levers(self, numbers: Array) -> Array | float:
         """Return the factors by which gaps of some constraints become lengths, shape (k,), or 1 for all."""
         if not self.lever.size:

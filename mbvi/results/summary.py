@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arguments import integer
+from ..constraints import JointLimits
 from ..scene.overview import things_of
 from .diagnosis.energies import end_energies
 from .run_data import Impact, RunData
 
 if TYPE_CHECKING:
-    pass
+    from ..problem import Problem
 
 # characters of a note that are shown
 _NOTE = 100
@@ -90,16 +91,23 @@ def _accuracy(run: RunData) -> str:
     beyond = run.record.limit_violation
     farthest = int(beyond.argmax())
     if beyond[farthest] > 0.0:
-        unit = limit_unit(run)
+        unit = limit_unit(run.problem)
         deepest += f"; joint limits violated by {beyond[farthest]:.3g} {unit} at t = {run.t[farthest]:.6g} s"
     worst = float(residual.max())
     # smaller residuals are rounding
     return f"{deepest}; largest residual {f'{worst:.2g}' if worst > _ROUNDING else f'below {_ROUNDING:.0e}'}"
 
 
-def limit_unit(run: RunData) -> str:
+def limit_unit(problem: Problem | None) -> str:
     """Return the unit of violations of joint limits."""
-    return (run.problem.constraints.limit_unit() if run.problem is not None else "") or "rad or m"
+    found = set[bool]()
+    if problem is not None:
+        slides = problem.system.are_lengths()
+        limits = [family for family in problem.constraints.families if isinstance(family, JointLimits)]
+        found = {bool(slides[k]) for family in limits for k in family.arrays[4]}
+    if len(found) == 1:
+        return "m" if found.pop() else "rad"
+    return "rad or m"
 
 
 def _notes(run: RunData) -> str:

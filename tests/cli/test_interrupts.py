@@ -22,3 +22,24 @@ def test_an_interrupt_while_packages_are_imported_is_one_line(delay, tmp_path):
         child.send_signal(signal.SIGINT)
         _, said = child.communicate(timeout=LIMIT)
     assert (child.returncode, said) == (130, "mbvi: interrupted\n")
+
+
+# sends the signal when a function is called for the first time
+AT = """
+import os, signal, sys, mbvi_command
+def called(frame, event, argument):
+    if event == "call" and frame.f_code.co_qualname == name:
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGINT)
+name = sys.argv.pop(1)
+sys.setprofile(called)
+mbvi_command.main()
+"""
+
+
+@pytest.mark.parametrize("where", ["get_command", "load_robot", "assemble", "page_of"])
+def test_an_interrupt_at_each_stage_of_a_run_is_one_line(where, tmp_path):
+    command = ["simulate", ROBOTS / "hopper/hopper.urdf", "--duration", "0.01", "--step", "1e-3", "--replay", "r.html"]
+    with started([sys.executable, "-c", AT, where, *command], cwd=tmp_path) as child:
+        _, said = child.communicate(timeout=LIMIT)
+    assert (child.returncode, said) == (130, "mbvi: interrupted\n")

@@ -217,7 +217,7 @@ def test_contacts_and_joint_limits_are_kept_apart(scheme, tmp_path):
     run = mbvi.simulate(problem, scheme, duration=0.6, progress=False, **step)
     ball = [c for i in run.impacts for c in i.constraints if "ball" in c]
     limits = [c for i in run.impacts for c in i.constraints if "limit" in c]
-    assert ball and limits and problem.constraints.limit_unit() == "rad"
+    assert ball and limits and "m or" not in repr(run)
     gaps = np.array([problem.constraints.gap(t, q) for t, q in zip(run.t, run.q, strict=True)])
     n = problem.constraints.limits
     assert all("limit" in problem.constraints.name(k) for k in range(n))

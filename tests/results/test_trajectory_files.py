@@ -258,7 +258,7 @@ def test_numbers_that_differ_from_the_run_are_noticed_whoever_changed_them(run, 
     assert not mbvi.load(tmp_path / "run.h5").complete
 
 
-@pytest.mark.parametrize("at", [3, 20, 60])
+@pytest.mark.parametrize("at", [3, 20, 55])
 def test_an_interrupt_within_a_write_waits_for_its_end(at, run, tmp_path, monkeypatch):
     during = []
 

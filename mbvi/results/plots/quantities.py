@@ -181,7 +181,7 @@ def _gaps(run: RunData, *, limits: bool) -> Panel | str:
         Curve(constraints.name(first + k), t, gaps[:, k], color=color)
         for k, color in zip(chosen, _COLORS, strict=False)
     ]
-    title, axis = ("Joint limits", f"distance [{constraints.limit_unit()}]") if limits else ("Gaps", "gap [m]")
+    title, axis = ("Joint limits", f"distance [{limit_unit(problem)}]") if limits else ("Gaps", "gap [m]")
     return Panel(title, axis, curves, note=_note_of(run, states), levels=[Level("", 0.0)])
 
 
@@ -209,7 +209,7 @@ def _violation(run: RunData) -> Panel | str:
     if not (beyond > 0.0).any():
         return "no joint is beyond its limits" if run.problem is not None and run.problem.constraints.limits else ""
     curve = Curve("", run.t, beyond, color=PURPLE)
-    return Panel("Violation of joint limits", f"greatest [{limit_unit(run)}]", [curve], log=True)
+    return Panel("Violation of joint limits", f"greatest [{limit_unit(run.problem)}]", [curve], log=True)
 
 
 def _contacts(run: RunData) -> Panel | str:
