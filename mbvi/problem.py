@@ -341,13 +341,10 @@ def _state(values: Array | Sequence[float], size: int, name: str) -> Array:
     """Return a read-only vector, faster than `vector` for the usual kinds of arguments."""
     if type(values) is list and set(map(type, values)) == {float}:
         values = np.array(values)
+    fits = False
     if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (size,):
-        numbers = values.copy()
         with np.errstate(over="ignore"):
-            fits = numbers.dot(numbers) <= LARGEST**2
-        if fits:
-            numbers.setflags(write=False)
-            return numbers
-    numbers = vector(values, name, size)
+            fits = values.dot(values) <= LARGEST**2
+    numbers = values.copy() if fits else vector(values, name, size)
     numbers.setflags(write=False)
     return numbers

@@ -16,7 +16,6 @@ from ..system import System
 from ..system.free.sparse_rows import dense
 from .cache import ClearanceCache
 from .families.given import as_family
-from .families.joint_limit import JointLimits
 from .family import ConstraintFamily
 from .rebuilt import Rebuilt
 from .rows import Array, Constraint, Rows, concatenate, take
@@ -120,8 +119,7 @@ class AdmissibleSet(Rebuilt):
             self.frictional |= bool(np.where(np.isnan(own), self._mu[k], own).max(initial=0.0) > 0.0)
             if self._mu[k] > 0.0 and not np.isnan(own).any() and not own.any():
                 self._refuse(self.name(self._starts[k]), self._mu[k])
-        leading = takewhile(lambda family: isinstance(family, JointLimits), self.families)
-        self.limits = sum(family.size for family in leading)
+        self.limits = sum(family.size for family in takewhile(lambda one: one.of_joints, self.families))
         self.lever = np.zeros(0)
         for family, start, _ in self.numbered():
             if np.any(family.lever != 1.0):

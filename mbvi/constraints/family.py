@@ -65,6 +65,8 @@ class ConstraintFamily(ABC):
         Whether the gradient of each constraint is continuous.
     lever : ndarray, shape (size,), or float
         The factor by which a gap becomes a length: the scene's length [m/rad] for an angle, otherwise 1.
+    of_joints : bool
+        Whether the constraints are limits of joints, which are no contacts.
     moving : bool
         Whether gaps change with time at a fixed q; `rate` says how fast.
     thickness : ndarray, shape (size,), or float
@@ -87,6 +89,7 @@ class ConstraintFamily(ABC):
     friction: Array | float = 0.0
     smooth: Array | bool = True
     lever: Array | float = 1.0
+    of_joints: bool = False
     moving: bool = False
     thickness: Array | float = np.inf
     tracked: bool = True

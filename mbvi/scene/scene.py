@@ -65,8 +65,8 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         Coefficient of Coulomb friction mu >= 0 of every contact without one of its own; joint limits have none. Without
         friction contacts have no tangents, and spheres do not turn.
     energy_cap : bool
-        Friction couples normals to tangents, so that an impact with e > 0 can gain kinetic energy (Kane's paradox).
-        With the cap such an impact takes the largest e' <= e with which it gains none; see `Problem`.
+        With friction an impact with e > 0 can gain kinetic energy (Kane's paradox). With the cap it takes the largest
+        e' <= e with which it gains none; see `Problem`.
     plane : "xy", "xz" or "yz", optional
         The plane that all moves in: spheres have two degrees of freedom, bodies and free bases of robots three, two
         along the plane's axes and a turn from the first axis to the second. Where the data are symmetric about the
@@ -121,8 +121,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         Parameters
         ----------
         path : path
-            URDF file, or "robot:" and a name: of a robot that mbvi ships, such as "robot:hopper", or of the package
-            robot_descriptions, whose cache must hold it.
+            URDF file, or "robot:" and the name of a robot that mbvi ships or that is in robot_descriptions' cache.
         base : "free" or "fixed"
             Whether its root link floats or is welded to the world.
         position, rotation : array_like

@@ -76,6 +76,8 @@ class JointLimits(Rebuilt, ConstraintFamily):
         The lever of each limit.
     """
 
+    of_joints = True
+
     def __init__(
         self,
         nv: int,
