@@ -345,6 +345,6 @@ def _state(values: Array | Sequence[float], size: int, name: str) -> Array:
     if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (size,):
         with np.errstate(over="ignore"):
             fits = values.dot(values) <= LARGEST**2
-    numbers = values.copy() if fits else vector(values, name, size)
+    numbers = np.array(values) if fits else vector(values, name, size)
     numbers.setflags(write=False)
     return numbers
