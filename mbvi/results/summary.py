@@ -90,7 +90,7 @@ def _accuracy(run: RunData) -> str:
         deepest = f"Deepest penetration {depth[k]:.3g} m at t = {run.t[k]:.6g} s"
     beyond = run.record.limit_violation
     farthest = int(beyond.argmax())
-    if beyond[farthest] > 0.0:
+    if beyond[farthest] > _ROUNDING:
         unit = limit_unit(run.problem)
         deepest += f"; joint limits violated by {beyond[farthest]:.3g} {unit} at t = {run.t[farthest]:.6g} s"
     worst = float(residual.max())
