@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arguments import integer
-from ..constraints import JointLimits
 from ..scene.overview import things_of
 from .diagnosis.energies import end_energies
 from .run_data import Impact, RunData
@@ -103,7 +102,7 @@ def limit_unit(problem: Problem | None) -> str:
     found = set[bool]()
     if problem is not None:
         slides = problem.system.are_lengths()
-        limits = [family for family in problem.constraints.families if isinstance(family, JointLimits)]
+        limits = [family for family in problem.constraints.families if family.of_joints]
         found = {bool(slides[k]) for family in limits for k in family.arrays[4]}
     if len(found) == 1:
         return "m" if found.pop() else "rad"

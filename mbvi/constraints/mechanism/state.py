@@ -175,11 +175,12 @@ def _no_pairs(nv: int) -> PairFamily:
 
 
 def _balls(constraints: AdmissibleSet) -> tuple[Balls, PairFamily]:
-    k, last = next(((k, f) for k, f in enumerate(constraints.families) if _kind_of(f) == BALLS), (0, None))
+    k = next((k for k, family in enumerate(constraints.families) if _kind_of(family) == BALLS), None)
     none = _no_pairs(constraints.system.nv)
-    if not isinstance(last, SphereContacts):
+    if k is None:
         no, numbers, vectors = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
         return Balls(numbers, no, numbers, vectors, numbers, no, vectors, vectors), none
+    last: Any = constraints.families[k]
     pairs, where, n = last.all_pairs(), last.where, len(last.radii)
     count, position = len(pairs), where.start + where.stride * np.arange(n)
     room: Any = np.zeros(count, np.int64), np.zeros(count), *np.zeros((2, count, 3))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...arguments import watched
-from ...constraints import JointLimits
 from ..diagnosis.energies import energies, energies_of_run
 from ..summary import limit_unit, regimes
 from .panel import Array, Curve, Level, Panel, thinned
@@ -156,7 +155,7 @@ def _gaps(run: RunData, *, limits: bool) -> Panel | str:
     if problem is None:
         return "" if limits else "the file of this run could not bring its problem back"
     constraints = problem.constraints
-    families = [family for family in constraints.families if isinstance(family, JointLimits) is limits]
+    families = [family for family in constraints.families if family.of_joints is limits]
     count = sum(family.count for family in families)
     if not count:
         return "" if limits else "there are no constraints"
