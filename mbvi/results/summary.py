@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -102,7 +102,7 @@ def limit_unit(problem: Problem | None) -> str:
     found = set[bool]()
     if problem is not None:
         slides = problem.system.are_lengths()
-        limits = [family for family in problem.constraints.families if family.of_joints]
+        limits: Any = [family for family in problem.constraints.families if family.of_joints]
         found = {bool(slides[k]) for family in limits for k in family.arrays[4]}
     if len(found) == 1:
         return "m" if found.pop() else "rad"
