@@ -61,7 +61,7 @@ def _card(found: re.Match[str]) -> str:
     picture, name = found[0], found[1]
     if not (REPLAYS / f"{name}.json.gz").exists():
         return picture
-    return f'<a class="replay" href="replays/{name}.html#loop" title="play">{picture}</a>'
+    return f'<a class="replay" href="replays/{name}.html#looping" title="play">{picture}</a>'
 
 
 def _formula(found: re.Match[str]) -> str:

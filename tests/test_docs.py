@@ -92,11 +92,13 @@ def test_the_site_is_built_with_all_names_formulas_and_a_search_of_its_own(site)
 def test_the_first_page_and_the_gallery_play_replays(site):
     with Browser(1280, 900) as browser:
         for name in sorted(file.stem for file in (site / "replays").glob("*.html")):
-            browser.open(page_address(site / f"replays/{name}.html") + "#loop", "replay.ready && replay.playing")
+            browser.open(page_address(site / f"replays/{name}.html") + "#looping", "replay.ready && replay.playing")
             assert browser.evaluate("replay.loops && document.title.includes(' by ')"), name
             assert not browser.errors, name
-        browser.open(page_address(site / "index.html"), "document.querySelector('iframe.demo')")
-        assert browser.evaluate("document.querySelector('iframe.demo').src").endswith("replays/demo.html#loop")
+        browser.open(page_address(site / "index.html"), "document.readyState === 'complete'")
+        # what the replay does leaves the page at its top
+        assert browser.evaluate("scrollY") == 0
+        assert browser.evaluate("document.querySelector('iframe.demo').src").endswith("replays/demo.html#looping")
         browser.open(page_address(site / "gallery.html"), "document.readyState === 'complete'")
         links = browser.evaluate("[...document.querySelectorAll('a.replay')].map(a => a.getAttribute('href'))")
         assert len(links) == len(list((site / "gallery").glob("*.webp")))

@@ -1,7 +1,7 @@
 // The page: time, controls, and the loop that draws.
 const $ = id => document.getElementById(id);
 const replay = {
-    time: 0, rate: DATA.speed, playing: false, loops: location.hash === "#loop", duration: DATA.end - DATA.start, kind: DATA.shapes, ready: false,
+    time: 0, rate: DATA.speed, playing: false, loops: location.hash === "#looping", duration: DATA.end - DATA.start, kind: DATA.shapes, ready: false,
 
     seek(time) {
         this.time = Math.max(0, Math.min(time, this.duration));
