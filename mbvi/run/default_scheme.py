@@ -179,7 +179,7 @@ def _mode_step(slope: Array, least: float) -> tuple[float, float]:
     decays = modes.real <= -_OVERDAMPED * rates
     steps[decays] = np.maximum(steps[decays], min(stable, least))
     shortest = int(np.argmin(steps))
-    return float(steps[shortest]), float(rates[shortest])
+    return min(float(steps[shortest]), stable), float(rates[shortest])
 
 
 def force_slope(system: System, t: float, q: Array, v: Array, length: float) -> Array:

@@ -343,7 +343,10 @@ def search_cores(
         lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 0)
         share[0] = 1.0
     write_midpoint(world, shapes, pair, n, active, share, max(count, 1), nearest)
-    apart = -shapes.sizes[shapes.sides[pair, 0], 3] - shapes.sizes[shapes.sides[pair, 1], 3]
+    # between shapes of very different sizes the normal is rounded so that another point may be lower
+    lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 3)
+    height = low = size = 0.0
     for c in range(3):
-        apart += active[0, c] * n[c]
-    return count > 0, apart
+        height, low, size = height + active[0, c] * n[c], low + active[3, c] * n[c], size + abs(active[0, c])
+    height = low if low < height - _ROUNDING * size else height
+    return count > 0, height - shapes.sizes[shapes.sides[pair, 0], 3] - shapes.sizes[shapes.sides[pair, 1], 3]
