@@ -146,7 +146,12 @@ class RunData:
         InputError
             If t lies outside the run, or is neither a number nor a list of numbers.
         """
-        if np.ndim(t) == 0:
+        try:
+            several = np.ndim(t) > 0
+        except Exception:
+            # `number` says what is wrong with it
+            several = False
+        if not several:
             return self._at(number(cast("float", t), "t"))
         times = array(t, "t", ("m",))
         states = [self._at(float(one)) for one in times]

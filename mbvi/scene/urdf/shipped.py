@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...arguments import shown
 from ...errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[2]
@@ -28,8 +29,8 @@ def robot(name: str) -> Path:
         If no robot has that name.
     """
     known = shipped_robots()
-    if name not in known:
-        raise InputError(f"no shipped robot {name!r}; known are {', '.join(sorted(known)) or 'none'}")
+    if not isinstance(name, str) or name not in known:
+        raise InputError(f"no shipped robot {shown(name)}; known are {', '.join(sorted(known)) or 'none'}")
     return known[name]
 
 

@@ -568,6 +568,7 @@ CALLS: dict[str, Call] = {
     "SchatzmanPaoli": Call(mbvi.SchatzmanPaoli, dict),
     "StewartTrinkle": Call(mbvi.StewartTrinkle, dict),
     "EventDriven": Call(mbvi.EventDriven, lambda: {"tolerance": 1e-6}),
+    "robot": Call(mbvi.robot, lambda: {"name": "quadruped"}),
     "load": Call(
         mbvi.load,
         lambda: {
