@@ -267,7 +267,7 @@ class ConstraintFamily(ABC):
 
     @cached_property
     def _least_displacement(self) -> float:
-        # every run asks for it
+        # the tunnelling guard of every run needs it
         envelope = self.envelope()
         total = 0.0 if envelope is None else float(envelope.sum())
         return float(np.min(self.thickness, initial=np.inf)) / total if total > 0.0 else np.inf

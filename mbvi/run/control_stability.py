@@ -18,6 +18,8 @@ from ..system.system import Array
 # h d + (h w)^2 / 2 below which explicit steps are stable, and its value at the gains and steps that are suggested: in
 # other poses it is up to 4 times larger
 _BOUND, _SUGGESTED = 2.0, 0.4
+# turn of a joint in a step above which its gains are looked at [rad]
+TURN = 2.0 * np.pi
 # length of the differences that give the gains of a function [m, rad]
 _DIFFERENCE = 1e-6
 
@@ -125,7 +127,7 @@ def turned_by_gains(problem: Problem, h: float, t: float, q: Array, v: Array) ->
     swift = any(
         isinstance(part.system, ArticulatedSystem)
         and part.system.control is not None
-        and h * np.abs(v[part.v : part.v + part.system.nv]).max(initial=0.0) > 2.0 * np.pi
+        and h * np.abs(v[part.v : part.v + part.system.nv]).max(initial=0.0) > TURN
         for part in located_parts(problem.system)
     )
     return swift and unstable_gains(problem, h, [(t, q, v)], functions=True) is not None

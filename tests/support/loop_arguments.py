@@ -15,7 +15,7 @@ import pytest
 
 import mbvi
 from mbvi.compiled import Kernel
-from mbvi.constraints.mechanism.asked import AskedFamilies
+from mbvi.constraints.mechanism.row_callback import RowCallback
 from mbvi.constraints.mechanism.state import row_buffer
 from mbvi.constraints.mechanism.tables import MOST_ROWS
 from mbvi.run.loop import compiled_loop, loop_scope, step_loop
@@ -325,23 +325,23 @@ def may_pass(rng, seed):
     return s._replace(v=scale * s.v), log, q, scale * v, h, 1e-9
 
 
-def may_meet(rng, seed):
+def may_touch(rng, seed):
     s, log, q, v, *_ = _call("may_pass", PAOLI, quadruped, RIGID, 40 + seed)
     return s, log, int(rng.integers(len(s.constraints.pairs.clearance))), q, rng.uniform(0.0, 0.3) * v
 
 
-# a function that is asked, and changes nothing
+# a callback that changes nothing
 _NOTHING = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_double)(lambda *_: None)
 
 
-def asked_rows(rng, seed):
+def rows_by_callback(rng, seed):
     address = np.array([ctypes.cast(_NOTHING, ctypes.c_void_p).value], np.int64)
-    asked, rows = row_buffer(2, True), row_buffer(2, True)
-    for array in asked[2:]:
+    found, rows = row_buffer(2, True), row_buffer(2, True)
+    for array in found[2:]:
         array[:] = rng.normal(size=array.shape)
     # answers that fail, that fit, and that do not
-    asked.size[0], rows.size[0] = (-1, 2, 3)[seed], (0, 1, MOST_ROWS - 2)[seed]
-    return AskedFamilies(address, np.zeros(1), asked), 1, rng.normal(size=3), 0.1, rows
+    found.size[0], rows.size[0] = (-1, 2, 3)[seed], (0, 1, MOST_ROWS - 2)[seed]
+    return RowCallback(address, np.zeros(1), found), 1, rng.normal(size=3), 0.1, rows
 
 
 def write_gradients(rng, seed):
@@ -392,10 +392,10 @@ LOOP_ARGUMENTS = {
     **{name: _within_a_run(name) for name in CALLS},
     "may_pass": may_pass,
     "clearance_of": clearance_of,
-    "may_meet": may_meet,
-    "distance_on_way": lambda rng, seed: (*may_meet(rng, seed), rng.random(), float(rng.choice([0.0, 1.0]))),
+    "may_touch": may_touch,
+    "distance_after": lambda rng, seed: (*may_touch(rng, seed), rng.random(), float(rng.choice([0.0, 1.0]))),
     "write_travels": lambda rng, seed: (rng.random((4, 7)), rng.random(4), np.zeros(7)),
-    "asked_rows": asked_rows,
+    "rows_by_callback": rows_by_callback,
     "place_bodies": lambda rng, seed: _near(seed)[::2],
     "distance_of": lambda rng, seed: (*_near(seed)[1:], int(rng.integers(2)), float(rng.choice([0.0, 1.0]))),
     "is_beyond": lambda rng, seed: (

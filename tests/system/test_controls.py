@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbvi
-from mbvi.run.loop.loop_scope import asks_forces, is_compiled
+from mbvi.run.loop.loop_scope import has_user_forces, is_compiled
 from support.paths import ROBOTS
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -94,7 +94,7 @@ def test_a_control_in_the_loop_acts_as_a_function_does(name, scheme):
     inside, outside = hopper(make()), hopper(function)
     assert is_compiled(inside, scheme)
     assert is_compiled(outside, scheme)
-    assert [asks_forces(problem.system) for problem in (inside, outside)] == [False, True]
+    assert [has_user_forces(problem.system) for problem in (inside, outside)] == [False, True]
     runs = [mbvi.simulate(problem, scheme, step=STEP, duration=0.15, progress=False) for problem in (inside, outside)]
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-11)
     np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0, atol=1e-9)

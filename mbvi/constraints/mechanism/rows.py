@@ -20,13 +20,13 @@ from ..cache import IDLE, consume_clearance
 from ..families.candidates import list_candidates
 from ..rows import Array
 from ..tangents import write_axes
-from .asked import AskedFamilies, asked_rows
 from .balls import Balls, touching_balls
 from .pairs import PairShapes, pair_contacts
+from .row_callback import RowCallback, rows_by_callback
 from .tables import (
-    ASKED,
     BALLS,
     FOUND,
+    GIVEN,
     HALF_SPACES,
     LIMITS,
     MOST_ROWS,
@@ -39,14 +39,12 @@ from .tables import (
 )
 
 
-@record(
-    "Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, AskedFamilies"
-)
+@record("Clearances, Limits, Points, PairFamily, Tuple(Shapes), PairFamily, PairShapes, Balls, PairFamily, RowCallback")
 class MechanismConstraints(NamedTuple):
     """The constraints of one mechanism: joint limits, half-spaces with their points, pairs with shapes and axes, balls.
 
-    `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Families of other
-    kinds are `asked`: Python finds their rows.
+    `touching` has the numbers of `SphereContacts`, which are not those of pairs one after the other. Rows of `given`
+    functions come by a callback.
     """
 
     cache: Clearances
@@ -58,7 +56,7 @@ class MechanismConstraints(NamedTuple):
     near: PairShapes
     balls: Balls
     touching: PairFamily
-    asked: AskedFamilies
+    given: RowCallback
 
 
 @kernel("Tuple((i8, f8))(Limits, i8, f8[::1], f8, RowBuffer)")
@@ -209,8 +207,8 @@ def active_rows(
                 cache.clearance[slot] = -np.inf
         if code != FOUND:
             continue
-        if kind == ASKED:
-            code = asked_rows(constraints.asked, k, q, tolerance, rows)
+        if kind == GIVEN:
+            code = rows_by_callback(constraints.given, k, q, tolerance, rows)
             continue
         family = constraints.pairs if kind == PAIRS else constraints.touching if kind == BALLS else walls
         if kind == LIMITS:

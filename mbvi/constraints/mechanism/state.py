@@ -16,21 +16,21 @@ from ..families.signed_distance import SignedDistances
 from ..families.spheres import SphereContacts
 from ..family import ConstraintFamily
 from ..rows import Array
-from .asked import AskedFamilies
 from .balls import Balls
+from .row_callback import RowCallback
 from .rows import MechanismConstraints
-from .tables import ASKED, BALLS, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
+from .tables import BALLS, GIVEN, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearances, Limits, PairFamily, RowBuffer
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
-    GivenConstraint: ASKED, GivenRows: ASKED,
+    GivenConstraint: GIVEN, GivenRows: GIVEN,
 }  # fmt: skip
 
 
 def _kind_of(family: ConstraintFamily) -> int | None:
     """Return what a family is to kernels; None if they do not take it."""
     kind = _KINDS.get(type(family))
-    return None if kind == ASKED and family.moving else kind
+    return None if kind == GIVEN and family.moving else kind
 
 
 def row_buffer(nv: int, frictional: bool) -> RowBuffer:
@@ -79,11 +79,11 @@ class MechanismState:
             np.array(kinds, np.int64), np.array(slot, np.int64), *cache.arrays, np.zeros(nq), np.zeros(count, bool),
             np.zeros(nv),
         )  # fmt: skip
-        some = row_buffer(nv, constraints.frictional) if ASKED in kinds else row_buffer(0, False)
-        asked = AskedFamilies(np.zeros(1, np.int64), np.zeros(1), some)
+        some = row_buffer(nv, constraints.frictional) if GIVEN in kinds else row_buffer(0, False)
+        given = RowCallback(np.zeros(1, np.int64), np.zeros(1), some)
         self.arrays = MechanismConstraints(
             self._clearances, _limits(constraints), points, tables[HALF_SPACES], shapes, tables[PAIRS], near,
-            *_balls(constraints), asked,
+            *_balls(constraints), given,
         )  # fmt: skip
 
     def enter(self) -> bool:
@@ -138,23 +138,23 @@ def pairs_of_shapes(constraints: AdmissibleSet) -> ConstraintFamily | None:
 def can_be_compiled(constraints: AdmissibleSet) -> bool:
     """Return whether the loop takes every family: joint limits, at most one each of half-spaces, pairs and spheres.
 
-    Functions of the user are asked for their rows, if nothing moves and one mechanism is all that there is.
+    Of one mechanism it also takes functions of the user, unless they have a `rate`.
     """
     cache, kinds = constraints.cache, [_kind_of(family) for family in constraints.families]
-    several = [kind for kind in kinds if kind not in (LIMITS, ASKED)]
+    several = [kind for kind in kinds if kind not in (LIMITS, GIVEN)]
     if None in kinds or len(set(several)) < len(several):
         return False
-    if ASKED in kinds and not constraints.system.single_mechanism:
+    if GIVEN in kinds and not constraints.system.single_mechanism:
         return False
-    if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in (BALLS, ASKED)):
+    if any(slot < 0 for slot, kind in zip(cache.slots, kinds, strict=True) if kind not in (BALLS, GIVEN)):
         return False
     found = (cache.candidates(k) for k in range(len(cache.arrays[0])))
     return all(one is None or isinstance(one.reach, np.ndarray) for one in found)
 
 
-def asks_rows(constraints: AdmissibleSet) -> bool:
-    """Return whether functions of the user are asked for rows."""
-    return any(_kind_of(family) == ASKED for family in constraints.families)
+def has_given_rows(constraints: AdmissibleSet) -> bool:
+    """Return whether some rows are those of functions of the user."""
+    return any(_kind_of(family) == GIVEN for family in constraints.families)
 
 
 def _pair_family(constraints: AdmissibleSet, k: int, candidates: Any) -> PairFamily:

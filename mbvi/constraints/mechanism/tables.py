@@ -9,8 +9,8 @@ from ..rows import Array
 
 # most rows that the kernel finds; more are left to Python
 MOST_ROWS = 400
-# what a family is; `ASKED` are those that Python queries
-LIMITS, HALF_SPACES, PAIRS, BALLS, ASKED = range(5)
+# what a family is; `GIVEN` are functions of the user
+LIMITS, HALF_SPACES, PAIRS, BALLS, GIVEN = range(5)
 # what `active_rows` returns: the rows are known; they are too many; a pair of shapes must be measured
 FOUND, TOO_MANY, UNRESOLVED = range(3)
 

@@ -345,8 +345,6 @@ def search_cores(
     write_midpoint(world, shapes, pair, n, active, share, max(count, 1), nearest)
     # between shapes of very different sizes the normal is rounded so that another point may be lower
     lowest_difference(world, shapes, pair, n[0], n[1], n[2], CORNERS, active, 3)
-    height = low = size = 0.0
-    for c in range(3):
-        height, low, size = height + active[0, c] * n[c], low + active[3, c] * n[c], size + abs(active[0, c])
-    height = low if low < height - _ROUNDING * size else height
+    height, low = dot(active[0], n), dot(active[3], n)
+    height = low if low < height - _ROUNDING * np.sqrt(dot(active[0], active[0])) else height
     return count > 0, height - shapes.sizes[shapes.sides[pair, 0], 3] - shapes.sizes[shapes.sides[pair, 1], 3]

@@ -27,7 +27,7 @@ from ...system.mechanisms.mechanism import Mechanism
 from ...system.system import independent_parts, parts_of
 from ..recorder import RECENT, Recorder
 from ..tunnelling import TunnellingGuard
-from .asked import AskedPython, asked_python
+from .callbacks import PythonCallbacks, python_callbacks
 from .impact_rows import LaterRows
 from .loop_record import PLAIN, ROUGH, LoopRecord
 from .loop_scope import control_of, is_compiled, is_one_mechanism, loop_of
@@ -83,8 +83,8 @@ class CompiledLoop:
         # counted from the start: a run begins as a shorter one does, to the last bit
         self._begin = 0 if is_one_mechanism(problem.system) else LONG
         self._state = MechanismState(problem.constraints)
-        self._asked = asked_python(problem, self._state)
-        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._asked)
+        self._callbacks = python_callbacks(problem, self._state)
+        self._step = mechanism_step(problem, scheme, projector.residual, mechanism, self._state, self._callbacks)
         self._memory = self._step.memory
         states = recorder.t, recorder.q, recorder.v, recorder.penetration, recorder.limit_violation, recorder.residual
         self._log = loop_record(problem, scheme, guard, *states)
@@ -110,7 +110,7 @@ class CompiledLoop:
         problem, recorder, memory = self._problem, self._recorder, self._memory
         self._projector.lend(memory.percussion, memory.start, memory.size)
         q, v, end, count = state.q.copy(), state.v.copy(), min(whole, done + CHUNK) + 1, recorder.count
-        with nullcontext() if self._asked is None else self._asking():
+        with nullcontext() if self._callbacks is None else self._with_contacts():
             following, count, code = self._loop(
                 *self._held, q, v, problem.t0, self._h, done + 1, end, self._total, self._every,
                 count, self._limit, STILL * problem.length,
@@ -127,16 +127,16 @@ class CompiledLoop:
         if taken:
             self._replay(done, taken)
             state = recorder.last = self._logged(done, taken - 1)._replace(q=q, v=v)
-        if self._asked is not None:
+        if self._callbacks is not None:
             if taken:
                 self._pass_contacts(taken - 1)
-            self._asked.check()
+            self._callbacks.check()
         return state, done + taken, code in (DONE, FULL)
 
     @contextmanager
-    def _asking(self) -> Iterator[None]:
+    def _with_contacts(self) -> Iterator[None]:
         """Let the kernel call functions of the user, and pass them the contacts of each step that it has taken."""
-        assert self._asked is not None
+        assert self._callbacks is not None
         passed, taken = 0, self._log.taken
 
         def pass_contacts() -> None:
@@ -145,8 +145,8 @@ class CompiledLoop:
                 passed = taken.item(0)
                 self._pass_contacts(passed - 1)
 
-        taken[0], self._asked.before = 0, pass_contacts
-        with self._asked.interruptible():
+        taken[0], self._callbacks.before = 0, pass_contacts
+        with self._callbacks.interruptible():
             yield
 
     def _pass_contacts(self, j: int) -> None:
@@ -246,14 +246,14 @@ def step_of_rows(number: Array, rows: Array, t: float, none: Array) -> Step:
 
 def mechanism_step(
     problem: Problem, scheme: Scheme, residual: float, mechanism: Mechanism, state: MechanismState,
-    asked: AskedPython | None,
+    callbacks: PythonCallbacks | None,
 ) -> MechanismStep:  # fmt: skip
-    """Return what steps a problem that the loop takes, with room for one step; `asked` is what acts by Python."""
+    """Return what steps a problem that the loop takes, with room for one step."""
     system, constraints = problem.system, problem.constraints
     nq, nv, frictional = system.nq, system.nv, constraints.frictional
     control, acted = control_of(system)
-    if asked is not None and asked.table is not None:
-        control, acted = asked.table, np.array([0, nq, 0, nv])
+    if callbacks is not None and callbacks.table is not None:
+        control, acted = callbacks.table, np.array([0, nq, 0, nv])
     memory = LawMemory(np.zeros(MOST_ROWS), np.zeros(3 * MOST_ROWS), np.zeros(3, np.int64))
     theta = scheme.theta if isinstance(scheme, MoreauJean) else 0.5
     squares, turn_squares = constraints.cache.squares, constraints.cache.turn_squares

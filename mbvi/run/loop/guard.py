@@ -12,11 +12,12 @@ from ...schemes.kernels.records import MechanismStep
 from ...system.mechanisms.mechanism import place
 from ...system.mechanisms.pinocchio_address import retract, tangent
 from ...system.system import Array
+from ..control_stability import TURN
 from ..tunnelling import DEPTH, RUNAWAY
 from .loop_record import LoopRecord
 
-# places at which a pair is measured on its way
-_MOST_PLACES = 40
+# configurations at which a pair is measured along a displacement
+_MOST_MEASURED = 40
 
 
 @kernel("f8(MechanismConstraints, i8)")
@@ -32,13 +33,13 @@ def clearance_of(constraints: MechanismConstraints, pair: int) -> float:
 
 
 @kernel("f8(MechanismStep, LoopRecord, i8, f8[::1], f8[::1], f8, f8)")
-def distance_on_way(
-    s: MechanismStep, log: LoopRecord, pair: int, q: Array, way: Array, share: float, near: float
+def distance_after(
+    s: MechanismStep, log: LoopRecord, pair: int, q: Array, displacement: Array, share: float, near: float
 ) -> float:  # fmt: skip
-    """Return the distance of a pair of shapes after a share of a way from q; a lower bound if it is not near [m]."""
-    drift, there = log.ways[2], log.places[1]
-    for k in range(len(way)):
-        drift[k] = share * way[k]
+    """Return the distance of a pair of shapes after a share of a displacement; a lower bound if it is not near [m]."""
+    drift, there = log.tangents[2], log.places[1]
+    for k in range(len(displacement)):
+        drift[k] = share * displacement[k]
     retract(s.mechanism.calls, q, drift, there)
     place(s.mechanism, there)
     place_bodies(s.mechanism, s.constraints.near)
@@ -46,32 +47,32 @@ def distance_on_way(
 
 
 @kernel("b1(MechanismStep, LoopRecord, i8, f8[::1], f8[::1])")
-def may_meet(s: MechanismStep, log: LoopRecord, pair: int, q: Array, way: Array) -> bool:
-    """Return whether a pair of shapes may meet on a way from q, shapes (nq,) and (nv,), if it could pass there.
+def may_touch(s: MechanismStep, log: LoopRecord, pair: int, q: Array, displacement: Array) -> bool:
+    """Return whether a pair of shapes that could pass through each other may touch on a displacement, shape (nv,).
 
-    The steps of the search are such that the pair cannot meet within one. A pair that touches at the start meets only
-    if it sinks.
+    The search (conservative advancement) takes steps within which the pair cannot touch. A pair that touches at the
+    start counts only if it sinks.
     """
     travel, thickness, reach, tolerance = 0.0, log.thickness[pair], s.constraints.pairs.reach, s.scales.tolerance
-    for k in range(len(way)):
-        travel += abs(way[k]) * reach[k, pair]
+    for k in range(len(displacement)):
+        travel += abs(displacement[k]) * reach[k, pair]
     if not travel > thickness:
         return False
     near, share = max(tolerance, 0.1 * DEPTH * thickness), 0.0
-    gap = distance_on_way(s, log, pair, q, way, 0.0, near)
+    gap = distance_after(s, log, pair, q, displacement, 0.0, np.inf)
     if gap <= tolerance:
         share = min(DEPTH * thickness / travel, 1.0)
-        rise = distance_on_way(s, log, pair, q, way, share, near) - gap
+        rise = distance_after(s, log, pair, q, displacement, share, np.inf) - gap
         if rise < near:
             return rise < -near
         gap += rise
-    for _ in range(_MOST_PLACES):
+    for _ in range(_MOST_MEASURED):
         if not gap > near:
             return True
         share += gap / travel
         if share >= 1.0:
             return False
-        gap = distance_on_way(s, log, pair, q, way, share, near)
+        gap = distance_after(s, log, pair, q, displacement, share, near)
     return True
 
 
@@ -104,7 +105,7 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         See `TunnellingGuard`.
     """
     n, pairs = log.shares.shape
-    w, speed, middle, before, after, total, fastest = s.v, log.ways[0], log.places[0], 0.0, 0.0, 0.0, 0.0
+    w, speed, middle, before, after, total, fastest = s.v, log.tangents[0], log.places[0], 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         before += v[k] * v[k]
         after += w[k] * w[k]
@@ -121,7 +122,7 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
         return not fastest < log.slow_speed
     if total < 1.0:
         return False
-    if h * fastest > 2.0 * np.pi:
+    if h * fastest > TURN:
         # gains may be what turns it
         return True
     travel, placed = log.travel, False
@@ -139,13 +140,13 @@ def may_pass(s: MechanismStep, log: LoopRecord, q: Array, v: Array, h: float, li
             placed = True
         if is_beyond(s.constraints.shapes, s.constraints.near, i, far):
             continue
-        placed, way = False, log.ways[1]
+        placed, moved = False, log.tangents[1]
         for k in range(n):
-            way[k] = log.jump * h * v[k]
-        if may_meet(s, log, i, q, way):
+            moved[k] = log.jump * h * v[k]
+        if may_touch(s, log, i, q, moved):
             return True
-        retract(s.mechanism.calls, q, way, middle)
-        tangent(s.mechanism.calls, middle, s.q, way)
-        if may_meet(s, log, i, middle, way):
+        retract(s.mechanism.calls, q, moved, middle)
+        tangent(s.mechanism.calls, middle, s.q, moved)
+        if may_touch(s, log, i, middle, moved):
             return True
     return False

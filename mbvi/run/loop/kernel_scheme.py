@@ -18,7 +18,7 @@ from ...schemes import Scheme, Step, Timing
 from ...schemes.kernels.records import DONE, UNSOLVED, MechanismStep
 from ...system.mechanisms.joined import joined
 from ...system.system import Array
-from .asked import asked_python
+from .callbacks import python_callbacks
 from .compiled_loop import mechanism_step
 from .loop_scope import is_compiled
 
@@ -89,8 +89,8 @@ class _OneStep:
             raise UnsuitableError(f"{scheme.name} is a kernel, but Pinocchio cannot be called by address here")
         self.problem = problem
         self._state, self._kernel = MechanismState(problem.constraints), scheme.kernel
-        self._asked = asked_python(problem, self._state)
-        self._step = mechanism_step(problem, scheme, residual, mechanism, self._state, self._asked)
+        self._callbacks = python_callbacks(problem, self._state)
+        self._step = mechanism_step(problem, scheme, residual, mechanism, self._state, self._callbacks)
         self._held, self._none = held(self._step), problem.constraints.empty
 
     def take(self, t: float, q: Array, v: Array, h: float, projector: Projector) -> Step:
@@ -99,11 +99,11 @@ class _OneStep:
         if not self._state.enter():
             raise UnsuitableError("the caches of this problem are not those of kernels")
         projector.lend(memory.percussion, memory.start, memory.size)
-        with nullcontext() if self._asked is None else self._asked.interruptible():
+        with nullcontext() if self._callbacks is None else self._callbacks.interruptible():
             code = self._kernel(self._held, t, q.copy(), v.copy(), h)
         self._state.leave()
-        if self._asked is not None:
-            self._asked.check()
+        if self._callbacks is not None:
+            self._callbacks.check()
         m = step.rows.size[0]
         if code != DONE:
             why = _REASONS.get(code, f"it returned {code}")

@@ -44,7 +44,7 @@ class LoopRecord(NamedTuple):
         See `Timing`.
     travel : ndarray, shape (m,)
         Room for the travel of pairs.
-    ways, places : ndarray, shapes (3, nv) and (2, nq)
+    tangents, places : ndarray, shapes (3, nv) and (2, nq)
         Room for tangent vectors and configurations.
     """
 
@@ -68,5 +68,5 @@ class LoopRecord(NamedTuple):
     slow_speed: float
     jump: float
     travel: Array
-    ways: Array
+    tangents: Array
     places: Array

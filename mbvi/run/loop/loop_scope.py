@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...constraints.mechanism.state import asks_rows, can_be_compiled
+from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
 from ...schemes import Scheme
 from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side
@@ -36,11 +36,11 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
 
 def is_compiled_on_copies(problem: Problem, scheme: Scheme) -> bool:
     """Return whether the loop takes the steps on copies of a problem, which given constraints cannot have."""
-    alone = problem.system.single_mechanism and not asks_rows(problem.constraints)
+    alone = problem.system.single_mechanism and not has_given_rows(problem.constraints)
     return alone and is_compiled(problem, scheme)
 
 
-def asks_forces(system: System) -> bool:
+def has_user_forces(system: System) -> bool:
     """Return whether a function of the user acts on a system, which the loop calls."""
     return system.loaded or _tables(system) is None
 

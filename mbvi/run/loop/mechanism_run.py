@@ -22,7 +22,7 @@ from ..control_stability import failures_with_time
 from ..retaken import SolvedSteps
 from ..start import admitted, closes_none, first_step
 from ..tunnelling import TunnellingGuard
-from .asked import asked_python
+from .callbacks import python_callbacks
 from .compiled_loop import CHUNK, Patience, logged_step, loop_record, mechanism_step
 from .loop_scope import loop_of
 from .step_loop import DONE, FULL
@@ -111,8 +111,10 @@ class MechanismRun:
         self._solved = SolvedSteps(problem, scheme, self._guard)
         self.start(problem)
         problem.system.start()
-        self._asked = asked_python(problem, own.state)
-        self._step = mechanism_step(problem, scheme, self._projector.residual, own.mechanism, own.state, self._asked)
+        self._callbacks = python_callbacks(problem, own.state)
+        self._step = mechanism_step(
+            problem, scheme, self._projector.residual, own.mechanism, own.state, self._callbacks
+        )
         self.q, self.v = problem.q0.copy(), problem.v0.copy()
         states = np.zeros(room), self.q[None], self.v[None]
         self._log = loop_record(problem, scheme, self._guard, *states, *np.zeros((3, room)))
@@ -157,7 +159,7 @@ class MechanismRun:
             if q is not self._recorded[0] or v is not self._recorded[1]:
                 self._recorded = q, v
                 self._held[1].replace(q=q, v=v)
-            with nullcontext() if self._asked is None else self._asked.interruptible():
+            with nullcontext() if self._callbacks is None else self._callbacks.interruptible():
                 following, _, code = self._loop(
                     *self._held, self.q, self.v, self.problem.t0, self._h, first,
                     min(end, self._since + CHUNK), -1, every, count, self._guard.limit, self._still,
@@ -165,8 +167,8 @@ class MechanismRun:
             if following > first:
                 self._last = following - 1 - first
             taken, first, self.done = following - self._since, following, following - 1
-            if self._asked is not None:
-                self._asked.check()
+            if self._callbacks is not None:
+                self._callbacks.check()
             if code == DONE and taken < CHUNK:
                 return first
             # `simulate` makes another attempt here

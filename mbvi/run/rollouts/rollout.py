@@ -14,7 +14,7 @@ from ...system.controls import HeldTorque, LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
 from ...system.system import Array
 from ..default_scheme import time_stepping
-from ..loop.loop_scope import asks_forces, is_compiled_on_copies
+from ..loop.loop_scope import has_user_forces, is_compiled_on_copies
 from ..loop.mechanism_run import controlled_copy
 from ..simulate import check_problem, checked_for
 from .rollout_job import Job
@@ -104,7 +104,7 @@ def rollout(
         raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
     acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
     # a function of the user may have a memory of its own
-    threads = 1 if asks_forces(acting.system) else threads
+    threads = 1 if has_user_forces(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
     if not (is_compiled_on_copies(acting, chosen) and job.run_compiled(threads)):
         job.run_by_simulate()

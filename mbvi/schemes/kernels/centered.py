@@ -116,7 +116,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
         margin = near_margin + 2.0 * scales.reach
-    s.constraints.asked.time[0] = t + h
+    s.constraints.given.time[0] = t + h
     code = active_rows(s.mechanism, s.constraints, q[:0], drift, end, scales.tolerance + margin, s.ahead)
     if code != FOUND:
         return code
@@ -139,7 +139,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
     for a in range(count):
         gap[a] = s.rows.gap[a]
-    s.constraints.asked.time[0] = t + half
+    s.constraints.given.time[0] = t + half
     code = rows_in_the_middle(s, middle, change)
     if code != FOUND:
         return code
@@ -162,7 +162,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         for a in range(count):
             s.rows.gap[a] += half * s.rates[2 * count + a]
         return DONE
-    s.constraints.asked.time[0], room.margin[0] = t + h, margin
+    s.constraints.given.time[0], room.margin[0] = t + h, margin
     if len(opened) == 0:
         for a in range(count):
             room.opened[a] = 0.0

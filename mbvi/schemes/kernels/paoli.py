@@ -13,7 +13,7 @@ from .records import DONE, MechanismStep
 def paoli_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> int:
     """Write the state after a step of `Paoli` from q, v at t; return a code."""
     move(s, q, v, h, s.q)
-    s.constraints.asked.time[0] = t + h
+    s.constraints.given.time[0] = t + h
     # how far the bodies have moved since the last query is h v
     code = active_rows(s.mechanism, s.constraints, q, s.room.drift, s.q, s.scales.tolerance, s.rows)
     if code != DONE:

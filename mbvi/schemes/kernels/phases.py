@@ -152,7 +152,7 @@ def move(s: MechanismStep, q: Array, v: Array, h: float, to: Array) -> None:
 @kernel("i8(MechanismStep, f8, f8[::1])")
 def find(s: MechanismStep, t: float, q: Array) -> int:
     """Find the active rows at (t, q), in `s.rows`; return a code."""
-    s.constraints.asked.time[0] = t
+    s.constraints.given.time[0] = t
     return active_rows(s.mechanism, s.constraints, q[:0], s.room.drift, q, s.scales.tolerance, s.rows)
 
 

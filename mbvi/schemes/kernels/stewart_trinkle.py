@@ -88,7 +88,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     # the mass matrix at q, also where forces are damped
     if factor(m.mass, 0.0, m.damping, m.parent, room.L):
         return UNSOLVED
-    s.constraints.asked.time[0] = t + 0.5 * h
+    s.constraints.given.time[0] = t + 0.5 * h
     code = active_rows(m, s.constraints, q[:0], displacement, q, reach, rows)
     if code != FOUND:
         return code
@@ -107,7 +107,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     retract(m.calls, q, displacement, s.q)
     # rows deeper at the end than every known row; penetration within the tolerance is left
     below = min(-scales.tolerance, least - 1e-12 * scales.length)
-    s.constraints.asked.time[0] = t + h
+    s.constraints.given.time[0] = t + h
     code = active_rows(m, s.constraints, q[:0], displacement, s.q, below, s.ahead)
     if code != FOUND:
         return code

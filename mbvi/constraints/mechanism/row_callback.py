@@ -1,4 +1,4 @@
-"""Families of constraints that Python queries: a kernel calls their functions by an address."""
+"""Rows of constraints that are functions of the user: a kernel calls Python by an address."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from .tables import FOUND, MOST_ROWS, TOO_MANY, UNRESOLVED, RowBuffer, copy_row
 
 
 @record("i8[::1], f8[::1], RowBuffer")
-class AskedFamilies(NamedTuple):
-    """What kernels need to ask Python for rows.
+class RowCallback(NamedTuple):
+    """A function of Python that finds rows, and where it writes them.
 
     Attributes
     ----------
@@ -29,17 +29,17 @@ class AskedFamilies(NamedTuple):
     rows: RowBuffer
 
 
-@kernel("i8(AskedFamilies, i8, Array(f8, 1, 'C', True), f8, RowBuffer)")
-def asked_rows(asked: AskedFamilies, k: int, q: Array, tolerance: float, rows: RowBuffer) -> int:
+@kernel("i8(RowCallback, i8, Array(f8, 1, 'C', True), f8, RowBuffer)")
+def rows_by_callback(given: RowCallback, k: int, q: Array, tolerance: float, rows: RowBuffer) -> int:
     """Append the rows of family k at q within a tolerance [m]; return a code."""
-    call_address(asked.address[0], k, asked.time[0], q.ctypes.data, tolerance)
-    found = asked.rows.size[0]
+    call_address(given.address[0], k, given.time[0], q.ctypes.data, tolerance)
+    found = given.rows.size[0]
     if found < 0:
         return UNRESOLVED
     if rows.size[0] + found > MOST_ROWS:
         return TOO_MANY
     for a in range(found):
-        copy_row(asked.rows, a, rows)
+        copy_row(given.rows, a, rows)
     return FOUND
 
 

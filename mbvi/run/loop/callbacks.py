@@ -1,4 +1,4 @@
-"""What kernels of the compiled loop ask of Python: controls and forces, and the rows of given constraints."""
+"""Callbacks of the compiled loop: controls and forces in Python, and constraints that are functions of the user."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ...constraints.mechanism.asked import write_rows
-from ...constraints.mechanism.state import MechanismState, asks_rows
+from ...constraints.mechanism.row_callback import write_rows
+from ...constraints.mechanism.state import MechanismState, has_given_rows
 from ...problem import Problem
 from ...system.control_table import FUNCTION, ControlTable, no_control
-from .loop_scope import asks_forces
+from .loop_scope import has_user_forces
 
 # time, and addresses of q, v and the torque
 _FORCES = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -26,7 +26,7 @@ _ROWS = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p,
 _C: Any = import_module("_signal")
 
 
-class AskedPython:
+class PythonCallbacks:
     """Functions of the user that the compiled loop calls by an address.
 
     A function that raises leaves a torque of NaN or no rows, with which no step is taken; `check` raises its error.
@@ -51,29 +51,29 @@ class AskedPython:
         self._state, self._constraints, self._torque = state, problem.constraints, system.torque
         self._q, self._v, self._tau = np.zeros(system.nq), np.zeros(system.nv), np.zeros(system.nv)
         self._places = [(each.ctypes.data, each.nbytes) for each in (self._q, self._v, self._tau)]
-        self._rows = state.arrays.asked.rows
+        self._rows = state.arrays.given.rows
         self.before: Callable[[], None] | None = None
         self._error: BaseException | None = None
         self._inside, self._interrupts = False, list[Any]()
         self._handler: Any = None
-        self._callbacks = _FORCES(self._write_torque), _ROWS(self._write_rows)
-        forces, rows = (ctypes.cast(each, ctypes.c_void_p).value for each in self._callbacks)
+        self._functions = _FORCES(self._write_torque), _ROWS(self._write_rows)
+        forces, rows = (ctypes.cast(each, ctypes.c_void_p).value for each in self._functions)
         self.table: ControlTable | None = None
-        if asks_forces(system):
+        if has_user_forces(system):
             self.table = no_control(system.nv)._replace(kind=FUNCTION, address=np.array([forces], dtype=np.int64))
-        state.arrays.asked.address[0] = rows
+        state.arrays.given.address[0] = rows
 
     def _write_torque(self, t: float, q: int, v: int, torque: int) -> None:
-        if not self._done(self._ask_torque, t, q, v):
+        if not self._called(self._evaluate_torque, t, q, v):
             self._tau[:] = np.nan
         own, size = self._places[2]
         ctypes.memmove(torque, own, size)
 
     def _write_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
-        if not self._done(self._ask_rows, k, t, q, tolerance):
+        if not self._called(self._evaluate_rows, k, t, q, tolerance):
             self._rows.size[0] = -1
 
-    def _ask_torque(self, t: float, q: int, v: int) -> None:
+    def _evaluate_torque(self, t: float, q: int, v: int) -> None:
         for (own, size), given in zip(self._places, (q, v), strict=False):
             ctypes.memmove(own, given, size)
         if self.before is not None:
@@ -81,20 +81,20 @@ class AskedPython:
         # copies, which functions of the user may keep
         self._tau[:] = self._torque(t, self._q.copy(), self._v.copy())
 
-    def _ask_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
+    def _evaluate_rows(self, k: int, t: float, q: int, tolerance: float) -> None:
         own, size = self._places[0]
         ctypes.memmove(own, q, size)
         rows, self._rows.size[0] = self._constraints.rows_of(k, t, self._q.copy(), tolerance), 0
         if rows is not None:
             write_rows(rows, self._constraints.levers(rows.constraint), self._rows)
 
-    def _done(self, ask: Callable[..., None], *given: Any) -> bool:
-        """Ask a function of the user; return False if no step may be taken with the answer."""
+    def _called(self, function: Callable[..., None], *given: Any) -> bool:
+        """Call a function of the user; return False if no step may be taken with what it returned."""
         try:
             self._inside = True
             while self._interrupts:
                 self._handler(*self._interrupts.pop())
-            ask(*given)
+            function(*given)
             # otherwise the step is Python's
             return self._state.entered or self._state.enter()
         except BaseException as error:
@@ -138,7 +138,7 @@ class AskedPython:
             self._handler(*self._interrupts.pop())
 
 
-def asked_python(problem: Problem, state: MechanismState) -> AskedPython | None:
-    """Return what asks functions of the user; None if kernels need none."""
-    asks = asks_forces(problem.system) or asks_rows(problem.constraints)
-    return AskedPython(problem, state) if asks else None
+def python_callbacks(problem: Problem, state: MechanismState) -> PythonCallbacks | None:
+    """Return the callbacks of a problem; None if it has no functions of the user."""
+    some = has_user_forces(problem.system) or has_given_rows(problem.constraints)
+    return PythonCallbacks(problem, state) if some else None
