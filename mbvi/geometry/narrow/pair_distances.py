@@ -160,10 +160,11 @@ def distances_from_axes(
     for i in range(len(pairs)):
         pair = pairs[i]
         place_pair(places, shapes, pair, world)
-        if axis[pair, 0] == axis[pair, 0]:
+        known, exact = axis[pair, 0] == axis[pair, 0], near == np.inf
+        if known:
             axis_in_world(places, shapes.frame[shapes.sides[pair, 0]], axis, pair, n)
-        if near < np.inf:
-            apart = _nearly_apart(world, shapes, pair, n, axis[pair, 0] == axis[pair, 0], near, active)
+        if not exact:
+            apart = _nearly_apart(world, shapes, pair, n, known, near, active)
             if apart > near:
                 state[i], distance[i] = UNIQUE, apart
                 for c in range(3):
@@ -172,9 +173,10 @@ def distances_from_axes(
         balls = shapes.sizes[shapes.sides[pair, 0], 3] + shapes.sizes[shapes.sides[pair, 1], 3]
         equal = (_EQUAL_CURVED if is_curved(shapes, pair) else _EQUAL) * bound[pair]
         found, apart, sure, proved = FAILED, -np.inf, 0.0, False
-        if axis[pair, 0] == axis[pair, 0]:
+        if known:
+            # the last axis of a pair that is near, or what it was turned to, is near the result
             found, apart, sure = _maximum(
-                world, shapes, pair, n, near < np.inf, bound[pair], nearest, gaps, corners, flat, count
+                world, shapes, pair, n, not exact, bound[pair], nearest, gaps, corners, flat, count
             )
             # where curved cores overlap, the last digits may depend on where the search began
             if apart + balls > 0.0 or not is_curved(shapes, pair):
