@@ -64,7 +64,7 @@ def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
 
 
 def control_of(system: System) -> tuple[ControlTable, Array]:
-    """Return the control of a system without functions of the user, and where what it knows begins and ends in q and v."""
+    """Return the control of a system without functions of the user, and where its coordinates begin and end in q, v."""
     tables, nq, nv = _tables(system) or [], system.nq, system.nv
     if not tables:
         return no_control(nv), np.array([0, nq, 0, nv])
