@@ -209,12 +209,12 @@ def recorded(problem: Problem, name: str, model: Any, peer: Any, h: float, start
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
         raise ModelError(f"{name} diverges at h = {h:g} s")
     t = start + h * np.arange(count + 1)
-    depth = np.array([_depth(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
+    depths = np.array([_depths(problem, float(ti), qi) for ti, qi in zip(t, q, strict=True)])
     # semi-implicit by default: the new velocity moves the configuration through the whole step
-    kept = RunRecord(depth, timing=Timing(jump=getattr(peer, "jump", 0.0)))
+    kept = RunRecord(depths[:, 0], timing=Timing(jump=getattr(peer, "jump", 0.0)), limit_violation=depths[:, 1])
     return Trajectory(t, q, v, (), np.zeros(count + 1), "peer", h, problem=problem, record=kept)
 
 
-def _depth(problem: Problem, t: float, q: Array) -> float:
-    gap = problem.constraints.active(t, q, problem.tolerance).gap
-    return max(0.0, -float(gap.min(initial=0.0)))
+def _depths(problem: Problem, t: float, q: Array) -> Array:
+    active = problem.constraints.active(t, q, problem.tolerance)
+    return problem.constraints.depths(active.constraint, active.gap)
