@@ -73,6 +73,7 @@ SECTIONS = {
         Shown("sampled_jump", "m: height that the trunk gains by sampled torques", 0, 0.35, 12, "jump.html"),
         Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6, 14),
         Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 12, "gravel.html"),
+        Shown("four_bar", "s: a loop of four hinges strikes the floor", 0, 1.2, 24, "linkage.html"),
         Shown("panda_throws_ball", "m: miss of a ball that a gripper holds and throws", 1.2, 2.4, 16, "throw.html"),
         Shown(
             "mixed_heap", ": percussions of the floor, over weight times duration plus gain of momentum: 1", 0, 0.5, 12,

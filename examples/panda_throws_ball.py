@@ -6,7 +6,6 @@ The joints stay below the speeds that the maker allows. Needs the package exampl
 
 import sys
 import sysconfig
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +53,8 @@ class Thrower:
         wanted[:7] = plan[2] + 900.0 * (plan[0] - q[:7]) + 60.0 * (plan[1] - v[:7])
         tau = pin.rnea(self.model, self.data, q, v, wanted)
         held = CLOSE < t < 0.5 * (THROW + END)
-        # fingers keep their middle
-        middle = 400.0 * (q[8] - q[7]) + 10.0 * (v[8] - v[7])
-        tau[7:] = (-GRIP if held else 3.0) + middle * np.array([1.0, -1.0])
+        # one finger follows the other by the file's mimic joint
+        tau[7:] = -GRIP if held else 3.0
         return tau
 
     def hand(self, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -81,10 +79,7 @@ def scene() -> mbvi.Scene:
     made, arm = mbvi.Scene(friction=MU), Thrower()
     made.add_halfspace((0, 0, 1), name="floor")
     start = dict(zip(arm.model.names[1:], [*planned(0.0)[0], 0.035, 0.035], strict=True))
-    with warnings.catch_warnings():
-        # the file says that one finger follows the other, which is left to the control
-        warnings.simplefilter("ignore", mbvi.MbviWarning)
-        made.add_urdf(PANDA / "panda.urdf", base="fixed", joints=start, control=arm, name="panda")
+    made.add_urdf(PANDA / "panda.urdf", base="fixed", joints=start, control=arm, name="panda", mimic=True)
     place, _ = arm.hand(0.0)
     top = place[2] - RADIUS
     made.add_sphere(RADIUS, MASS, position=place, name="ball")

@@ -179,6 +179,10 @@ class Problem:
         except DivergedError as error:
             raise InputError(f"at the start {error}") from error
         self.constraints.check(self.t0, self.q0)
+        open_by = float(np.abs(self.system.gaps(self.q0)).max(initial=0.0))
+        # written so that a NaN is refused too
+        if not open_by <= self.tolerance:
+            raise InadmissibleStartError(f"the initial configuration opens loops or couplings, by {open_by:.3g}")
         active = self.constraints.active(self.t0, self.q0, self.tolerance)
         gaps = active.gap * self.constraints.levers(active.constraint)
         if gaps.size and gaps.min() < -self.tolerance:

@@ -39,6 +39,8 @@ NUMBERS = {
     "error_control": (0.189962172, 1e-8),
     # straight lines reflected by hand: one wall, and one wall after the other
     "figure_1": (0.7071421356417671, 5e-4),
+    # the equation of motion in the angle of the crank, integrated at 1e-12 (tests/schemes/test_loops.py)
+    "four_bar": (0.4921825755902, 1e-8),
     # the limit of finer steps
     "foot_in_gravel": (1.8774, 3e-3),
     # DOP853 at 1e-12 with its event

@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from .metric import Array, triangular, whiten_full
+from .tree_factor import DEPENDENT, keep_equalities, span_equalities, take_off, unwhiten, unwhiten_four, whiten
 
 
 @kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
@@ -16,14 +17,14 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
 
     Parameters
     ----------
-    mass : ndarray, shape (nv, nv)
-        M, of which the lower triangle is read.
+    mass : ndarray, shape (nv + m, nv)
+        M, of which the lower triangle is read, and the m rows of the equalities, if there are any.
     h, damping : float and ndarray, shape (nv,)
         h and the diagonal of D.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
-    L : ndarray, shape (nv, nv)
-        Lower triangular; overwritten.
+    L : ndarray, shape (nv + m, nv)
+        Lower triangular, then the basis of the equalities; overwritten. See `tree_factor`.
 
     Notes
     -----
@@ -50,63 +51,28 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
                 L[i, j] -= L[k, i] * L[k, j]
                 j = parent[j]
             i = parent[i]
+    if len(mass) > n:
+        span_equalities(mass, parent, DEPENDENT, L, np.empty((0, 0)))
     return 0
-
-
-@kernel("void(f8[:,::1], i8[::1], f8[::1])")
-def _whiten(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite x, shape (nv,), by L'^-1 x."""
-    for k in range(len(x) - 1, -1, -1):
-        # a gradient touches the joints that carry its bodies only
-        if x[k] != 0.0:
-            x[k] /= L[k, k]
-            i = parent[k]
-            while i >= 0:
-                x[i] -= L[k, i] * x[k]
-                i = parent[i]
-
-
-@kernel("void(f8[:,::1], i8[::1], f8[::1])")
-def _unwhiten(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite x, shape (nv,), by L^-1 x."""
-    for k in range(len(x)):
-        y = x[k]
-        i = parent[k]
-        while i >= 0:
-            y -= L[k, i] * x[i]
-            i = parent[i]
-        x[k] = y / L[k, k]
-
-
-@kernel("void(f8[:,::1], i8[::1], f8[:,::1])")
-def _unwhiten_four(L: Array, parent: Array, x: Array) -> None:
-    """Overwrite each row of x, shape (4, nv), by L^-1 times it: four sums side by side wait less for each other."""
-    for k in range(x.shape[1]):
-        a, b, c, d = x[0, k], x[1, k], x[2, k], x[3, k]
-        i = parent[k]
-        while i >= 0:
-            part = L[k, i]
-            a, b, c, d = a - part * x[0, i], b - part * x[1, i], c - part * x[2, i], d - part * x[3, i]
-            i = parent[i]
-        part = L[k, k]
-        x[0, k], x[1, k], x[2, k], x[3, k] = a / part, b / part, c / part, d / part
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
 def solve(L: Array, parent: Array, rows: Array, whitened: Array, out: Array) -> None:
-    """Write L'^-1 r and (L'L)^-1 r for every row r, shapes (m, nv)."""
+    """Write L'^-1 r and (L'L)^-1 r for every row r, shapes (m, nv); without their parts along equalities."""
     m, n = rows.shape
     for a in range(m):
         for k in range(n):
             whitened[a, k] = rows[a, k]
-        _whiten(L, parent, whitened[a])
+        whiten(L, parent, whitened[a])
+        if len(L) > n:
+            take_off(L, whitened[a])
         for k in range(n):
             out[a, k] = whitened[a, k]
     fours = m - m % 4
     for a in range(0, fours, 4):
-        _unwhiten_four(L, parent, out[a : a + 4])
+        unwhiten_four(L, parent, out[a : a + 4])
     for a in range(fours, m):
-        _unwhiten(L, parent, out[a])
+        unwhiten(L, parent, out[a])
 
 
 @kernel("b1(f8[::1])")
@@ -123,8 +89,8 @@ def _damp(L: Array, damping: Array, parent: Array, time: float, x: Array) -> Non
     """Overwrite a velocity, shape (nv,), by (L'L)^-1 time D x."""
     for k in range(len(x)):
         x[k] *= time * damping[k]
-    _whiten(L, parent, x)
-    _unwhiten(L, parent, x)
+    whiten(L, parent, x)
+    unwhiten(L, parent, x)
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1])")
@@ -144,7 +110,7 @@ def advance_by(
         Time step [s].
     twice : bool
         Whether D acts at order 2 instead of 1; see Notes.
-    L : ndarray, shape (nv, nv)
+    L : ndarray, shape (nv + m, nv)
         Receives the factor of M + h D, at order 2 of M + h D / 2; without damping both are that of M.
     changes : ndarray, shape (2, nv)
         Room.
@@ -154,6 +120,9 @@ def advance_by(
     With F = torque - effects, order 1 is the implicit E_h(v) = v + (M + h D)^-1 h (F - D v). Order 2 is
     2 E^3(v) - E^4(v) with E = E_{h/2}, whose decay under D alone is (1 + z) / (1 + z / 2)^4 for z = h d / M: between
     exp(-z) and that of order 1, 1 / (1 + z). Where D is zero both are v + h M^-1 F to the last digit.
+
+    With equalities the result w has J_e w = 0, at order 2 J_e (v + w) = 0: then the mean velocity of the step keeps
+    them, and a step without forces keeps the energy.
     """
     n, time, damped = len(v), h, is_damped(damping)
     if twice and damped:
@@ -163,8 +132,8 @@ def advance_by(
         return bad
     for k in range(n):
         out[k] = h * (torque[k] - effects[k] - damping[k] * v[k])
-    _whiten(L, parent, out)
-    _unwhiten(L, parent, out)
+    whiten(L, parent, out)
+    unwhiten(L, parent, out)
     if twice and damped:
         # out is twice the change of the first of four half steps; each of the others is the one before less `loss`
         change, loss = changes[0], changes[1]
@@ -183,6 +152,16 @@ def advance_by(
                     out[k] += 0.5 * loss[k]
     for k in range(n):
         out[k] += v[k]
+    if len(L) > n:
+        if twice:
+            bad = factor(mass, 0.0, damping, parent, L) if damped else 0
+            if bad:
+                return bad
+            for k in range(n):
+                out[k] += v[k]
+        keep_equalities(L, parent, out)
+        for k in range(n if twice else 0):
+            out[k] -= v[k]
     return 0
 
 
@@ -201,7 +180,7 @@ def advance(
         mass, damping, parent, v, h, torque, effects, twice, np.empty(mass.shape), np.empty((2, len(v))), out
     )
     if bad:
-        raise _indefinite(bad, len(mass))
+        raise _indefinite(bad, len(parent))
     return out
 
 
@@ -246,8 +225,9 @@ class TreeMetric:
 
     Parameters
     ----------
-    mass : ndarray, shape (nv, nv)
-        M, of which the lower triangle is read.
+    mass : ndarray, shape (nv + m, nv)
+        M, of which the lower triangle is read, and the rows of the equalities, if there are any. Forces and gradients
+        then lose their parts along these: the metric is M on the velocities that keep the equalities.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
 
@@ -259,18 +239,32 @@ class TreeMetric:
 
     def __init__(self, mass: Array, parent: Array) -> None:
         self.lower, self.parent = np.empty(mass.shape), parent
-        bad = factor(mass, 0.0, np.zeros(len(mass)), parent, self.lower)
+        bad = factor(mass, 0.0, np.zeros(len(parent)), parent, self.lower)
         if bad:
-            raise _indefinite(bad, len(mass))
+            raise _indefinite(bad, len(parent))
+        # the factor itself, and the basis of the equalities
+        self._factor, self._basis = self.lower[: len(parent)], self.lower[len(parent) :]
 
     def apply(self, w: Array) -> Array:
-        return self.lower.T @ (self.lower @ w)
+        return self._factor.T @ (self._factor @ w)
 
     def whiten(self, w: Array) -> Array:
-        return triangular(self.lower.T, w, 0)
+        whitened = triangular(self._factor.T, w, 0)
+        if len(self._basis):
+            whitened = np.array(whitened.T, order="C").reshape(-1, len(w))
+            for row in whitened:
+                take_off(self.lower, row)
+            whitened = whitened.T.reshape(w.shape)
+        return whitened
 
     def unwhiten(self, y: Array) -> Array:
-        return triangular(self.lower.T, y, 1)
+        return triangular(self._factor.T, y, 1)
+
+    def tangent(self, v: Array) -> Array:
+        """Return the nearest velocity that keeps the equalities, shape (nv,)."""
+        kept = v.copy()
+        keep_equalities(self.lower, self.parent, kept)
+        return kept
 
     def solve_rows(self, rows: Array) -> Array:
         out = np.empty(rows.shape)
@@ -281,4 +275,4 @@ class TreeMetric:
         return whiten_full(self, rows)
 
     def dense(self) -> Array:
-        return self.lower.T @ self.lower
+        return self._factor.T @ self._factor

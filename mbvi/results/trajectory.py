@@ -108,6 +108,21 @@ class Trajectory(Outputs):
         """Return the greatest violation of joint limits at each time, shape (n + 1,), >= 0 [rad; m of sliding ones]."""
         return self.record.limit_violation
 
+    def loop_gap(self) -> Array:
+        """Return the largest gap of connections, couplings and mimic joints at each time, shape (n + 1,) [m, rad].
+
+        Steps close them to rounding; 0 where the problem has none.
+
+        Raises
+        ------
+        InputError
+            If the run came from a file without its problem.
+        """
+        if self.problem is None:
+            raise InputError("this file holds no problem, whose loops could be measured")
+        system = self.problem.system
+        return np.array([np.abs(system.gaps(q)).max(initial=0.0) for q in self.q])
+
     def contacts(self, t: float) -> tuple[Contact, ...]:
         """Return the contacts between the recorded states before and after t, joint limits among them.
 

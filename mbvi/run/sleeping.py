@@ -76,7 +76,8 @@ class Sleepers:
         # only free bodies can sleep, and a scene has at most one system of them
         holding = [(p.system, p.v, p.body) for p in located_parts(system) if p.system.can_hold]
         wanted = problem.scene is not None and "rest" in problem.scene.reduce
-        self.any = bool(holding) and wanted
+        # what is connected to others moves with them
+        self.any = bool(holding) and wanted and not system.coupled()
         if not self.any:
             return
         self._system, self._first_velocity, self._first_body = holding[0]

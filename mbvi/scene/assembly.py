@@ -25,8 +25,10 @@ from ..errors import InputError, MbviError
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
-from ..system import BlockSystem, System
+from ..system import BlockSystem, ConnectedSystem, System
+from ..system.mechanisms.equalities import Equality
 from .blocks import Blocks, blocks_of
+from .connected.equalities import equalities_between
 from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
@@ -34,7 +36,7 @@ from .pairs.passing import passing_robots
 from .pairs.settings import LeftOut, LeftOutAround, PairSetting
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS, Omission
-from .resolve import resolved
+from .resolve import closed_start, resolved
 
 # more spheres than these meet their walls in bulk
 _FEW_SPHERES = 33
@@ -302,6 +304,12 @@ def assemble(
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
     system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
     q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
+    between = list[Equality]()
+    if items.connections or items.couplings:
+        within, between = equalities_between(items, system, blocks.frames, blocks.shapes, q0)
+        for number, equalities in within.items():
+            blocks.connect(number, equalities)
+        system = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
@@ -312,9 +320,14 @@ def assemble(
         *collinear_points(builder.collinear_points),
     )
     acted = actuated(blocks, system, blocks.length)
+    if between:
+        acted = ConnectedSystem(acted, between)
+    if start is None:
+        start = closed_start(acted, q0)
     if resolve:
-        start = resolved(acted, constraints, q0, blocks.length)
+        start = resolved(acted, constraints, q0 if start is None else start.q, blocks.length) or start
     q0 = q0 if start is None else start.q
+    v0 = acted.tangent(q0, v0)
     scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start)
     return Problem(
         acted,

@@ -10,12 +10,14 @@ import pinocchio as pin
 from ..arguments import watched
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape, Sphere
 from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
-from .forces.link_centres import with_centres
+from ..system.mechanisms.equalities import Equality
+from .forces.link_centres import centre_of, with_frames
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .meshes.simplified import Simplified
 from .pairs.certified_disjoint import always_apart
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
+from .urdf.mimic import couplings
 from .urdf.still_joints import counts_joints, without_still_joints
 
 _PALETTE = (
@@ -60,6 +62,8 @@ class Blocks:
         In rows two axes and the normal of the plane that all moves in.
     centres : dict of str to (int, ndarray)
         Of each link that a force acts on the joint that carries it, and its centre of mass in that joint's frame [m].
+    frames : dict of str to PlacedShape
+        Of each link that a force or a connection acts on its frame on the body that carries it.
     """
 
     items: SceneItems
@@ -77,6 +81,14 @@ class Blocks:
     sizes: list[float] = field(default_factory=list)
     simplified: Simplified = field(default_factory=Simplified)
     centres: dict[str, tuple[int, Array]] = field(default_factory=dict)
+    frames: dict[str, PlacedShape] = field(default_factory=dict)
+
+    def connect(self, number: int, equalities: list[Equality]) -> None:
+        """Add equalities to one of the robots."""
+        robot = self.systems[number]
+        assert isinstance(robot, ArticulatedSystem)
+        every = (*robot.equalities, *equalities)
+        self.systems[number] = ArticulatedSystem(robot.model, robot.name, robot.control, every)
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many q, v and bodies there are so far."""
@@ -89,7 +101,7 @@ class Blocks:
     def add_robot(self, item: RobotItem) -> None:
         """Add a robot."""
         nq, nv, nb = self.counts()
-        marked = with_centres(item, self.items.forces)
+        marked = with_frames(item, self.items.links_acted_on())
         marks = len(marked.robot.shapes) - len(item.robot.shapes)
         item, still = without_still_joints(marked, self.reduce, counts_joints(item, self.items))
         if self.items.plane:
@@ -98,10 +110,16 @@ class Blocks:
             item = on_planar_base(item, self.axes)
             still.append(Omission(f"motion of {item.robot.name}'s base out of the plane", _PLANAR, dofs=3))
         shapes = item.robot.shapes[: len(item.robot.shapes) - marks]
-        self.centres |= {s.name: (s.body, s.position) for s in item.robot.shapes[len(shapes) :]}
+        frames = {s.name: s for s in item.robot.shapes[len(shapes) :]}
+        for name, s in frames.items():
+            centre = centre_of(marked.robot, name.partition("/")[2])
+            self.centres[name] = s.body, s.rotation @ centre + s.position
+            self.frames[name] = replace(s, body=s.body + nb if s.body else 0)
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
-        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
+        given = marked.robot
+        equalities = couplings(given.name, given.mimics, given.model, marked.q0, model)
+        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control, equalities))
         self.q0.append(item.q0)
         self.v0.append(item.v0)
         placed = [replace(s, body=s.body + nb if s.body else 0) for s in shapes]
@@ -136,7 +154,7 @@ class Blocks:
             self.shapes.append(self.simplify(placed, b.tolerance or 0.0))
         if not moving:
             return
-        if "rest" in self.reduce:
+        if "rest" in self.reduce and not self.items.connections:
             self.omitted.append(Omission("free bodies at rest", "they sleep until something touches them"))
         masses = np.array([b.mass for b in moving])
         inertias = np.array([b.inertia for b in moving])

@@ -108,6 +108,48 @@ class ForceItem:
     function: Force
 
 
+@dataclass(frozen=True)
+class ConnectionItem:
+    """Two bodies or links that keep a point, an axis or their relative pose in common.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    kind : "point", "hinge" or "weld"
+        What they have in common.
+    first, second : str
+        Both: bodies, spheres, links "robot/link", or "world".
+    at, axis : ndarray, shape (3,), or None
+        The point, and the direction of a hinge, in the world at the start [m].
+    frames : (ndarray, ndarray) or None
+        Of what a file describes the frame of the connection in each side's own frame, shape (4, 3): the columns of its
+        rotation, then its origin [m]. A hinge turns about its third axis. Such a connection may be open at the start.
+    """
+
+    name: str
+    kind: str
+    first: str
+    second: str
+    at: Array | None = None
+    axis: Array | None = None
+    frames: tuple[Array, Array] | None = None
+
+
+@dataclass(frozen=True)
+class CouplingItem:
+    """A joint at ratio times the position of another plus an offset; both are named "robot/joint".
+
+    Without a second one, "", the joint is held at the offset.
+    """
+
+    name: str
+    first: str
+    second: str
+    ratio: float
+    offset: float
+
+
 @dataclass
 class SceneItems:
     """Everything that was added to a scene, in order."""
@@ -127,6 +169,8 @@ class SceneItems:
     pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
     energy_cap: bool = False
     excluded: set[frozenset[str]] = field(default_factory=set)
+    connections: list[ConnectionItem] = field(default_factory=list)
+    couplings: list[CouplingItem] = field(default_factory=list)
 
     def names(self) -> set[str]:
         """Return the names in use."""
@@ -136,7 +180,14 @@ class SceneItems:
             *(r.robot.name for r in self.robots),
             *(entity(b.name) for b in self.bodies),
             *(s.name for s in self.spheres),
+            *(c.name for c in self.connections),
+            *(c.name for c in self.couplings),
         }
+
+    def links_acted_on(self) -> set[str]:
+        """Return the names of the links and bodies that forces and connections act on."""
+        sides = {name for c in self.connections for name in (c.first, c.second)}
+        return sides | {force.body for force in self.forces}
 
     def parts(self) -> set[str]:
         """Return the names of links, of single bodies of many, and of a container's walls."""
@@ -176,6 +227,12 @@ class SceneItems:
             for a, here, moves in self.carriers(first)
             for b, there, others_move in self.carriers(second)
         )
+
+    def leave_out(self, first: str, second: str) -> None:
+        """Let all shapes of two bodies or links pass through each other."""
+        links = self.shapes_of_links()
+        sides = [links.get(name) or [name] for name in (first, second)]
+        self.excluded.update(frozenset((a, b)) for a in sides[0] for b in sides[1] if self.can_meet(a, b))
 
     def excludes(self, a: str, b: str) -> bool:
         """Return whether the user leaves out the pair of two shapes."""

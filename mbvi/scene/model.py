@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Start(NamedTuple):
-    """A start that was moved out of penetration.
+    """A start that was moved out of penetration, or to close loops.
 
     Attributes
     ----------
@@ -33,15 +33,18 @@ class Start(NamedTuple):
         The configuration.
     moved : str
         By how much what was moved, in words.
+    why : str
+        What for, in words.
     """
 
     q: Array
     moved: str
+    why: str = "out of penetration"
 
     @property
     def note(self) -> str:
         """One line on it."""
-        return f"the start was moved out of penetration: {self.moved}"
+        return f"the start was moved {self.why}: {self.moved}"
 
 
 @dataclass(frozen=True)
@@ -122,12 +125,25 @@ class SceneModel:
         still = [item.placed() for item in self.surfaces if item.motion is None]
         return picture(seen, [wall for wall in self.walls.values() if wall.motion is None], still)
 
+    def _equalities(self) -> list[str]:
+        """Return in words what is connected and coupled."""
+        kinds = {"point": "share a point", "hinge": "share a point and an axis", "weld": "are welded"}
+        found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}" for c in self.items.connections]
+        for c in self.items.couplings:
+            found.append(f"{c.name}: {c.first} = {f'{c.ratio:g} {c.second} + ' if c.second else ''}{c.offset:g}")
+        for robot in self.items.robots:
+            name = robot.robot.name
+            followed = [one for one in robot.robot.mimics if one.joint not in robot.locked]
+            found += [f"{name}/{m.joint} = {m.ratio:g} {name}/{m.leader} + {m.offset:g}, mimic" for m in followed]
+        return found
+
     def report(self, problem: Problem) -> str:
         """Return in words what is modelled, what was left out, and why."""
         lines = ["Modelled"]
         lines += [f"  {part.describe()}" for part in parts_of(problem.system)]
         planar = f", in the plane {self.items.plane}" if self.items.plane and "plane" in self.reduce else ""
         lines.append(f"  {problem.system.nv} degrees of freedom in all{planar}")
+        lines += [f"  {described}" for described in self._equalities()]
         lines += [f"  {family.describe()}" for family in problem.constraints.families]
         lines += [f"  a control of the scene, {called(control)}" for control in self.items.controls]
         lines += [f"  a force on {force.body}, {called(force.function)}" for force in self.items.forces]

@@ -58,6 +58,27 @@ def resolved(system: System, constraints: Sequence[ConstraintFamily], q: Array, 
     )
 
 
+def closed_start(system: System, q: Array) -> Start | None:
+    """Return the nearest configuration where loops and couplings are closed; None if they are at q.
+
+    Raises
+    ------
+    InadmissibleStartError
+        If none is found.
+    """
+    found = system.closed(q)
+    if np.array_equal(found, q):
+        return None
+    if not np.isfinite(found).all():
+        open_by = np.abs(system.gaps(q)).max()
+        raise InadmissibleStartError(
+            f"loops or couplings are open by {open_by:.3g} at the start, and no motion closes them; start nearer to "
+            "where they are closed"
+        )
+    moved = _described(system, q, found)
+    return Start(found, moved, "to close loops and couplings") if moved else None
+
+
 class _Search:
     """Searches admissible configurations; `worst` names the deepest constraint of the last one that was not."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -29,6 +30,7 @@ from ..geometry.shapes.orientation import RotationLike, rotation_matrix
 from ..geometry.shapes.shapes import Array, Box, Capsule, Convex, Cylinder, Ellipsoid, Hull, Sphere
 from ..system.mechanisms.articulated import Control
 from .assembly import assemble, start_picture
+from .connected.connections import Connections
 from .forces.actions import Actions
 from .grains import Grains
 from .inputs import BodyArguments, mesh_of, scaled
@@ -40,7 +42,8 @@ from .pairs.rules import PairRules
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .urdf.checks import check_mass_matrix
-from .urdf.robot import load_robot, robot_name, unfollowed
+from .urdf.mimic import on_their_own, unfollowed
+from .urdf.robot import load_robot, robot_name
 from .urdf.robot_names import description_file
 from .urdf.start import initial_state, set_base_velocity
 from .urdf.still_joints import checked_locked
@@ -52,7 +55,7 @@ if TYPE_CHECKING:
 _ORIGIN, _STILL, _UPRIGHT = (0.0, 0.0, 0.0), (0.0,) * 6, np.eye(3)
 
 
-class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
+class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
     """A scene to simulate; SI units, angles in radians, world frame unless said otherwise.
 
     Parameters
@@ -115,6 +118,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         locked: Sequence[str] = (),
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
+        mimic: bool = False,
     ) -> str:
         """Add a robot.
 
@@ -142,6 +146,9 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         base_velocity : array_like, shape (6,)
             Initial velocity of a free root link in the world frame: linear, of the origin of the link's frame, then
             angular [m/s, rad/s]; zero by default, and of a fixed one always.
+        mimic : bool
+            Whether mimic joints follow the joints that the file names, at the start and in motion, unless they are
+            locked. By default they move on their own, with a warning.
 
         Raises
         ------
@@ -160,12 +167,14 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions):
         place, turn = vector(position, "position"), rotation_matrix(rotation)
         own = self._items.new_name(given, given or robot_name(file))
         robot = load_robot(file, base, turn, place, own, disabled)
-        q0, v0 = initial_state(robot, base, place, turn, placed, moving)
+        if not boolean(mimic, "mimic"):
+            robot = replace(robot, omitted=(*robot.omitted, *on_their_own(robot.mimics)), mimics=())
+        q0, v0 = initial_state(robot, base, place, turn, placed, moving, locked=still)
         set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
-        left = unfollowed(robot, still)
+        left = unfollowed(robot.omitted, still)
         if left:
             warnings.warn(f"{file.name}: {left}", MbviWarning, stacklevel=2)
         return robot.name

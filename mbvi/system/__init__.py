@@ -2,6 +2,7 @@
 
 from .actuated import ActuatedSystem
 from .blocks import BlockSystem
+from .connected import ConnectedSystem
 from .free.bodies import FreeBodies, Spheres
 from .free.planar import PlanarBodies, PlanarSpheres
 from .given_system import checked_system
@@ -13,6 +14,7 @@ __all__ = [
     "ActuatedSystem",
     "ArticulatedSystem",
     "BlockSystem",
+    "ConnectedSystem",
     "FreeBodies",
     "LagrangianSystem",
     "PlanarBodies",

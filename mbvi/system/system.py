@@ -82,6 +82,10 @@ class System:
         Coefficients of joint damping that steps treat implicitly; None where there are none.
     single_mechanism : bool
         Whether the system is one mechanism, which has `kinematics`.
+    whole : System or None
+        The mechanism that its parts are joined to, where equalities connect them.
+    equalities : tuple
+        The equalities c(q) = 0 that it has, beside those of its parts.
     model : pinocchio.Model or None
         The model of a mechanism.
     name : str
@@ -108,11 +112,41 @@ class System:
     applied: Array | None = None
     damping: Array | None = None
     single_mechanism: bool = False
+    whole: System | None = None
+    equalities: tuple[Any, ...] = ()
     model: pin.Model | None = None
     name: str = ""
 
     def start(self) -> None:
         """Prepare for a run; called when one starts."""
+
+    def gaps(self, q: Array) -> Array:
+        """Return c(q) of the equalities, of the parts where it has none itself, shape (m,) [m, rad]."""
+        parts = [part for part in self.located_parts() if part.system.equalities]
+        each = [part.system.gaps(q[part.q : part.q + part.system.nq]) for part in parts]
+        return np.concatenate([np.zeros(0), *each])
+
+    def closed(self, q: Array) -> Array:
+        """Return the nearest configuration where the equalities hold, shape (nq,); NaN where none is found."""
+        new = q.copy()
+        for part in self.located_parts():
+            if part.system.equalities:
+                here = slice(part.q, part.q + part.system.nq)
+                new[here] = part.system.closed(q[here])
+        return new
+
+    def tangent(self, q: Array, v: Array) -> Array:
+        """Return the velocity nearest to v that keeps the equalities, shape (nv,), at a q where they hold."""
+        new = v.copy()
+        for part in self.located_parts():
+            if part.system.equalities:
+                here = slice(part.v, part.v + part.system.nv)
+                new[here] = part.system.tangent(q[part.q : part.q + part.system.nq], v[here])
+        return new
+
+    def coupled(self) -> list[Array]:
+        """Return of each equality between parts the velocities that it couples, shape (k,) of int."""
+        return []
 
     def notes(self) -> list[str]:
         """Return what a run shall note about how the system is computed."""
@@ -263,10 +297,14 @@ def parts_of(system: System) -> tuple[System, ...]:
 
 
 def independent_parts(system: System) -> Array:
-    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, or one free body."""
+    """Return which part of a system each velocity belongs to, shape (nv,): a mechanism, one free body, or a group."""
     parts, count = [], 0
     for one in parts_of(system):
         bodies = one.independent_bodies
         parts.append(count + np.repeat(np.arange(bodies), one.nv // bodies))
         count += bodies
-    return np.concatenate(parts)
+    found = np.concatenate(parts)
+    for columns in system.coupled():
+        # what equalities connect does not move independently
+        found[np.isin(found, found[columns])] = found[columns].min()
+    return found

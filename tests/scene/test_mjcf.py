@@ -318,7 +318,7 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     (warning,) = caught
     report = scene.build().report()
     moving = (
-        "1 tendons (t)", "1 equality constraints", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
+        "1 tendons (t)", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
         "limits of k", "gravity compensation of a", "margin of g", "torsional and rolling friction of a geom of b",
         "density", "height field", "gravity [0.0, 0.0, 0.0] of the file",
     )  # fmt: skip

@@ -38,7 +38,11 @@ NAMED = {
     "flag override": ("flag", 'override="enable"', "flag override"),
     "flag gravity": ("flag", 'gravity="disable"', "gravity [0.0, 0.0, 0.0] of the file"),
     "tendon": ("end", '<tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>', "1 tendons (t)"),
-    "equality": ("end", '<equality><joint name="e" joint1="j"/></equality>', "1 equality constraints (e)"),
+    "equality": (
+        "end",
+        '<equality><joint name="e" joint1="j" joint2="k" polycoef="0 1 2 0 0"/></equality>',
+        "equality constraint e",
+    ),
     "actuator": ("end", '<actuator><motor name="a" joint="j"/></actuator>', "1 actuators (a)"),
 }
 

@@ -4,6 +4,7 @@ import re
 import warnings
 import xml.etree.ElementTree as ElementTree
 
+import numpy as np
 import pytest
 
 import mbvi
@@ -42,6 +43,71 @@ def check_mimics(file):
     mimics = [joint.get("name") for joint in root.findall("joint") if joint.find("mimic") is not None]
     said = said_of(file)[1]
     assert bool(mimics) == ("mimic" in said) and all(name in said for name in mimics)
+    return len(mimics)
+
+
+def test_a_joint_that_mimics_another_follows_it():
+    scene, said = said_of(FINGERS, joints={"lead": 0.3}, velocity={"lead": -1.0}, mimic=True)
+    assert said == "fingers.urdf: joints do not mimic others: stiff are fixed"
+    problem = scene.build()
+    assert "fingers/follower = 2 fingers/lead + 0, mimic" in problem.report()
+    assert "mimic of joint stiff: the joint is fixed" in problem.report()
+    # the model has its joints in the order of their names
+    assert problem.q0[-2:].tolist() == [0.6, 0.3]
+    np.testing.assert_allclose(problem.v0[-2:], [-2.0, -1.0], rtol=1e-15)
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.1)
+    assert run.loop_gap().max() <= 1e-13 and not run.notes
+    np.testing.assert_allclose(run.q[:, -2], 2.0 * run.q[:, -1], rtol=0.0, atol=1e-13)
+
+
+def test_a_locked_joint_mimics_none_and_leads_those_that_mimic_it():
+    problem = said_of(FINGERS, joints={"lead": 0.3}, locked=["follower"], mimic=True)[0].build()
+    assert problem.system.nv == 7 and not problem.system.equalities and "mimic," not in problem.report()
+    problem = said_of(FINGERS, joints={"lead": 0.3}, locked=["lead"], mimic=True)[0].build()
+    run = mbvi.simulate(problem, mbvi.Centered(), step=1e-3, duration=0.05)
+    np.testing.assert_allclose(run.q[:, -1], 0.6, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("given", [{"joints": {"lead": 0.3, "follower": 0.5}}, {"velocity": {"follower": 1.0}}])
+def test_a_mimic_joint_cannot_start_elsewhere(given):
+    with pytest.raises(mbvi.InputError, match="joint 'follower' follows 'lead' and starts"):
+        mbvi.Scene().add_urdf(FINGERS, mimic=True, **given)
+
+
+@pytest.mark.parametrize(
+    ("mimic", "why"),
+    [('joint="nobody"', "the file has no other joint 'nobody'"), ('joint="wheel" multiplier="0.5"', "is not unique")],
+)
+def test_a_joint_that_cannot_mimic_is_named(tmp_path, mimic, why):
+    link = FINGERS.read_text().split("</link>")[0].split("<link")[1].replace('"palm"', '"rim"')
+    wheel = (
+        f"""<link{link}</link><joint name="wheel" type="continuous"><parent link="palm"/><child link="rim"/></joint>"""
+    )
+    text = FINGERS.read_text().replace('joint="lead" multiplier="2"', mimic).replace("</robot>", f"{wheel}</robot>")
+    (tmp_path / "wheel.urdf").write_text(text)
+    assert why in said_of(tmp_path / "wheel.urdf", mimic=True)[1]
+
+
+@pytest.mark.parametrize("path", ["panda_description/urdf/panda.urdf", "talos_data/robots/talos_left_arm.urdf"])
+def test_mimic_joints_of_published_robots_are_modelled(path):
+    assert check_followed(real_robot(path)) > 0
+
+
+def check_followed(file):
+    """Each mimic joint that moves is at its ratio of the other one, which stands anywhere; the others are named."""
+    root = ElementTree.parse(file).getroot()
+    mimics = {joint.get("name"): joint.find("mimic") for joint in root.findall("joint")}
+    mimics = {name: mimic for name, mimic in mimics.items() if mimic is not None}
+    scene, said = said_of(file, base="free", mimic=True)
+    problem = scene.build(reduce=[], resolve=True) if mimics else None
+    for name, mimic in mimics.items():
+        model = problem.model()
+        if not model.existJointName(name):
+            assert name in said
+            continue
+        at = [problem.q0[model.idx_qs[model.getJointId(joint)]] for joint in (name, mimic.get("joint"))]
+        ratio, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", 1), ("offset", 0)))
+        assert abs(at[0] - ratio * at[1] - offset) <= 1e-12
     return len(mimics)
 
 

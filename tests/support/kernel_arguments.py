@@ -20,6 +20,7 @@ from support.contact_block_arguments import CONTACT_BLOCK_ARGUMENTS
 from support.control_arguments import CONTROL_ARGUMENTS
 from support.coulomb_arguments import COULOMB_ARGUMENTS
 from support.distance_kernel_arguments import DISTANCE_ARGUMENTS
+from support.equality_arguments import EQUALITY_ARGUMENTS
 from support.held_arguments import HELD_ARGUMENTS
 from support.joint_tree_arguments import JOINT_TREE_ARGUMENTS
 from support.loop_arguments import LOOP_ARGUMENTS, arrays_of
@@ -994,6 +995,7 @@ ARGUMENTS = {
     **SPIN_ARGUMENTS,
     **HELD_ARGUMENTS,
     **JOINT_TREE_ARGUMENTS,
+    **EQUALITY_ARGUMENTS,
     **MOMENTUM_ARGUMENTS,
     "_raise_levels": raise_levels,
     "_near_balls": near_balls,
@@ -1043,9 +1045,9 @@ ARGUMENTS = {
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
-    "_whiten": back,
-    "_unwhiten": back,
-    "_unwhiten_four": unwhiten_four,
+    "whiten": back,
+    "unwhiten": back,
+    "unwhiten_four": unwhiten_four,
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,

@@ -224,6 +224,27 @@ def small_heap(e, mu):
     return scene.build()
 
 
+def tied(e, mu):
+    """A quadruped whose front calves share a point lands within some sixty steps, a hind foot in front."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    joints = {"RL_thigh_joint": 0.3, "RL_calf_joint": -0.2}
+    scene.add_urdf(ROBOTS / "quadruped/quadruped.urdf", position=(0, 0, 0.44), joints=joints)
+    scene.connect("quadruped/FL_calf", "quadruped/FR_calf", at=(0.2, 0.0, 0.2))
+    scene.couple("quadruped/RL_thigh_joint", "quadruped/RR_thigh_joint", ratio=-1.0, offset=0.3)
+    return scene.build()
+
+
+def carried(e, mu):
+    """A hopper lands with a box that hangs from its trunk on a hinge; the hinge has a free body on one side."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(0, 0, 0.475), joints={"knee": 0.4}, velocity={"hip": -1.0})
+    scene.add_box((0.1, 0.1, 0.3), 0.5, position=(0.3, 0, 0.4), name="bag")
+    scene.hinge("hopper/trunk", "bag", at=(0.2, 0, 0.5), axis=(0, 1, 0))
+    return scene.build()
+
+
 @cache
 def _pickled(scene, material):
     return pickle.dumps(scene(*material))
@@ -266,6 +287,10 @@ CALLS = {
     "append_contact": [(DEFAULT, quadruped, RIGID, n) for n in (1, 4, 9)],
     "place": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
     "weigh": [(PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20)],
+    **{
+        name: [(PAOLI, tied, BOUNCY, 8), (DEFAULT, tied, RIGID, 9), (PILES, tied, ROUGH, 9)]
+        for name in ("carry", "close")
+    },
     "evaluate_nonlinear_effects": [
         (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
     ],

@@ -288,8 +288,9 @@ def tree_law(
     the result, those of `solve_active_set`; the result is inf too where M is not positive definite.
     """
     m, n = J.shape
-    room, k = np.empty(n * n + 3 * n + m + 2 * m * n), n * n
-    L, x, lower = room[:k].reshape((n, n)), room[k : k + n], room[k + n : k + n + m]
+    wide, k = len(mass), len(mass) * n
+    room = np.empty(k + 3 * n + m + 2 * m * n)
+    L, x, lower = room[:k].reshape((wide, n)), room[k : k + n], room[k + n : k + n + m]
     k += n + m
     changes, k = room[k : k + 2 * n].reshape((2, n)), k + 2 * n
     A, W = room[k : k + m * n].reshape((m, n)), room[k + m * n :].reshape((m, n))

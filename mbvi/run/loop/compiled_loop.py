@@ -266,8 +266,9 @@ def mechanism_step(
         theta, scheme.project_positions, system.loaded,
     )  # fmt: skip
     rows, ahead, middle = (row_buffer(nv, frictional) for _ in range(3))
+    own = room(nq, nv, len(mechanism.mass) - nv)
     return MechanismStep(
-        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, room(nq, nv), rows, ahead, middle,
+        mechanism, problem.free_bodies, state.arrays, memory, scales, control, acted, own, rows, ahead, middle,
         np.zeros(nq), np.zeros(nv), np.zeros(4 * MOST_ROWS), np.zeros(8 * MOST_ROWS if frictional else 0), np.zeros(1),
     )  # fmt: skip
 

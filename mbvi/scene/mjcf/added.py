@@ -58,7 +58,7 @@ class MjcfModels:
         base_velocity: Sequence[float] | Array = _STILL,
         keyframe: str | None = None,
     ) -> str:
-        """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, inertias, and what touches what.
+        """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, equalities, and what touches what.
 
         Parameters
         ----------
@@ -117,6 +117,8 @@ class MjcfModels:
             ignored.append(what)
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
         self._add_world(found)
+        self._items.connections += found.equalities.connections
+        self._items.couplings += found.equalities.couplings
         if ignored:
             warnings.warn(
                 f"{file.name}: the file also holds what is not modelled: {', '.join(ignored)}",

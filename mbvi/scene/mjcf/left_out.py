@@ -18,7 +18,6 @@ _MOST_NAMED = 8
 # MuJoCo's motion needs it
 _COUNTED = (
     ("ntendon", "tendons", "tendon", "not modelled", True),
-    ("neq", "equality constraints", "equality", "not modelled", True),
     ("nu", "actuators", "actuator", "give their torques by control", True),
     ("nflex", "flexes", "", "bodies are rigid", True),
     ("nskin", "skins", "", "not shown", False),
@@ -33,9 +32,9 @@ _COUNTED = (
 # MuJoCo's defaults of soft constraints
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 # flags that are honoured, or that act on nothing that is modelled: others are named
-_HONOURED = ("CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT")
+_HONOURED = ("CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY")
 _NO_EFFECT = (
-    "EQUALITY", "FRICTIONLOSS", "SPRING", "PASSIVE", "CLAMPCTRL", "ACTUATION", "SENSOR", "WARMSTART", "REFSAFE",
+    "FRICTIONLOSS", "SPRING", "PASSIVE", "CLAMPCTRL", "ACTUATION", "SENSOR", "WARMSTART", "REFSAFE",
     "MIDPHASE", "NATIVECCD", "MULTICCD", "EULERDAMP", "AUTORESET", "ISLAND",
     "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE",
 )  # fmt: skip

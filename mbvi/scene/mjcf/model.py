@@ -18,6 +18,7 @@ from ...errors import InputError, MjcfError
 from ...geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..reductions import Omission
 from ..urdf.robot import Robot
+from .equalities import MjcfEqualities, equalities_of
 from .file import compiled_model, disabled, placement
 from .left_out import left_out
 from .shapes import Geoms
@@ -49,6 +50,8 @@ class MjcfModel:
         What acts on the motion in MuJoCo and is left out here.
     velocity : ndarray, shape (nv,)
         At the start.
+    equalities : MjcfEqualities
+        Its equality constraints.
     """
 
     robot: Robot
@@ -60,6 +63,7 @@ class MjcfModel:
     gravity: Array
     ignored: tuple[str, ...]
     velocity: Array
+    equalities: MjcfEqualities
 
 
 @dataclass
@@ -121,15 +125,18 @@ def load_mjcf(
     start, velocity = reference, np.zeros(model.nv)
     if keyframe is not None:
         start, velocity, moved = *_keyframe(m, tree, pose, keyframe), []
-    omitted = (*geoms.omitted, *named, *moved, *dropped)
+    equalities = equalities_of(m, pose, name, tree.names, _joint_names(m))
+    omitted = (*geoms.omitted, *named, *moved, *dropped, *equalities.omitted)
     free = model.joints[1].shortname() == "JointModelFreeFlyer" and list(model.parents)[1:].count(0) == 1
     base = pin.XYZQUATToSE3(start[:7]) if free else pin.SE3.Identity()
     shapes = tuple(geoms.shapes)
     robot = Robot(name, "", model, shapes, frozenset(apart), omitted, start, str(file.resolve()))
     ignored = (*counted, *(f"{one.what}, {one.why}" for one in moved), *geoms.ignored)
+    ignored = (*ignored, *(one.what for one in equalities.omitted))
     gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
     kind = "free" if free else "fixed"
-    return MjcfModel(robot, kind, base, geoms.walls, geoms.statics, geoms.friction(), gravity, ignored, velocity)
+    walls, statics, friction = geoms.walls, geoms.statics, geoms.friction()
+    return MjcfModel(robot, kind, base, walls, statics, friction, gravity, ignored, velocity, equalities)
 
 
 def _tree(m: Any, pose: pin.SE3) -> Tree:

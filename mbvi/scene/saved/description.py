@@ -32,9 +32,10 @@ from ...geometry.shapes.shapes import (
 from ...geometry.shapes.triangles import Surface
 from ...system.mechanisms.articulated import Control
 from ..assembly import assemble
-from ..items import BodyItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
+from ..items import BodyItem, ConnectionItem, CouplingItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from ..model import Start
 from ..reductions import Omission, checked_reductions
+from ..urdf.mimic import Mimic
 from ..urdf.robot import Robot, build_model
 from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
 
@@ -71,7 +72,7 @@ def describe(problem: Problem) -> str:
             "friction": items.friction,
             "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
-            "start": None if start is None else {"q": start.q.tolist(), "moved": start.moved},
+            "start": None if start is None else {**_plain(start._asdict())},
             "excluded": sorted(map(sorted, items.excluded)),
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -83,6 +84,11 @@ def describe(problem: Problem) -> str:
             "bodies": [_body(b, number[id(b.shape)]) for b in items.bodies],
             "spheres": [_plain(s.__dict__) for s in items.spheres],
             "controls": [_source(control) for control in items.controls],
+            "connections": [
+                {**_plain(c.__dict__), "frames": None if c.frames is None else [f.tolist() for f in c.frames]}
+                for c in items.connections
+            ],
+            "couplings": [dict(c.__dict__) for c in items.couplings],
             "forces": [{"body": f.body, "source": _source(f.function)} for f in items.forces],
             "order_of_q_and_v": list(problem.system.bodies[1:]),
             "not_kept": sorted({*problem.not_kept, *_changed_by_hand(problem)} - set(_functions(items))),
@@ -118,13 +124,19 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     items.spheres += [SphereItem(**_arrays(s)) for s in data["spheres"]]
     sources = data.get("controls", ())
     items.controls += given.scene or [LostSceneControl(str(source)) for source in sources]
+    for one in data.get("connections", ()):
+        frames = one["frames"] and tuple(np.array(frame) for frame in one["frames"])
+        items.connections.append(ConnectionItem(**{**_arrays(one), "frames": frames}))
+    items.couplings += [CouplingItem(**one) for one in data.get("couplings", ())]
     forces = {name: list(functions) for name, functions in given.forces.items()}
     for one in data.get("forces", ()):
         again, stand_in = forces.get(one["body"]), LostForce(str(one["source"]), "/" in one["body"])
         items.forces.append(ForceItem(one["body"], again.pop(0) if again else stand_in))
     # older files without reductions hold the states of the full model
     moved = data.get("start")
-    start = None if moved is None else Start(_vector(moved["q"]), moved["moved"])
+    start = (
+        None if moved is None else Start(_vector(moved["q"]), *(moved[key] for key in ("moved", "why") if key in moved))
+    )
     problem = assemble(items, checked_reductions(data.get("reduce", ())), start=start)
     driven = [*data["walls"], *data.get("surfaces", ()), *data["bodies"]]
     motions = [_motion_name(thing["name"]) for thing in driven if "source" in (thing.get("motion") or ())]
@@ -262,6 +274,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
         "omitted": robot.omitted,
+        "mimics": robot.mimics,
     }
 
 
@@ -278,7 +291,11 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     )
     apart = frozenset((a, b) for a, b in data["apart"])
     omitted = tuple(Omission(*one) for one in data["omitted"])
-    robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""))
+    # in older files mimic joints moved on their own
+    mimics = tuple(Mimic(*one) for one in data.get("mimics", ()))
+    robot = Robot(
+        data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""), mimics
+    )
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
     if control is None and data["control"] is not None:
         control = LostControl(str(data["control"]))

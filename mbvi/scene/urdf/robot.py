@@ -6,7 +6,7 @@ import os
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,10 +31,8 @@ from .checks import (
     mesh_folders,
     read_xml,
 )
+from .mimic import Mimic, mimics_of
 from .self_pairs import disabled_pairs, pairs_left_out
-
-# how the name of a mimic joint that is not modelled begins
-_MIMIC = "mimic of joint "
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,8 @@ class Robot:
         Neutral configuration; a joint whose limits leave zero out stands in the middle of them.
     file : str
         The path of the description, from which the meshes to look at are found when a replay is made.
+    mimics : tuple of Mimic
+        The joints that follow others.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Robot:
     omitted: tuple[Omission, ...] = field(repr=False)
     reference: Array = field(repr=False)
     file: str = ""
+    mimics: tuple[Mimic, ...] = ()
 
 
 def robot_name(path: str | os.PathLike[str]) -> str:
@@ -119,12 +120,13 @@ def load_robot(
     check_masses(model, geometry, file)
     check_inertias(model, file)
     reference, moved = _reference(model)
-    omitted += _unmodelled(model, root)
+    mimics, unfollowed = mimics_of(model, root)
+    omitted += _unmodelled(model, root) + unfollowed
     omitted += moved
     apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name))
     omitted += dropped
     where = str(file.resolve())
-    return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted), reference, where)
+    return Robot(name, text, model, tuple(shapes), frozenset(apart), tuple(omitted), reference, where, mimics)
 
 
 def build_model(text: str, base: str, rotation: Array, position: Array, file: Path | str = "URDF") -> pin.Model:
@@ -284,7 +286,7 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
 
 
 def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
-    """Return the omitted parts of the URDF: dry friction, effort and velocity limits, what mimic joints follow."""
+    """Return the omitted parts of the URDF: dry friction, effort and velocity limits."""
     found = []
     names = [model.names[j] for j in range(1, model.njoints) if model.nvs[j]]
     dry = [
@@ -296,23 +298,7 @@ def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
         found.append(Omission(f"dry friction of {', '.join(dry)}", "constraints are perfect: no friction is modelled"))
     if root.find("joint/limit") is not None:
         found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
-    for joint in root.findall("joint"):
-        mimic, name = joint.find("mimic"), joint.get("name", "")
-        if mimic is not None:
-            why = f"the joint moves on its own, and does not follow {mimic.get('joint')}"
-            found.append(Omission(f"{_MIMIC}{name}", why if model.existJointName(name) else "the joint is fixed"))
     return found
-
-
-def unfollowed(robot: Robot, still: Collection[str]) -> str:
-    """Return which joints of a robot are to follow others by its URDF and do not, in words; `still` are locked."""
-    named = [one.what.removeprefix(_MIMIC) for one in robot.omitted if one.what.startswith(_MIMIC)]
-    named = [name for name in named if name not in still]
-    fixed = [name for name in named if not robot.model.existJointName(name)]
-    moving = [name for name in named if name not in fixed]
-    said = [f"{', '.join(moving)} move on their own: lock them, or drive them by a control"] if moving else []
-    said += [f"{', '.join(fixed)} are fixed"] if fixed else []
-    return f"joints do not mimic others: {'; '.join(said)}" if said else ""
 
 
 def _first_line(error: Exception) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pinocchio as pin
 
 from ...arguments import shown
 from ...errors import InputError
+from .mimic import followed
 from .robot import Array, Robot
 
 
@@ -20,10 +21,12 @@ def initial_state(
     joints: Mapping[str, float],
     velocity: Mapping[str, float],
     rates: Array | float = 0.0,
+    locked: Collection[str] = (),
 ) -> tuple[Array, Array]:
     """Return q and v of a robot, shapes (nq,) and (nv,), from its base's pose and the values of single joints.
 
-    Joints that are not given stand at the robot's reference, and move at `rates`, shape (nv,).
+    Joints that are not given stand at the robot's reference, and move at `rates`, shape (nv,); those that mimic others
+    follow them, unless they are locked.
     """
     model = robot.model
     q, v = robot.reference.copy(), np.zeros(model.nv) + rates
@@ -48,6 +51,7 @@ def initial_state(
             else:
                 # a joint without limits stores cosine and sine
                 q[model.idx_qs[k] : model.idx_qs[k] + 2] = np.cos(value), np.sin(value)
+    followed(robot.mimics, model, q, v, joints, velocity, locked)
     return q, v
 
 

@@ -7,8 +7,7 @@ from ...constraints.mechanism.rows import active_rows, write_gradients
 from ...constraints.mechanism.tables import FOUND, RowBuffer, copy_row
 from ...constraints.rows import mutual_nearest
 from ...projection.positions.travel import largest_bend
-from ...system.mechanisms.mechanism import place
-from ...system.mechanisms.pinocchio_address import retract
+from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
 from ..positions.settle_kernel import project_positions
 from ..step import joins, margin_of, write_closing_speeds
@@ -111,7 +110,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     drift, end, middle = room.drift, room.end, room.middle
     for k in range(n):
         drift[k] = h * v[k]
-    retract(s.mechanism.calls, q, drift, end)
+    carry(s.mechanism, q, drift, end)
     projects, near_margin, margin = scales.projects, 0.0, 0.0
     if projects:
         near_margin = margin_of(largest_bend(scales.turn_squares, drift), scales.tolerance, scales.length)
@@ -124,7 +123,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     count = take_near(s.ahead, scales.tolerance, near_margin, drift, s.rows, near)
     for k in range(n):
         drift[k] = half * v[k]
-    retract(s.mechanism.calls, q, drift, middle)
+    carry(s.mechanism, q, drift, middle)
     centered_forces(s, t + half, middle, v, half)
     if count == 0:
         if not move_freely(s, v, h, True, s.v):
@@ -132,7 +131,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         s.residual[0] = 0.0
         for k in range(n):
             drift[k] = half * s.v[k]
-        retract(s.mechanism.calls, middle, drift, s.q)
+        carry(s.mechanism, middle, drift, s.q)
         return DONE
     change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
     row_speeds(s.rows.J, v, half, change)
@@ -157,7 +156,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         return UNSOLVED
     for k in range(n):
         drift[k] = half * s.v[k]
-    retract(s.mechanism.calls, middle, drift, s.q)
+    carry(s.mechanism, middle, drift, s.q)
     if not projects:
         for a in range(count):
             s.rows.gap[a] += half * s.rates[2 * count + a]

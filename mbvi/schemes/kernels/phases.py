@@ -22,8 +22,7 @@ from ...projection.dense.robot_step import tree_law
 from ...projection.tree import advance_by
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
-from ...system.mechanisms.mechanism import evaluate_nonlinear_effects, weigh
-from ...system.mechanisms.pinocchio_address import retract
+from ...system.mechanisms.mechanism import carry, evaluate_nonlinear_effects, weigh
 from ...system.system import Array
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -146,7 +145,7 @@ def move(s: MechanismStep, q: Array, v: Array, h: float, to: Array) -> None:
     drift = s.room.drift
     for k in range(len(v)):
         drift[k] = h * v[k]
-    retract(s.mechanism.calls, q, drift, to)
+    carry(s.mechanism, q, drift, to)
 
 
 @kernel("i8(MechanismStep, f8, f8[::1])")

@@ -93,8 +93,8 @@ class Room(NamedTuple):
         Room of `advance_by`.
     end, middle : ndarray, shape (nq,)
         Configurations.
-    L, A, W : ndarray, shapes (nv, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
-        Factor of the mass matrix, and rows solved with it.
+    L, A, W : ndarray, shapes (nv + m, nv), (MOST_ROWS, nv), (MOST_ROWS, nv)
+        Factor of the mass matrix and basis of the equalities, and rows solved with it.
     change, opened, gap, bound : ndarray, shape (MOST_ROWS,)
         Of rows.
     table : ndarray, shape (8 MOST_ROWS,)
@@ -134,10 +134,10 @@ class Room(NamedTuple):
     settled: Array
 
 
-def room(nq: int, nv: int) -> Room:
-    """Return room for a mechanism."""
+def room(nq: int, nv: int, equalities: int) -> Room:
+    """Return room for a mechanism with some rows of equalities."""
     tangents, places = np.zeros((7, nv)), np.zeros((2, nq))
-    matrices = np.zeros((nv, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
+    matrices = np.zeros((nv + equalities, nv)), np.zeros((MOST_ROWS, nv)), np.zeros((MOST_ROWS, nv))
     floats, table, margin = np.zeros((4, MOST_ROWS)), np.zeros(8 * MOST_ROWS), np.zeros(1)
     numbers, masks = np.zeros((2, MOST_ROWS), np.int64), np.zeros((4, MOST_ROWS), bool)
     fields: Any = *tangents, np.zeros((2, nv)), *places, *matrices, *floats, table, margin, *numbers, *masks

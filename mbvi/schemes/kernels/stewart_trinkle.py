@@ -8,7 +8,7 @@ from ...compiled import kernel
 from ...constraints.mechanism.rows import active_rows
 from ...constraints.mechanism.tables import FOUND
 from ...projection.tree import factor
-from ...system.mechanisms.mechanism import place
+from ...system.mechanisms.mechanism import carry, place
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
 from .centered import row_speeds
@@ -104,7 +104,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
         least = min(least, rows.lever[a] * gap[a])
     for j in range(len(v)):
         displacement[j] = h * room.tangent[j]
-    retract(m.calls, q, displacement, s.q)
+    carry(m, q, displacement, s.q)
     # rows deeper at the end than every known row; penetration within the tolerance is left
     below = min(-scales.tolerance, least - 1e-12 * scales.length)
     s.constraints.given.time[0] = t + h

@@ -10,7 +10,7 @@ from ...constraints.mechanism.tables import FOUND
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import is_closed, stays_sunk
 from ...projection.tree import solve
-from ...system.mechanisms.pinocchio_address import retract
+from ...system.mechanisms.mechanism import carry
 from ...system.system import Array
 from ..kernels.records import MechanismStep
 from .closed_contacts import INDEPENDENT, SAME_CONTACT
@@ -66,7 +66,7 @@ def close_what_returns(s: MechanismStep, h: float, closed: Array) -> int:
     drift, place, lowest, kept = np.empty(len(s.v)), np.empty(len(s.q)), np.empty(k), copy_of(ahead)
     for j in range(len(drift)):
         drift[j] = h * s.v[j]
-    retract(s.mechanism.calls, s.room.middle, drift, place)
+    carry(s.mechanism, s.room.middle, drift, place)
     code = active_rows(s.mechanism, s.constraints, s.q[:0], drift, place, tolerance, ahead)
     if code == FOUND:
         m = ahead.size[0]

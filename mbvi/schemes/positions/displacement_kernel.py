@@ -16,7 +16,7 @@ from ...projection.positions.held_rows import held_tangents, hold_rows, raises_n
 from ...projection.positions.travel import MOST_LINEARISATIONS, NEARBY
 from ...projection.tree import solve
 from ...system.free.free_momentum import root_of
-from ...system.mechanisms.pinocchio_address import retract
+from ...system.mechanisms.mechanism import carry
 from ...system.system import Array
 from ..kernels.records import UNSOLVED, MechanismStep
 from .nearby_kernel import copy_of, find_nearby, match_rows, nearby_rows
@@ -171,7 +171,7 @@ def least_displacement(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> int:
         # written so that a NaN is refused too
         if not 0.0 <= residual < np.inf:
             return IMPOSSIBLE if residual < 0.0 else UNSOLVED
-        retract(s.mechanism.calls, s.q, moved, sunk.place)
+        carry(s.mechanism, s.q, moved, sunk.place)
         code = find_nearby(s, sunk.place, NEARBY * sunk.depth)
         if code != FOUND:
             return code
@@ -266,7 +266,7 @@ def displacement_of_groups(s: MechanismStep, active: RowBuffer, sunk: Sunk) -> i
     for k in range(n):
         sunk.moved[k] = total[k]
     sunk.residual[0] = residual
-    retract(s.mechanism.calls, s.q, sunk.moved, sunk.place)
+    carry(s.mechanism, s.q, sunk.moved, sunk.place)
     return find_nearby(s, sunk.place, NEARBY * sunk.depth)
 
 

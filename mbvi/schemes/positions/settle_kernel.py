@@ -12,8 +12,7 @@ from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS
 from ...projection.tree import factor, is_damped, solve
 from ...system.free.free_momentum import keep_momentum_of_rows
-from ...system.mechanisms.mechanism import place
-from ...system.mechanisms.pinocchio_address import retract
+from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
 from ..kernels.phases import move_freely
 from ..kernels.records import DONE, UNSOLVED, MechanismStep
@@ -160,7 +159,7 @@ def join_law(
     if code == DONE:
         for j in range(len(v)):
             s.room.drift[j] = half * s.v[j]
-        retract(s.mechanism.calls, s.room.middle, s.room.drift, s.q)
+        carry(s.mechanism, s.room.middle, s.room.drift, s.q)
     else:
         # the law is solved for the rows before
         rows.size[0] = k

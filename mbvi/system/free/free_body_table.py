@@ -39,7 +39,7 @@ class FreeBodyTable(NamedTuple):
 
 
 def free_body_table(system: System) -> FreeBodyTable:
-    """Return the table of a system; bodies that move in a plane are not in it."""
+    """Return the table of a system; bodies that move in a plane, or are connected to others, are not in it."""
     q: list[int] = []
     v: list[int] = []
     masses, inertias, turns, owner = [np.zeros(0)], [np.zeros((0, 3, 3))], [], np.full(system.nv, -1)
@@ -55,9 +55,12 @@ def free_body_table(system: System) -> FreeBodyTable:
         masses.append(bodies.masses)
         inertias.append(bodies.inertias if isinstance(bodies, FreeBodies) else np.zeros((n, 3, 3)))
         turns += [isinstance(bodies, FreeBodies)] * n
-    inertia, turning = np.concatenate(inertias), np.array(turns, bool)
+    columns, mass = np.concatenate([np.zeros(0, np.int64), *system.coupled()]), np.concatenate(masses)
+    free = ~np.isin(np.arange(len(mass)), owner[columns])
+    number = np.where(free, np.cumsum(free) - 1, -1)
+    owner = np.where(owner >= 0, number[owner], -1) if len(number) else owner
+    inertia, turning = np.concatenate(inertias)[free], np.array(turns, bool)[free]
     inverse = np.zeros(inertia.shape)
     inverse[turning] = np.linalg.inv(inertia[turning])
-    return FreeBodyTable(
-        np.array(q, np.int64), np.array(v, np.int64), np.concatenate(masses), inertia, inverse, turning, owner
-    )
+    first_q, first_v = np.array(q, np.int64)[free], np.array(v, np.int64)[free]
+    return FreeBodyTable(first_q, first_v, mass[free], inertia, inverse, turning, owner)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,14 +12,16 @@ from scipy.linalg import lapack
 
 from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
-from ...errors import InputError
+from ...errors import InputError, ProjectionError
 from ...projection import TreeFreeMotion, TreeMetric
+from ...projection.tree_factor import DEPENDENT, least_change, span_equalities
 from ..controls import LoopControl
 from ..free.spinning import free_links, spin_effects
 from ..given import not_finite
 from ..system import Array, Kinematics, System
+from .equalities import Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
-from .mechanism import Mechanism, mechanism
+from .mechanism import Mechanism, close, mechanism
 from .memory import read_results
 from .pinocchio_check import reason_for_bindings
 from .separation import separation, write_bias
@@ -45,6 +48,9 @@ class ArticulatedSystem(System):
         Prefix of the body names.
     control : callable, optional
         control(t, q, v) -> tau, shape (nv,) [N, N m], of this mechanism's own q and v.
+    equalities : sequence of PointRows or CoupledJoints
+        c(q) = 0: closed loops and coupled joints. `metric` is then M on the velocities with J_e v = 0, free motions
+        keep them, and the retraction returns to c(q) = 0 by least displacements.
 
     Notes
     -----
@@ -55,8 +61,12 @@ class ArticulatedSystem(System):
 
     single_mechanism = True
 
-    def __init__(self, model: pin.Model, name: str = "robot", control: Control | None = None) -> None:
+    def __init__(
+        self, model: pin.Model, name: str = "robot", control: Control | None = None,
+        equalities: Sequence[Equality] = (),
+    ) -> None:  # fmt: skip
         self.model: pin.Model = model
+        self.equalities = tuple(equalities)
         self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
         # free bodies among the links
@@ -94,6 +104,13 @@ class ArticulatedSystem(System):
         poses, columns, self._mass = (
             (tree.poses, tree.columns, tree.mass) if self._known else read_results(model, self._data)
         )
+        self._closed = equalities_of(self.equalities, self.nq, self.nv)
+        if self.equalities:
+            # M, then the rows of the equalities
+            wide = np.zeros(self._closed.L.shape)
+            self._mass = wide[: self.nv]
+            self._tree = tree._replace(mass=self._mass) if self._known else tree
+            self._mass = wide
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
@@ -101,12 +118,16 @@ class ArticulatedSystem(System):
                 self._support[joint, first : first + model.nvs[ancestor]] = 1.0
         self._kinematics = Kinematics(poses, columns, self._support)
 
-    def __reduce__(self) -> tuple[type, tuple[pin.Model, str, Control | None]]:
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
-        return type(self), (self.model, self.name, self.control)
+        return type(self), (self.model, self.name, self.control, self.equalities)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)
+        if self.equalities:
+            close(self._closing, new)
+            if not all_finite(new):
+                raise ProjectionError(f"the loops and couplings of {self.name} cannot be closed after this step", {})
         # read-only, so that results computed for this array remain valid
         new.setflags(False)
         self._integrated = new
@@ -131,7 +152,29 @@ class ArticulatedSystem(System):
         """Return a record with a `pin.Data` of its own, or None where Pinocchio cannot be called by address."""
         if reason_for_bindings() is not None:
             return None
-        return mechanism(self.model, self.model.createData(), self._support, self._tree, self._free)
+        return mechanism(self.model, self.model.createData(), self._support, self._tree, self._free, self.equalities)
+
+    @cached_property
+    def _closing(self) -> Mechanism:
+        """What closes the equalities."""
+        made = self.mechanism()
+        if made is None:
+            raise InputError(f"loops and coupled joints need Pinocchio called by address: {reason_for_bindings()}")
+        return held(made)
+
+    def gaps(self, q: Array) -> Array:
+        self._refresh(q)
+        write_gaps(self._closed, self._kinematics.poses, plain_array(q))
+        return self._closed.gap.copy()
+
+    def closed(self, q: Array) -> Array:
+        new = np.array(q, dtype=float)
+        if self.equalities:
+            close(self._closing, new)
+        return new
+
+    def tangent(self, q: Array, v: Array) -> Array:
+        return self.metric(q).tangent(v) if self.equalities else v.copy()
 
     @cached_property
     def _held(self) -> JointTree:
@@ -148,9 +191,11 @@ class ArticulatedSystem(System):
                 # in the world convention crba also fills data.J and data.oMi
                 pin.crba(self.model, self._data, q, _WORLD)
                 for array, read in zip(
-                    (*self._kinematics[:2], self._mass), read_results(self.model, self._data), strict=True
+                    (*self._kinematics[:2], self._mass[: self.nv]), read_results(self.model, self._data), strict=True
                 ):
                     array[:] = read
+            if self.equalities:
+                write_rows(self._closed, *self._kinematics, self._mass)
             self._metric, self._key = None, key
         self._current = q if q is self._integrated or not q.flags.writeable else None
 
@@ -213,7 +258,29 @@ class ArticulatedSystem(System):
         torque = self.torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
-        return pin.aba(self.model, self._data, q, v, torque)
+        free = pin.aba(self.model, self._data, q, v, torque)
+        return self.held_acceleration(q, v, free) if self.equalities else free
+
+    def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
+        """Return the acceleration nearest to a free one that keeps the rates of the equalities zero, shape (nv,)."""
+        metric, change = self.metric(q), np.empty(self.nv)
+        e, rows = self._closed, self._mass[self.nv :]
+        span_equalities(self._mass, self._parent, DEPENDENT, metric.lower, e.R)
+        rate = rows @ free
+        m = len(e.normals)
+        if m:
+            # n . (acceleration of the second point less that of the first) at constant v
+            points = plain_array(e.points[:, :3]), plain_array(e.points[:, 3:])
+            sides = [self.point_bias(q, v, e.bodies[:, k].copy(), points[k]) for k in (0, 1)]
+            turned = np.einsum("icr,ic->ir", self.kinematics(q).poses[e.bodies[:, 0], :3], e.normals)
+            rate[:m] += ((sides[1] - sides[0]) * turned).sum(axis=1)
+        least_change(metric.lower, self._parent, e.R, rate, change)
+        return free + change
+
+    def supported(self, bodies: Sequence[int]) -> Array:
+        """Return which velocities move some of the bodies, shape (nv,) of bool."""
+        moved: Array = self._support[list(bodies)].max(axis=0) > 0.0
+        return moved
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         if self._flat:

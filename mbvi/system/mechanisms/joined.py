@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from ...errors import InputError
 from ..actuated import ActuatedSystem
 from ..blocks import BlockSystem
 from ..free.bodies import FreeBodies, Spheres
 from ..system import Array, System, parts_of
 from .articulated import ArticulatedSystem
+from .equalities import Equality
 from .mechanism import free_joint
 
 # of the parts that can be joined their gravity, shape (3,) [m/s^2]; of classes derived from these q or v may differ
@@ -25,6 +27,8 @@ _GRAVITY: dict[type, Callable[[Any], Array]] = {
 
 def can_be_joined(system: System) -> bool:
     """Return whether a system consists of mechanisms, free bodies and spheres."""
+    if system.whole is not None:
+        return True
     parts = parts_of(system)
     if type(_unloaded(system)) not in (BlockSystem, *_GRAVITY) or not all(type(part) in _GRAVITY for part in parts):
         return False
@@ -35,18 +39,31 @@ def can_be_joined(system: System) -> bool:
     return system.loaded or not any(part.applied is not None and part.applied.any() for part in parts)
 
 
-def joined(system: System) -> ArticulatedSystem:
+def joined(system: System, between: Sequence[Equality] = ()) -> ArticulatedSystem:
     """Return one mechanism that moves as a system does of which `can_be_joined` is true, without controls and forces.
 
     A free body has a joint that moves its centre and then turns it, so that q, v and the retraction are its own.
+    `between` are equalities between parts.
+
+    Raises
+    ------
+    InputError
+        If there are some, and the parts cannot be joined.
     """
+    if isinstance(system.whole, ArticulatedSystem):
+        return system.whole
     system = _unloaded(system)
     if isinstance(system, ArticulatedSystem):
         return system
-    parts, model = parts_of(system), pin.Model()
+    if between and not can_be_joined(system):
+        raise InputError(
+            "bodies that move in a plane cannot be connected: build the scene without the reduction 'plane'"
+        )
+    parts, model, equalities = parts_of(system), pin.Model(), [*between]
     model.gravity.linear = _GRAVITY[type(parts[0])](parts[0])
     for part in parts:
         if isinstance(part, ArticulatedSystem):
+            equalities += [one.moved_to(model.nq, model.nv, model.njoints - 1) for one in part.equalities]
             _add_mechanism(model, part.model)
         elif isinstance(part, FreeBodies):
             for mass, inertia in zip(part.masses, part.inertias, strict=True):
@@ -54,7 +71,7 @@ def joined(system: System) -> ArticulatedSystem:
         elif isinstance(part, Spheres):
             for mass in part.masses:
                 _add_body(model, pin.JointModelTranslation(), pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3))))
-    return ArticulatedSystem(model)
+    return ArticulatedSystem(model, equalities=equalities)
 
 
 def _unloaded(system: System) -> System:

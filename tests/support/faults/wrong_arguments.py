@@ -444,7 +444,7 @@ CALLS: dict[str, Call] = {
     "Scene.add_urdf": _adds(
         "add_urdf", path=HOPPER, base="free", position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"knee": 0.4},
         velocity={"hip": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="hopper", srdf=srdf(), locked=["knee"],
-        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2),
+        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), mimic=True,
     ),
     "Scene.add_mjcf": _adds(
         "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
@@ -488,6 +488,22 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.exclude": Call(
         lambda **given: scene().exclude(**given), lambda: {"first": "ball", "second": "floor"}
+    ),
+    "Scene.connect": Call(
+        lambda **given: _controlled().connect(**given),
+        lambda: {"first": "hopper/trunk", "second": "ball", "at": (5.0, 0.0, 1.0), "name": "rope"},
+    ),
+    "Scene.hinge": Call(
+        lambda **given: _controlled().hinge(**given),
+        lambda: {"first": "world", "second": "hopper/trunk", "at": (0, 0, 1), "axis": (0, 1, 0), "name": "door"},
+    ),
+    "Scene.weld": Call(
+        lambda **given: _controlled().weld(**given),
+        lambda: {"first": "world", "second": "hopper/trunk", "name": "clamp"},
+    ),
+    "Scene.couple": Call(
+        lambda **given: _controlled().couple(**given),
+        lambda: {"first": "hopper/hip", "second": "hopper/knee", "ratio": 2.0, "offset": 0.1, "name": "gear"},
     ),
     "Scene.build": Call(
         lambda **given: scene().build(**given), lambda: {"reduce": ("pairs", "rest"), "resolve": True}, _moves

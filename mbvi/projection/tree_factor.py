@@ -1,0 +1,171 @@
+"""Products with the factor L of a mass matrix M = L'L, and the rows of equalities that every velocity keeps.
+
+Behind its nv rows the array of L may have further ones: an orthonormal basis of L'^-1 J_e', where J_e v = 0 are the
+equalities of the mechanism. Rows that depend on those before them are zero there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import kernel
+
+Array = np.ndarray
+
+# part of a row that counts as rounding: with less it depends on the rows before it
+DEPENDENT = 1e-9
+# squared part of a row below which nothing of it is left
+_NOTHING = 1e-24
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
+def whiten(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L'^-1 x."""
+    for k in range(len(x) - 1, -1, -1):
+        # a gradient touches the joints that carry its bodies only
+        if x[k] != 0.0:
+            x[k] /= L[k, k]
+            i = parent[k]
+            while i >= 0:
+                x[i] -= L[k, i] * x[k]
+                i = parent[i]
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
+def unwhiten(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite x, shape (nv,), by L^-1 x."""
+    for k in range(len(x)):
+        y = x[k]
+        i = parent[k]
+        while i >= 0:
+            y -= L[k, i] * x[i]
+            i = parent[i]
+        x[k] = y / L[k, k]
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[:,::1])")
+def unwhiten_four(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite each row of x, shape (4, nv), by L^-1 times it: four sums side by side wait less for each other."""
+    for k in range(x.shape[1]):
+        a, b, c, d = x[0, k], x[1, k], x[2, k], x[3, k]
+        i = parent[k]
+        while i >= 0:
+            part = L[k, i]
+            a, b, c, d = a - part * x[0, i], b - part * x[1, i], c - part * x[2, i], d - part * x[3, i]
+            i = parent[i]
+        part = L[k, k]
+        x[0, k], x[1, k], x[2, k], x[3, k] = a / part, b / part, c / part, d / part
+
+
+@kernel("i8(f8[:,::1], i8[::1], f8, f8[:,::1], f8[:,::1])")
+def span_equalities(mass: Array, parent: Array, least: float, L: Array, R: Array) -> int:
+    """Write the basis of the equalities behind the factor of M; return its size, the rank of J_e.
+
+    Parameters
+    ----------
+    mass : ndarray, shape (nv + m, nv)
+        J_e in its last m rows.
+    parent, L
+        See `tree.factor`; the factor is known.
+    least : float
+        The part of a row that others must leave of it: with less the row depends on them.
+    R : ndarray, shape (m, m) or (0, 0)
+        Receives, if it is not empty, the lower triangle with L'^-1 J_e' = (R Q)', where Q are the rows of the basis.
+    """
+    n, rank, longest = len(parent), 0, 0.0
+    for i in range(n, len(mass)):
+        length = 0.0
+        for k in range(n):
+            L[i, k] = mass[i, k]
+        whiten(L, parent, L[i])
+        for k in range(n):
+            length += L[i, k] * L[i, k]
+        longest = max(longest, length)
+    for i in range(len(mass) - n):
+        row, before, after = L[n + i], 0.0, 0.0
+        for k in range(n):
+            before += row[k] * row[k]
+        for j in range(len(R)):
+            R[i, j] = 0.0
+        # once more, for rows of which little is left
+        for _ in range(2):
+            for j in range(i):
+                part = 0.0
+                for k in range(n):
+                    part += L[n + j, k] * row[k]
+                for k in range(n):
+                    row[k] -= part * L[n + j, k]
+                if len(R):
+                    R[i, j] += part
+        for k in range(n):
+            after += row[k] * row[k]
+        # a row that is rounding in the place of zero moves nothing
+        independent = after > least * least * before and after > DEPENDENT * DEPENDENT * longest
+        length = np.sqrt(after) if independent else 1.0
+        for k in range(n):
+            row[k] = row[k] / length if independent else 0.0
+        if len(R):
+            R[i, i] = length if independent else 0.0
+        rank += independent
+    return rank
+
+
+@kernel("void(f8[:,::1], f8[::1])")
+def take_off(L: Array, x: Array) -> None:
+    """Take from a whitened row x, shape (nv,), its part along the equalities; what is left by rounding becomes zero."""
+    n, before, after = len(x), 0.0, 0.0
+    for k in range(n):
+        before += x[k] * x[k]
+    for i in range(n, len(L)):
+        part = 0.0
+        for k in range(n):
+            part += L[i, k] * x[k]
+        for k in range(n):
+            x[k] -= part * L[i, k]
+    for k in range(n):
+        after += x[k] * x[k]
+    if after <= _NOTHING * before:
+        for k in range(n):
+            x[k] = 0.0
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
+def keep_equalities(L: Array, parent: Array, v: Array) -> None:
+    """Overwrite a velocity, shape (nv,), by the nearest one in the kinetic metric with J_e v = 0."""
+    n = len(v)
+    # L v, from the last entry on: row k needs those up to k
+    for k in range(n - 1, -1, -1):
+        y = L[k, k] * v[k]
+        i = parent[k]
+        while i >= 0:
+            y += L[k, i] * v[i]
+            i = parent[i]
+        v[k] = y
+    for i in range(n, len(L)):
+        part = 0.0
+        for k in range(n):
+            part += L[i, k] * v[k]
+        for k in range(n):
+            v[k] -= part * L[i, k]
+    unwhiten(L, parent, v)
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[::1], f8[::1])")
+def least_change(L: Array, parent: Array, R: Array, rate: Array, change: Array) -> None:
+    """Write the velocity of least kinetic energy with J_e change = -rate, shapes (nv,) and (m,).
+
+    `R` is that of `span_equalities`. Rows that depend on others are met where the rates are consistent.
+    """
+    n, m = len(change), len(rate)
+    part = np.zeros(m)
+    for k in range(n):
+        change[k] = 0.0
+    for i in range(m):
+        if R[i, i] > 0.0:
+            part[i] = -rate[i]
+            for j in range(i):
+                part[i] -= R[i, j] * part[j]
+            part[i] /= R[i, i]
+            for k in range(n):
+                change[k] += part[i] * L[n + i, k]
+    unwhiten(L, parent, change)

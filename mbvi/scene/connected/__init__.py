@@ -1,0 +1,1 @@
+"""Connections of bodies and couplings of joints in a scene."""

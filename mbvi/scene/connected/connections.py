@@ -1,0 +1,141 @@
+"""The part of a scene that connects bodies and couples joints: equalities that hold through impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arguments import finite, printable, shown, vector
+from ...errors import InputError
+from ...geometry.shapes.shapes import Array
+from ..items import ConnectionItem, CouplingItem, SceneItems
+
+# most names that an error lists
+_MOST_NAMED = 50
+
+
+class Connections:
+    """Methods of `Scene` that connect bodies and couple joints."""
+
+    _items: SceneItems
+
+    def connect(self, first: str, second: str, at: Sequence[float] | Array, name: str | None = None) -> str:
+        """Let two bodies share a point, as a ball joint does; they no longer collide with each other.
+
+        Parameters
+        ----------
+        first, second : str
+            A rigid body, a sphere, a robot's link "robot/link", or "world". One of both moves. A sphere in a scene
+            without friction does not turn: its centre alone can be connected.
+        at : array_like, shape (3,)
+            The point, in the world, where the scene starts [m].
+        name : str, optional
+            "connection", then numbered, by default.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, neither moves, both are the same, or the point is none.
+
+        Notes
+        -----
+        The equality c(q) = 0 holds at the end of every step to rounding, and through impacts: docs/theory/loops.md.
+        """
+        return self._add_connection("point", first, second, name, "connection", vector(at, "at"), None)
+
+    def hinge(
+        self,
+        first: str,
+        second: str,
+        at: Sequence[float] | Array,
+        axis: Sequence[float] | Array,
+        name: str | None = None,
+    ) -> str:
+        """Let two bodies share a point and an axis through it, about which they turn; the rest as `connect`.
+
+        `axis`, shape (3,), is its direction in the world where the scene starts.
+        """
+        direction = vector(axis, "axis")
+        length = float(np.linalg.norm(direction))
+        if not length > 0.0:
+            raise InputError("axis is zero; it must have a direction")
+        return self._add_connection("hinge", first, second, name, "hinge", vector(at, "at"), direction / length)
+
+    def weld(self, first: str, second: str, name: str | None = None) -> str:
+        """Keep two bodies as they are to each other where the scene starts; the rest as `connect`."""
+        return self._add_connection("weld", first, second, name, "weld", None, None)
+
+    def couple(self, first: str, second: str, ratio: float = 1.0, offset: float = 0.0, name: str | None = None) -> str:
+        """Couple two joints: the position of the first is `ratio` times that of the second plus `offset`.
+
+        Parameters
+        ----------
+        first, second : str
+            Joints "robot/joint" with one degree of freedom each, of one robot or of two.
+        ratio, offset : float
+            Of the positions [rad, m]. Where the second turns without limits, the ratio is a whole number.
+        name : str, optional
+            "coupling", then numbered, by default.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        InputError
+            If a joint is unknown or has several degrees of freedom, both are the same, or a number is not finite.
+        """
+        ratio, offset = finite(ratio, "ratio"), finite(offset, "offset")
+        widths = [self._checked_joint(joint) for joint in (first, second)]
+        if first == second:
+            raise InputError(f"{first} cannot be coupled with itself")
+        if widths[1] == 2 and ratio % 1.0:
+            raise InputError(f"{second} turns without limits: {ratio:g} times its angle is not unique")
+        own = self._items.new_name(name, "coupling")
+        self._items.couplings.append(CouplingItem(own, first, second, ratio, offset))
+        return own
+
+    def _add_connection(
+        self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None
+    ) -> str:
+        moves = [self._checked_side(side) for side in (first, second)]
+        if first == second or not any(moves):
+            why = "is one body" if first == second else "do not move"
+            raise InputError(f"{first} and {second} {why}: there is nothing to connect")
+        own = self._items.new_name(name, default)
+        self._items.connections.append(ConnectionItem(own, kind, first, second, at, axis))
+        if "world" not in (first, second):
+            self._items.leave_out(first, second)
+        return own
+
+    def _checked_side(self, body: str) -> bool:
+        """Return whether a body that a connection names moves."""
+        items = self._items
+        known = {"world": False} | {b.name: not b.fixed for b in items.bodies}
+        known |= {n: True for s in items.spheres for n in s.names()}
+        known |= {link: moves for robot in items.robots for link, moves in robot.links().items()}
+        if printable(body, "the name of a body") in known:
+            return known[body]
+        if any(robot.robot.name == body for robot in items.robots):
+            links = [link for link in known if link.startswith(f"{body}/")]
+            raise InputError(f"{body} is a robot; name one of its links: {', '.join(links[:_MOST_NAMED])}")
+        raise InputError(f"{shown(body)} is no body of this scene; known are {', '.join([*known][:_MOST_NAMED])}")
+
+    def _checked_joint(self, joint: str) -> int:
+        """Return how many numbers a joint has in q."""
+        robots = {item.robot.name: item.robot.model for item in self._items.robots}
+        owner, _, own = printable(joint, "the name of a joint").partition("/")
+        model = robots.get(owner)
+        names = [] if model is None else [model.names[j] for j in range(1, model.njoints) if model.nvs[j] == 1]
+        if model is None or own not in names:
+            known = ", ".join(f"{owner}/{name}" for name in names) or f"of the robots {', '.join(robots) or 'none'}"
+            raise InputError(f"{shown(joint)} is no joint with one degree of freedom; known are {known}")
+        return int(model.nqs[model.getJointId(own)])

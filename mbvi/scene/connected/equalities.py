@@ -1,0 +1,192 @@
+"""Turns the connections and couplings of a scene into equalities of its systems."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...geometry.shapes.shapes import Array, PlacedShape
+from ...system import System, located_parts
+from ...system.mechanisms.equalities import CoupledJoints, Equality, PointRows
+from ...system.system import Part
+from ..items import ConnectionItem, SceneItems
+from ..urdf.mimic import joint_position
+
+# points on the axes of a weld and a hinge are so far from the common point, so that gaps there are angles [m]
+_ARM = 1.0
+# points of these frames, by their axes, and which of their coordinates in the first frame are equal
+_ROWS = {
+    "point": (((0.0, 0.0, 0.0), (0, 1, 2)),),
+    "hinge": (((0.0, 0.0, 0.0), (0, 1, 2)), ((0.0, 0.0, _ARM), (0, 1))),
+    "weld": (((0.0, 0.0, 0.0), (0, 1, 2)), ((0.0, 0.0, _ARM), (0, 1)), ((_ARM, 0.0, 0.0), (1,))),
+}
+
+
+class Side(NamedTuple):
+    """One side of a connection: the number of its body, the body's frame, and that of its name in the body's frame.
+
+    Frames have shape (4, 3): the columns of the rotation, then the origin [m].
+    """
+
+    body: int
+    pose: Array
+    frame: Array
+
+
+def point_rows(item: ConnectionItem, first: Side, second: Side) -> PointRows:
+    """Return the rows of a connection.
+
+    Raises
+    ------
+    InputError
+        If nothing is known of where the connection is; see `ConnectionItem`.
+    """
+    if item.frames is not None:
+        frames = [_composed(side.frame, frame) for side, frame in zip((first, second), item.frames, strict=True)]
+    else:
+        origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
+        common = np.vstack([_axes(item.axis), origin])
+        frames = [_seen_from(side.pose, common) for side in (first, second)]
+    points, normals = [], []
+    for place, axes in _ROWS[item.kind]:
+        ends = [frame[3] + np.array(place) @ frame[:3] for frame in frames]
+        for k in axes:
+            points.append(np.concatenate(ends))
+            normals.append(frames[0][k])
+    return PointRows(item.name, first.body, second.body, np.array(points), np.array(normals))
+
+
+def _composed(pose: Array, frame: Array) -> Array:
+    """Return a frame in the world, or in another frame."""
+    return np.vstack([frame[:3] @ pose[:3], frame[3] @ pose[:3] + pose[3]])
+
+
+def _seen_from(pose: Array, frame: Array) -> Array:
+    """Return a frame of the world as a body sees it."""
+    return np.vstack([frame[:3] @ pose[:3].T, (frame[3] - pose[3]) @ pose[:3].T])
+
+
+def _axes(axis: Array | None) -> Array:
+    """Return three axes in rows, of which the last is the given one."""
+    if axis is None:
+        return np.eye(3)
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    side = np.cross(other, axis)
+    side /= np.linalg.norm(side)
+    return np.array([side, np.cross(axis, side), axis])
+
+
+def sides_of(
+    items: SceneItems, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], poses: Array
+) -> dict[str, Side]:
+    """Return the sides of the connections of a scene by their names.
+
+    Parameters
+    ----------
+    items : SceneItems
+        The scene.
+    frames : dict of str to PlacedShape
+        Frames of links; see `Blocks`.
+    shapes : sequence of PlacedShape
+        The shapes of the scene, which name bodies and spheres.
+    poses : ndarray, shape (bodies, 4, 3)
+        Of all bodies at the start, the world first.
+    """
+    named = {s.name: s for s in shapes} | dict(frames)
+    world, found = np.vstack([np.eye(3), np.zeros(3)]), dict[str, Side]()
+    for name in {side for c in items.connections for side in (c.first, c.second)}:
+        body = 0 if name == "world" else named[name].body if name in named else 0
+        place = named.get(name) if name in frames else None
+        own = world if place is None else np.vstack([place.rotation.T, place.position])
+        found[name] = Side(body, poses[body], own)
+    return found
+
+
+def check_spheres(items: SceneItems, sides: Mapping[str, Side]) -> None:
+    """Raise `InputError` if a connection would turn a sphere, which only friction does."""
+    spheres = set() if items.frictional else {name for s in items.spheres for name in s.names()}
+    for item in items.connections:
+        for name in spheres & {item.first, item.second}:
+            centre = sides[name].pose[3]
+            if item.kind != "point" or (item.at is not None and np.abs(item.at - centre).max() > 1e-9):
+                raise InputError(
+                    f"{item.name} would turn {name}, which has no rotation in a scene without friction: connect its "
+                    "centre, or set friction"
+                )
+
+
+def coupled_joints(items: SceneItems, parts: Sequence[Part]) -> list[CoupledJoints]:
+    """Return the couplings of a scene, of which these are the systems."""
+    places, still, nothing = dict[str, tuple[int, int, int]](), dict[str, float](), (-1, -1, 0)
+    for robot, part in zip(items.robots, parts, strict=False):
+        full, model = robot.robot.model, part.system.model
+        assert model is not None
+        for j in range(1, full.njoints):
+            name, label = full.names[j], f"{robot.robot.name}/{full.names[j]}"
+            if full.nvs[j] != 1:
+                continue
+            if model.existJointName(name):
+                i = model.getJointId(name)
+                places[label] = part.q + model.idx_qs[i], part.v + model.idx_vs[i], model.nqs[i]
+            else:
+                still[label] = joint_position(full, j, robot.q0)
+    found = []
+    for one in items.couplings:
+        first, second, ratio, offset = places.get(one.first), places.get(one.second), one.ratio, one.offset
+        if first is not None and second is not None:
+            found.append(CoupledJoints(one.name, first, second, ratio, offset))
+        elif first is not None:
+            held = offset + (ratio * still[one.second] if one.second else 0.0)
+            found.append(CoupledJoints(one.name, first, nothing, 0.0, held))
+        elif second is not None and ratio:
+            found.append(CoupledJoints(one.name, second, nothing, 0.0, (still[one.first] - offset) / ratio))
+    return found
+
+
+def equalities_between(
+    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
+) -> tuple[dict[int, list[Equality]], list[Equality]]:
+    """Return the equalities of a scene: those within each part of its system by its number, and those between parts.
+
+    Parameters
+    ----------
+    items, frames, shapes
+        See `sides_of`.
+    system : System
+        What they connect.
+    q : ndarray, shape (nq,)
+        Where the scene starts.
+    """
+    parts, bodies = located_parts(system), np.arange(1, len(system.bodies))
+    world = np.vstack([np.eye(3), np.zeros(3)])[None]
+    sides = sides_of(items, frames, shapes, np.concatenate([world, system.placements(q, bodies)]))
+    check_spheres(items, sides)
+    points = [point_rows(one, sides[one.first], sides[one.second]) for one in items.connections]
+    first_body, first_velocity = [p.body for p in parts], [p.v for p in parts]
+    within, between = dict[int, list[Equality]](), list[Equality]()
+    for rows in points:
+        owners = {_part_of(first_body, side - 1) for side in (rows.first, rows.second) if side}
+        _sort(rows, owners, parts, within, between)
+    for coupled in coupled_joints(items, parts):
+        sides_in_v = (coupled.first[1], coupled.second[1])
+        owners = {_part_of(first_velocity, v) for v in sides_in_v if v >= 0}
+        _sort(coupled, owners, parts, within, between)
+    return within, between
+
+
+def _part_of(starts: Sequence[int], number: int) -> int:
+    return bisect_right(starts, number) - 1
+
+
+def _sort(
+    one: Equality, owners: set[int], parts: Sequence[Part], within: dict[int, list[Equality]], between: list[Equality]
+) -> None:
+    (owner, *others), part = owners, parts[min(owners)]
+    if others or part.system.model is None:
+        between.append(one)
+    else:
+        within.setdefault(owner, []).append(one.moved_to(-part.q, -part.v, -part.body))

@@ -1,0 +1,102 @@
+"""Reads the equality constraints of a MJCF: connections, welds and coupled joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...arguments import made_label
+from ...geometry.shapes.shapes import Array
+from ..items import ConnectionItem, CouplingItem
+from ..reductions import Omission
+from .file import disabled, mujoco_module, placement
+
+_CONNECT, _WELD, _JOINT = range(3)
+
+
+class MjcfEqualities(NamedTuple):
+    """The equality constraints of a file.
+
+    Attributes
+    ----------
+    connections, couplings : list of ConnectionItem and list of CouplingItem
+        Those that are modelled.
+    omitted : list of Omission
+        The others.
+    """
+
+    connections: list[ConnectionItem]
+    couplings: list[CouplingItem]
+    omitted: list[Omission]
+
+
+def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints: Sequence[str]) -> MjcfEqualities:
+    """Return the equality constraints of an MjModel.
+
+    Parameters
+    ----------
+    m : MjModel
+        The model.
+    pose : pinocchio.SE3
+        Where the frame of the file stands in the world.
+    own : str
+        Name of all that moves in the scene.
+    bodies, joints : sequence of str
+        Names of the bodies and of the joints.
+    """
+    found = MjcfEqualities([], [], [])
+    if disabled(m, "EQUALITY", "CONSTRAINT"):
+        return found
+    for k in range(m.neq):
+        kind, name = int(m.eq_type[k]), m.equality(k).name or f"equality{k}"
+        label = made_label(f"{own}_{name}")
+        why = "" if m.eq_active0[k] else "it is switched off at the start"
+        if not why and kind in (_CONNECT, _WELD):
+            found.connections.append(_connection(m, k, pose, own, bodies, label))
+        elif not why and kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
+            found.couplings.append(_coupling(m, k, own, joints, label))
+        else:
+            why = why or "only points, welds and joints in proportion are modelled"
+            found.omitted.append(Omission(f"equality constraint {name}", why))
+    return found
+
+
+def _connection(m: Any, k: int, pose: pin.SE3, own: str, bodies: Sequence[str], label: str) -> ConnectionItem:
+    data, kind, sides, places = m.eq_data[k], int(m.eq_type[k]), list[str](), list[Array]()
+    of_sites = int(m.eq_objtype[k]) == int(mujoco_module().mjtObj.mjOBJ_SITE)
+    for number, side in enumerate((int(m.eq_obj1id[k]), int(m.eq_obj2id[k]))):
+        if of_sites:
+            body, place = int(m.site_bodyid[side]), placement(m.site_pos[side], m.site_quat[side])
+        elif kind == _CONNECT:
+            body, place = side, pin.SE3(np.eye(3), np.array(data[3 * number : 3 * number + 3]))
+        else:
+            # the weld's point is in the frame of the second body, whose pose in the first is given
+            body, place = side, pin.SE3(np.eye(3), np.array(data[:3]))
+            place = place if number else placement(data[3:6], data[6:10]) * place
+        sides.append(f"{own}/{bodies[body]}" if body else "world")
+        places.append(_frame(place if body else pose * place))
+    (first, second), frames = sides, (places[0], places[1])
+    return ConnectionItem(label, "point" if kind == _CONNECT else "weld", first, second, frames=frames)
+
+
+def _frame(place: pin.SE3) -> Array:
+    """Return a pose as `ConnectionItem` has it."""
+    return np.vstack([place.rotation.T, place.translation])
+
+
+def _is_simple(m: Any, k: int) -> bool:
+    """Return whether both joints of an equality have one degree of freedom."""
+    return all(side < 0 or m.jnt_type[side] >= 2 for side in (int(m.eq_obj1id[k]), int(m.eq_obj2id[k])))
+
+
+def _coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str) -> CouplingItem:
+    first, second, data = int(m.eq_obj1id[k]), int(m.eq_obj2id[k]), m.eq_data[k]
+    # MuJoCo counts both joints from their references
+    zero = [float(m.qpos0[m.jnt_qposadr[side]]) if side >= 0 else 0.0 for side in (first, second)]
+    ratio = float(data[1]) if second >= 0 else 0.0
+    offset = zero[0] + float(data[0]) - ratio * zero[1]
+    other = f"{own}/{joints[second]}" if second >= 0 else ""
+    return CouplingItem(label, f"{own}/{joints[first]}", other, ratio, offset)

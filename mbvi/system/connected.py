@@ -1,0 +1,99 @@
+"""Several systems that are connected by equalities c(q) = 0 between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..projection import FreeMotion, TreeFreeMotion, TreeMetric
+from .mechanisms.articulated import ArticulatedSystem
+from .mechanisms.equalities import CoupledJoints, Equality, PointRows
+from .mechanisms.joined import joined
+from .system import Array, System
+
+# most velocities of systems that are connected: the mass matrix is dense
+_MOST = 600
+# what does not depend on forces and equalities is that of the systems
+_THEIRS = (
+    "difference", "chart_rate", "placements", "kinetic_energy", "potential_energy", "separation_rows", "point_bias",
+    "reach", "are_lengths", "unit_groups", "located_parts", "start", "torque", "force", "added_acceleration", "notes",
+)  # fmt: skip
+
+
+class ConnectedSystem(System):
+    """Robots, bodies and spheres with equalities between them.
+
+    Parameters
+    ----------
+    inner : System
+        The systems, with all that acts on them.
+    equalities : sequence of PointRows or CoupledJoints
+        The equalities between them, numbered as q, v and bodies are here.
+
+    Raises
+    ------
+    InputError
+        If they have more than 600 velocities, or move in a plane.
+
+    Notes
+    -----
+    Metric, retraction and reactions are those of one mechanism that the systems are joined to; see `ArticulatedSystem`.
+    """
+
+    whole: ArticulatedSystem
+
+    def __init__(self, inner: System, equalities: Sequence[Equality]) -> None:
+        if inner.nv > _MOST:
+            raise InputError(f"bodies of at most {_MOST} velocities can be connected; these have {inner.nv}")
+        self.inner, self.equalities = inner, tuple(equalities)
+        self.nq, self.nv, self.bodies = inner.nq, inner.nv, inner.bodies
+        self.controlled, self.loaded, self.observe = inner.controlled, inner.loaded, inner.observe
+        self.velocity_dependent = inner.velocity_dependent
+        self.whole = joined(inner, self.equalities)
+        for name in _THEIRS:
+            setattr(self, name, getattr(inner, name))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return type(self), (self.inner, self.equalities)
+
+    def coupled(self) -> list[Array]:
+        found = []
+        for one in self.equalities:
+            if isinstance(one, PointRows):
+                found.append(np.flatnonzero(self.whole.supported([one.first, one.second])))
+            elif isinstance(one, CoupledJoints):
+                found.append(np.array([one.first[1], *([one.second[1]] if one.second[2] else [])]))
+        return found
+
+    def gaps(self, q: Array) -> Array:
+        return self.whole.gaps(q)
+
+    def closed(self, q: Array) -> Array:
+        return self.whole.closed(q)
+
+    def tangent(self, q: Array, v: Array) -> Array:
+        return self.metric(q).tangent(v)
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        return self.whole.integrate(q, dv).copy()
+
+    def metric(self, q: Array) -> TreeMetric:
+        return self.whole.metric(q)
+
+    def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        return self.metric(q).tangent(self.inner.free_velocity(t, q, v, h))
+
+    def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
+        motion, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
+        return FreeMotion(metric.tangent(motion.free), metric)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
+        motion, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
+        # the mean velocity of the step keeps the equalities
+        return FreeMotion(metric.tangent(motion.free + v) - v, metric)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.whole.held_acceleration(q, v, self.inner.acceleration(t, q, v))

@@ -1,0 +1,202 @@
+"""Connections and couplings as users write them, from files, in reports and in saved runs."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from support.four_bar import four_bar
+from support.paths import ROBOTS
+
+
+def pendulum(**scene):
+    made = mbvi.Scene(**scene)
+    made.add_box((0.1, 0.1, 0.4), position=(0, 0, -0.2), name="rod")
+    made.add_sphere(0.1, position=(0, 0, -0.5), name="bob")
+    return made
+
+
+def test_what_is_connected_is_in_the_report_and_passes_through_each_other():
+    scene = pendulum()
+    assert scene.connect("world", "rod", at=(0, 0, 0)) == "connection"
+    assert scene.connect("rod", "bob", at=(0, 0, -0.5), name="end") == "end"
+    report = scene.build().report()
+    assert "connection: world and rod share a point" in report and "end: rod and bob share a point" in report
+    assert "pairs of bob and rod: excluded" in report
+
+
+def test_a_pendulum_of_connected_bodies_swings_with_its_period():
+    """A rod and a ball at its end on a fixed point: small angles, an exact frequency of a compound pendulum."""
+    scene = pendulum()
+    scene.connect("world", "rod", at=(0, 0, 0))
+    scene.connect("rod", "bob", at=(0, 0, -0.5))
+    problem = scene.build()
+    # rod about the pivot, and the ball as a point; the tilt at the start is an initial velocity
+    inertia = 1.0 / 12.0 * (0.4**2 + 0.1**2) + 0.2**2 + 0.5**2
+    omega = np.sqrt(9.81 * (0.2 + 0.5) / inertia)
+    v = problem.system.tangent(problem.q0, np.array([0, 0, 0, 0, 1e-3, 0, 0, 0, 0.0]))
+    run = mbvi.simulate(problem.at(problem.q0, v), mbvi.Centered(), step=1e-3, duration=3.0 * np.pi / omega)
+    bob = run.q[:, 7]
+    crossings = np.flatnonzero(np.diff(np.sign(bob[1:]))) + 1
+    assert abs(run.t[crossings[0]] - np.pi / omega) < 3e-3
+    assert run.loop_gap().max() <= 1e-13
+
+
+def test_a_saved_run_has_its_connections(tmp_path):
+    scene = four_bar(0.5, floor=-0.3)
+    run = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-3, duration=0.3)
+    run.save(tmp_path / "run.h5")
+    again = mbvi.load(tmp_path / "run.h5")
+    assert again.problem.report() == run.problem.report()
+    np.testing.assert_array_equal(again.loop_gap(), run.loop_gap())
+    more = mbvi.simulate(again.problem, mbvi.Paoli(), step=1e-3, duration=0.3)
+    np.testing.assert_array_equal(more.q, run.q)
+
+
+def test_a_saved_robot_has_its_couplings(tmp_path):
+    scene = mbvi.Scene()
+    scene.add_urdf("robot:quadruped", position=(0, 0, 1))
+    scene.couple("quadruped/FL_thigh_joint", "quadruped/FR_thigh_joint", ratio=-1.0, offset=0.2, name="gait")
+    problem = scene.build()
+    assert "gait: quadruped/FL_thigh_joint = -1 quadruped/FR_thigh_joint + 0.2" in problem.report()
+    assert problem.report().count("the start was moved to close loops and couplings: quadruped: ") == 1
+    run = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.05)
+    assert any("to close loops and couplings" in note for note in run.notes)
+    run.save(tmp_path / "run.h5")
+    again = mbvi.load(tmp_path / "run.h5").problem
+    np.testing.assert_array_equal(again.q0, problem.q0)
+    assert again.report() == problem.report()
+
+
+MJCF = """<mujoco><option timestep="0.001"/><worldbody>
+  <body name="a" pos="0 0 1"><joint name="p" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .4 0 0" size=".02"/>
+    <body name="b" pos=".4 0 0"><joint name="q" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 .3" size=".02"/>
+    </body></body>
+  <body name="c" pos="1 0 1"><joint name="r" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .5" size=".02"/></body>
+  <body name="d" pos="0 1 1"><joint name="s" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/></body>
+  <body name="f" pos="3 0 1"><freejoint/><geom size=".1"/></body>
+  <body name="g" pos="3 .5 1"><freejoint/><geom size=".1"/></body>
+  </worldbody><contact><exclude body1="a" body2="b"/></contact><equality>{equality}</equality></mujoco>"""
+EQUALITIES = {
+    "connect": '<connect body1="b" body2="c" anchor=".3 0 .3"/>',
+    "connect to the world": '<connect body1="b" anchor=".1 0 .1"/>',
+    "weld": '<weld body1="f" body2="g"/>',
+    "joint": '<joint joint1="p" joint2="s" polycoef="0.1 -2 0 0 0"/>',
+    "held joint": '<joint joint1="s" polycoef="0 0 0 0 0"/>',
+}
+
+
+@pytest.mark.parametrize("equality", EQUALITIES.values(), ids=EQUALITIES)
+def test_an_equality_of_a_mjcf_holds_as_in_mujoco(tmp_path, equality):
+    """Accelerations at the start are those that MuJoCo's constraints lead to as they become stiff."""
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "model.xml").write_text(MJCF.format(equality=equality))
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "model.xml")
+    problem = scene.build()
+    q, v = problem.q0, np.zeros(problem.system.nv)
+    found = problem.system.acceleration(0.0, q, v)
+    assert np.abs(problem.system.gaps(q)).max() <= 1e-13
+    # the same equations, with the rows that MuJoCo has
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    d = mujoco.MjData(m)
+    hinges = [m.jnt_qposadr[j] for j in range(m.njnt) if m.jnt_type[j] == 3]
+    d.qpos[hinges] = q[: len(hinges)]
+    mujoco.mj_forward(m, d)
+    M = np.zeros((m.nv, m.nv))
+    # older versions take the sparse matrix instead of the data
+    mujoco.mj_fullM(m, d, M) if not hasattr(d, "qM") else mujoco.mj_fullM(m, M, d.qM)
+    J = np.zeros((d.nefc, m.nv))
+    J[:] = d.efc_J.reshape(-1, m.nv) if not mujoco.mj_isSparse(m) else _dense(mujoco, m, d)
+    free = np.linalg.solve(M, d.qfrc_bias * -1.0)
+    response = J @ np.linalg.solve(M, J.T)
+    expected = free - np.linalg.solve(M, J.T @ np.linalg.lstsq(response, J @ free, rcond=1e-12)[0])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+
+
+def _dense(mujoco, m, d):
+    J = np.zeros((d.nefc, m.nv))
+    mujoco.mju_sparse2dense(J, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
+    return J
+
+
+def test_an_equality_that_is_off_is_named(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "model.xml").write_text(MJCF.format(equality='<weld name="w" body1="f" body2="g" active="false"/>'))
+    with pytest.warns(mbvi.MbviWarning, match="equality constraint w"):
+        mbvi.Scene().add_mjcf(tmp_path / "model.xml")
+
+
+def test_a_loop_that_nothing_closes_raises(tmp_path):
+    pytest.importorskip("mujoco")
+    apart = '<joint joint1="p" joint2="s"/><joint joint1="p" joint2="s" polycoef="1 1 0 0 0"/>'
+    (tmp_path / "model.xml").write_text(MJCF.format(equality=apart))
+    scene = mbvi.Scene()
+    scene.add_mjcf(tmp_path / "model.xml")
+    with pytest.raises(mbvi.InadmissibleStartError, match="open by 1 at the start, and no motion closes them"):
+        scene.build()
+
+
+def test_a_state_that_opens_loops_is_refused():
+    problem = four_bar().build()
+    q = problem.q0.copy()
+    q[0] += 0.1
+    with pytest.raises(mbvi.InadmissibleStartError, match=r"opens loops or couplings, by 0\.1"):
+        problem.at(q, problem.v0, check=True)
+
+
+def test_connected_bodies_in_a_plane_are_built_in_space():
+    scene = pendulum(plane="xz")
+    scene.connect("rod", "bob", at=(0, 0, -0.5))
+    with pytest.raises(mbvi.InputError, match="bodies that move in a plane cannot be connected"):
+        scene.build()
+    assert scene.build(reduce=[]).system.nv == 9
+
+
+def mistakes():
+    at = {"at": (0, 0, 0)}
+    yield "unknown body", lambda s: s.connect("rod", "nothing", **at), "'nothing' is no body of this scene"
+    yield "a robot", lambda s: s.weld("rod", "hopper"), "hopper is a robot; name one of its links: hopper/trunk"
+    yield "itself", lambda s: s.weld("rod", "rod"), "rod and rod is one body: there is nothing to connect"
+    yield "two of the world", lambda s: s.connect("world", "wall", **at), "world and wall do not move"
+    yield "no point", lambda s: s.connect("rod", "bob", at=(0, 0)), "at"
+    yield "no axis", lambda s: s.hinge("rod", "bob", axis=(0, 0, 0), **at), "axis is zero"
+    yield "a name twice", lambda s: s.connect("rod", "bob", name="rod", **at), "the name 'rod' is taken"
+    yield (
+        "unknown joint",
+        lambda s: s.couple("hopper/hip", "hopper/ankle"),
+        "'hopper/ankle' is no joint with one degree",
+    )
+    yield "no robot", lambda s: s.couple("hopper/hip", "rod"), "'rod' is no joint with one degree of freedom"
+    yield "one joint", lambda s: s.couple("hopper/hip", "hopper/hip"), "hopper/hip cannot be coupled with itself"
+    yield "no number", lambda s: s.couple("hopper/hip", "hopper/knee", ratio=np.nan), "ratio"
+
+
+@pytest.mark.parametrize(("call", "told"), [m[1:] for m in mistakes()], ids=[m[0] for m in mistakes()])
+def test_a_connection_that_cannot_be_is_refused(call, told):
+    scene = pendulum()
+    scene.add_box((1, 1, 1), position=(9, 0, 0), fixed=True, name="wall")
+    scene.add_urdf(ROBOTS / "hopper/hopper.urdf", position=(5, 0, 1))
+    with pytest.raises(mbvi.InputError, match=told):
+        call(scene)
+
+
+def test_a_sphere_that_does_not_turn_is_held_at_its_centre():
+    scene = pendulum()
+    scene.connect("rod", "bob", at=(0, 0, -0.4))
+    with pytest.raises(
+        mbvi.InputError, match="connection would turn bob, which has no rotation in a scene without fric"
+    ):
+        scene.build()
+    rough = pendulum(friction=0.3)
+    rough.connect("rod", "bob", at=(0, 0, -0.4))
+    assert rough.build().system.nv == 12
+
+
+def test_too_many_bodies_cannot_be_connected():
+    scene = pendulum()
+    scene.add_spheres(np.random.default_rng(0).uniform(1, 200, size=(300, 3)), 0.1, mass=1.0)
+    scene.connect("rod", "bob", at=(0, 0, -0.5))
+    with pytest.raises(mbvi.InputError, match="bodies of at most 600 velocities can be connected"):
+        scene.build()
