@@ -323,13 +323,14 @@ def test_the_loop_takes_steps_in_which_contacts_with_friction_bounce():
 
 # relative difference of velocities of boxes whose contacts jam, from one start of the law and another
 SPREAD = 1e-9
-SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap, carried]
+SEVERAL = [struck, two_hoppers, among_boxes, one_box, one_ball, small_heap]
 
 
 @pytest.mark.usefixtures("always")
 @each_scheme
 @pytest.mark.parametrize("mu", [0.0, 0.6])
-@pytest.mark.parametrize("scene", SEVERAL)
+# at rest percussions of connected bodies are unique only but for what the connection bears, which is not compared
+@pytest.mark.parametrize("scene", [*SEVERAL, carried])
 def test_a_step_of_several_bodies_is_that_of_the_scheme(scene, mu, scheme):
     share = share_that_agrees(scene(0.5, mu), scheme, 150, SPREAD)
     # Coal measures some pairs of hoppers
