@@ -12,8 +12,10 @@ from .tree_factor import DEPENDENT, keep_equalities, span_equalities, take_off, 
 
 
 @kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
-def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+def factor_mass(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
     """Write L with L'L = M + h D; return 0, or one plus a row where that turns out not to be positive definite.
+
+    Rows of equalities are left as they are.
 
     Parameters
     ----------
@@ -24,7 +26,7 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none; M couples a velocity to its ancestors only.
     L : ndarray, shape (nv + m, nv)
-        Lower triangular, then the basis of the equalities; overwritten. See `tree_factor`.
+        Receives the lower triangle in its first rows.
 
     Notes
     -----
@@ -51,9 +53,16 @@ def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> in
                 L[i, j] -= L[k, i] * L[k, j]
                 j = parent[j]
             i = parent[i]
-    if len(mass) > n:
-        span_equalities(mass, parent, DEPENDENT, L, np.empty((0, 0)))
     return 0
+
+
+@kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
+def factor(mass: Array, h: float, damping: Array, parent: Array, L: Array) -> int:
+    """Write the factor of M + h D and the basis of the equalities behind it; as `factor_mass`. See `tree_factor`."""
+    bad = factor_mass(mass, h, damping, parent, L)
+    if not bad and len(mass) > len(parent):
+        span_equalities(mass, parent, DEPENDENT, L, np.empty((0, 0)))
+    return bad
 
 
 @kernel("void(f8[:,::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1])")
@@ -239,9 +248,14 @@ class TreeMetric:
 
     def __init__(self, mass: Array, parent: Array) -> None:
         self.lower, self.parent = np.empty(mass.shape), parent
-        bad = factor(mass, 0.0, np.zeros(len(parent)), parent, self.lower)
+        bad = factor_mass(mass, 0.0, np.zeros(len(parent)), parent, self.lower)
         if bad:
             raise _indefinite(bad, len(parent))
+        rows = len(mass) - len(parent)
+        # that of `span_equalities`
+        self.triangle = np.empty((rows, rows))
+        if rows:
+            span_equalities(mass, parent, DEPENDENT, self.lower, self.triangle)
         # the factor itself, and the basis of the equalities
         self._factor, self._basis = self.lower[: len(parent)], self.lower[len(parent) :]
 

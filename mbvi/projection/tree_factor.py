@@ -111,17 +111,24 @@ def span_equalities(mass: Array, parent: Array, least: float, L: Array, R: Array
 
 
 @kernel("void(f8[:,::1], f8[::1])")
-def take_off(L: Array, x: Array) -> None:
-    """Take from a whitened row x, shape (nv,), its part along the equalities; what is left by rounding becomes zero."""
-    n, before, after = len(x), 0.0, 0.0
-    for k in range(n):
-        before += x[k] * x[k]
+def subtract_equalities(L: Array, x: Array) -> None:
+    """Subtract from whitened x, shape (nv,), its part along the equalities."""
+    n = len(x)
     for i in range(n, len(L)):
         part = 0.0
         for k in range(n):
             part += L[i, k] * x[k]
         for k in range(n):
             x[k] -= part * L[i, k]
+
+
+@kernel("void(f8[:,::1], f8[::1])")
+def take_off(L: Array, x: Array) -> None:
+    """Take from a whitened row x, shape (nv,), its part along the equalities; what is left by rounding becomes zero."""
+    n, before, after = len(x), 0.0, 0.0
+    for k in range(n):
+        before += x[k] * x[k]
+    subtract_equalities(L, x)
     for k in range(n):
         after += x[k] * x[k]
     if after <= _NOTHING * before:
@@ -141,12 +148,7 @@ def keep_equalities(L: Array, parent: Array, v: Array) -> None:
             y += L[k, i] * v[i]
             i = parent[i]
         v[k] = y
-    for i in range(n, len(L)):
-        part = 0.0
-        for k in range(n):
-            part += L[i, k] * v[k]
-        for k in range(n):
-            v[k] -= part * L[i, k]
+    subtract_equalities(L, v)
     unwhiten(L, parent, v)
 
 

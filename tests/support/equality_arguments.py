@@ -109,6 +109,7 @@ EQUALITY_ARGUMENTS = {
     "span_equalities": _spanned,
     "take_off": _along,
     "keep_equalities": _kept,
+    "subtract_equalities": _along,
     "least_change": _changed,
     "write_gaps": _gaps,
     "write_rows": _rows,

@@ -1045,6 +1045,7 @@ ARGUMENTS = {
     "first_of_lines": first_of_lines,
     "_choose_rows": struck,
     "factor": factor,
+    "factor_mass": factor,
     "whiten": back,
     "unwhiten": back,
     "unwhiten_four": unwhiten_four,

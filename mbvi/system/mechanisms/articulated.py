@@ -14,7 +14,7 @@ from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
 from ...projection import TreeFreeMotion, TreeMetric
-from ...projection.tree_factor import DEPENDENT, least_change, span_equalities
+from ...projection.tree_factor import least_change
 from ..controls import LoopControl
 from ..free.spinning import free_links, spin_effects
 from ..given import not_finite
@@ -107,10 +107,8 @@ class ArticulatedSystem(System):
         self._closed = equalities_of(self.equalities, self.nq, self.nv)
         if self.equalities:
             # M, then the rows of the equalities
-            wide = np.zeros(self._closed.L.shape)
-            self._mass = wide[: self.nv]
-            self._tree = tree._replace(mass=self._mass) if self._known else tree
-            self._mass = wide
+            self._mass = np.zeros(self._closed.L.shape)
+            self._tree = tree._replace(mass=self._mass[: self.nv]) if self._known else tree
         self._support = np.zeros((model.njoints, self.nv))
         for joint in range(1, model.njoints):
             for ancestor in list(model.supports[joint])[1:]:
@@ -264,9 +262,7 @@ class ArticulatedSystem(System):
     def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
         """Return the acceleration nearest to a free one that keeps the rates of the equalities zero, shape (nv,)."""
         metric, change = self.metric(q), np.empty(self.nv)
-        e, rows = self._closed, self._mass[self.nv :]
-        span_equalities(self._mass, self._parent, DEPENDENT, metric.lower, e.R)
-        rate = rows @ free
+        e, rate = self._closed, self._mass[self.nv :] @ free
         m = len(e.normals)
         if m:
             # n . (acceleration of the second point less that of the first) at constant v
@@ -274,7 +270,7 @@ class ArticulatedSystem(System):
             sides = [self.point_bias(q, v, e.bodies[:, k].copy(), points[k]) for k in (0, 1)]
             turned = np.einsum("icr,ic->ir", self.kinematics(q).poses[e.bodies[:, 0], :3], e.normals)
             rate[:m] += ((sides[1] - sides[0]) * turned).sum(axis=1)
-        least_change(metric.lower, self._parent, e.R, rate, change)
+        least_change(metric.lower, self._parent, metric.triangle, rate, change)
         return free + change
 
     def supported(self, bodies: Sequence[int]) -> Array:

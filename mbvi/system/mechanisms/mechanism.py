@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...compiled import kernel, record
-from ...projection.tree import factor
+from ...projection.tree import factor_mass
 from ...projection.tree_factor import DEPENDENT, least_change, span_equalities
 from ..free.spinning import FreeLinks
 from .equalities import Equalities, Equality, equalities_of, write_gaps, write_rows
@@ -151,7 +151,7 @@ def close(mechanism: Mechanism, q: Array) -> None:
             weighed = True
         if slow:
             weigh(m, q)
-            if factor(m.mass, 0.0, m.damping, m.parent, e.L):
+            if factor_mass(m.mass, 0.0, m.damping, m.parent, e.L):
                 break
             # rows depend on each other where the equalities hold, and nearly so nearby
             least = max(DEPENDENT, min(_NEARLY * largest, _MOST_NEARLY))

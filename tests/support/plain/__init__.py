@@ -70,6 +70,7 @@ PLAIN = {
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
     "factor": factor_plain,
+    "factor_mass": factor_plain,
     "filter_active": filter_active_plain,
     "goldfarb_idnani": goldfarb_idnani_plain,
     "gram": gram_plain,
