@@ -17,7 +17,6 @@ from .meshes.simplified import Simplified
 from .pairs.certified_disjoint import always_apart
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
-from .urdf.mimic import couplings
 from .urdf.still_joints import counts_joints, without_still_joints
 
 _PALETTE = (
@@ -63,7 +62,7 @@ class Blocks:
     centres : dict of str to (int, ndarray)
         Of each link that a force acts on the joint that carries it, and its centre of mass in that joint's frame [m].
     frames : dict of str to PlacedShape
-        Of each link that a force or a connection acts on its frame on the body that carries it.
+        Of each link that a force or a connection acts on its frame, on the body that carries it.
     """
 
     items: SceneItems
@@ -84,11 +83,10 @@ class Blocks:
     frames: dict[str, PlacedShape] = field(default_factory=dict)
 
     def connect(self, number: int, equalities: list[Equality]) -> None:
-        """Add equalities to one of the robots."""
+        """Give equalities to one of the robots."""
         robot = self.systems[number]
         assert isinstance(robot, ArticulatedSystem)
-        every = (*robot.equalities, *equalities)
-        self.systems[number] = ArticulatedSystem(robot.model, robot.name, robot.control, every)
+        self.systems[number] = ArticulatedSystem(robot.model, robot.name, robot.control, equalities)
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many q, v and bodies there are so far."""
@@ -111,15 +109,15 @@ class Blocks:
             still.append(Omission(f"motion of {item.robot.name}'s base out of the plane", _PLANAR, dofs=3))
         shapes = item.robot.shapes[: len(item.robot.shapes) - marks]
         frames = {s.name: s for s in item.robot.shapes[len(shapes) :]}
+        forced = {force.body for force in self.items.forces}
         for name, s in frames.items():
-            centre = centre_of(marked.robot, name.partition("/")[2])
-            self.centres[name] = s.body, s.rotation @ centre + s.position
+            if name in forced:
+                centre = centre_of(marked.robot, name.partition("/")[2])
+                self.centres[name] = s.body, s.rotation @ centre + s.position
             self.frames[name] = replace(s, body=s.body + nb if s.body else 0)
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
-        given = marked.robot
-        equalities = couplings(given.name, given.mimics, given.model, marked.q0, model)
-        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control, equalities))
+        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
         self.q0.append(item.q0)
         self.v0.append(item.v0)
         placed = [replace(s, body=s.body + nb if s.body else 0) for s in shapes]

@@ -131,10 +131,6 @@ class SceneModel:
         found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}" for c in self.items.connections]
         for c in self.items.couplings:
             found.append(f"{c.name}: {c.first} = {f'{c.ratio:g} {c.second} + ' if c.second else ''}{c.offset:g}")
-        for robot in self.items.robots:
-            name = robot.robot.name
-            followed = [one for one in robot.robot.mimics if one.joint not in robot.locked]
-            found += [f"{name}/{m.joint} = {m.ratio:g} {name}/{m.leader} + {m.offset:g}, mimic" for m in followed]
         return found
 
     def report(self, problem: Problem) -> str:

@@ -174,6 +174,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
+        self._couple_mimics(robot, still)
         left = unfollowed(robot.omitted, still)
         if left:
             warnings.warn(f"{file.name}: {left}", MbviWarning, stacklevel=2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ...arguments import finite, printable, shown, vector
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
 from ..items import ConnectionItem, CouplingItem, SceneItems
+from ..urdf.robot import Robot
 
 # most names that an error lists
 _MOST_NAMED = 50
@@ -102,6 +103,16 @@ class Connections:
         own = self._items.new_name(name, "coupling")
         self._items.couplings.append(CouplingItem(own, first, second, ratio, offset))
         return own
+
+    def _couple_mimics(self, robot: Robot, still: Collection[str]) -> None:
+        """Couple the mimic joints of a robot, but those that are locked."""
+        own, items = robot.name, self._items
+        for one in robot.mimics:
+            if one.joint not in still:
+                name = items.new_name(None, f"{own}_{one.joint}")
+                # a fixed joint stands at zero
+                leader = f"{own}/{one.leader}" if robot.model.existJointName(one.leader) else ""
+                items.couplings.append(CouplingItem(name, f"{own}/{one.joint}", leader, one.ratio, one.offset))
 
     def _add_connection(
         self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None

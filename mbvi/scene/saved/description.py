@@ -35,7 +35,6 @@ from ..assembly import assemble
 from ..items import BodyItem, ConnectionItem, CouplingItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from ..model import Start
 from ..reductions import Omission, checked_reductions
-from ..urdf.mimic import Mimic
 from ..urdf.robot import Robot, build_model
 from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
 
@@ -72,7 +71,7 @@ def describe(problem: Problem) -> str:
             "friction": items.friction,
             "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
-            "start": None if start is None else {**_plain(start._asdict())},
+            "start": None if start is None else _plain(start._asdict()),
             "excluded": sorted(map(sorted, items.excluded)),
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
@@ -274,7 +273,6 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
         "omitted": robot.omitted,
-        "mimics": robot.mimics,
     }
 
 
@@ -291,11 +289,7 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     )
     apart = frozenset((a, b) for a, b in data["apart"])
     omitted = tuple(Omission(*one) for one in data["omitted"])
-    # in older files mimic joints moved on their own
-    mimics = tuple(Mimic(*one) for one in data.get("mimics", ()))
-    robot = Robot(
-        data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""), mimics
-    )
+    robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""))
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
     if control is None and data["control"] is not None:
         control = LostControl(str(data["control"]))

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ...system.mechanisms.equalities import CoupledJoints
 from ..reductions import Omission
 
 Array = np.ndarray
@@ -150,35 +149,3 @@ def joint_position(model: pin.Model, joint: int, q: Array) -> float:
     """Return the position of a joint with one degree of freedom [rad, m]."""
     k = model.idx_qs[joint]
     return float(q[k] if model.nqs[joint] == 1 else np.arctan2(q[k + 1], q[k]))
-
-
-def couplings(name: str, mimics: Collection[Mimic], full: pin.Model, q: Array, model: pin.Model) -> list[CoupledJoints]:
-    """Return the mimic joints of a robot as equalities.
-
-    Parameters
-    ----------
-    name : str
-        Of the robot.
-    mimics : collection of Mimic
-        Its mimic joints.
-    full, q : pinocchio.Model, and ndarray of shape (nq,)
-        The robot as its file describes it, and its configuration.
-    model : pinocchio.Model
-        The robot without locked joints: these follow none, and what follows them is held where they lead it.
-    """
-    found = []
-    for one in mimics:
-        if not model.existJointName(one.joint):
-            continue
-        ratio, offset, second = one.ratio, one.offset, (-1, -1, 0)
-        if model.existJointName(one.leader):
-            second = _place(model, one.leader)
-        else:
-            ratio, offset = 0.0, offset + ratio * _state(full, one.leader, q, np.zeros(full.nv))[0]
-        found.append(CoupledJoints(f"{name}/{one.joint}", _place(model, one.joint), second, ratio, offset))
-    return found
-
-
-def _place(model: pin.Model, name: str) -> tuple[int, int, int]:
-    joint = model.getJointId(name)
-    return model.idx_qs[joint], model.idx_vs[joint], model.nqs[joint]

@@ -58,7 +58,7 @@ class Robot:
     file : str
         The path of the description, from which the meshes to look at are found when a replay is made.
     mimics : tuple of Mimic
-        The joints that follow others.
+        The joints that the URDF lets follow others.
     """
 
     name: str
