@@ -1111,6 +1111,7 @@ ARGUMENTS = {
 # how many of the last arguments mean something only where the kernel did not refuse
 IF_ACCEPTED = {
     "factor": 1,
+    "factor_mass": 1,
     "advance_by": 3,
     "goldfarb_idnani": 6,
     "share": 1,
@@ -1137,7 +1138,7 @@ def arguments(item, seed):
 
 def accepted(name, result):
     """Whether a kernel that may refuse wrote an answer."""
-    if name in ("factor", "advance_by"):
+    if name in ("factor", "factor_mass", "advance_by"):
         return result == 0
     if name in ("solve_active_set", "tree_law"):
         return 0.0 <= result < np.inf
