@@ -2,6 +2,7 @@
 
 from .acceptance import Acceptance, AcceptedDepth, StatedDepth
 from .coulomb.friction_sparse import project_frictional_sparse
+from .coulomb.joint_friction import in_flight, joint_rows, without_friction
 from .dense.dual_active_set import DualActiveSet
 from .dense.proxqp import ProxQP
 from .dense.scaled_qp import Projection
@@ -33,6 +34,9 @@ __all__ = [
     "as_metric",
     "checked_solver",
     "impact",
+    "in_flight",
+    "joint_rows",
     "project",
     "project_frictional_sparse",
+    "without_friction",
 ]

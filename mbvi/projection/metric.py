@@ -24,6 +24,10 @@ class Metric(Protocol):
     Every method takes a vector of shape (nv,) or columns of shape (nv, m).
     """
 
+    @property
+    def friction(self) -> Array | None:
+        """The largest percussions of dry friction of joints in the step, shape (nv,) [N s, N m s]; None without."""
+
     def apply(self, w: Array) -> Array:
         """Return M w."""
         ...
@@ -62,6 +66,8 @@ class DenseMetric:
     InputError
         If M is not positive definite.
     """
+
+    friction = None
 
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
@@ -127,6 +133,8 @@ class DiagonalMetric:
         The positive entries.
     """
 
+    friction = None
+
     def __init__(self, diagonal: Array) -> None:
         self.diagonal = diagonal
         self.root = np.sqrt(diagonal)
@@ -157,6 +165,8 @@ class BodiesMetric:
     blocks : ndarray, shape (n, 6, 6)
         The mass matrix of each body.
     """
+
+    friction = None
 
     def __init__(self, blocks: Array) -> None:
         self.blocks = blocks
@@ -223,6 +233,15 @@ class BlockMetric:
     def __init__(self, parts: Sequence[Metric], slices: Sequence[slice]) -> None:
         self.parts = parts
         self.slices = slices
+
+    @property
+    def friction(self) -> Array | None:
+        if all(part.friction is None for part in self.parts):
+            return None
+        found = np.zeros(self.slices[-1].stop)
+        for part, where in zip(self.parts, self.slices, strict=True):
+            found[where] = 0.0 if part.friction is None else part.friction
+        return found
 
     def apply(self, w: Array) -> Array:
         return np.concatenate([p.apply(w[s]) for p, s in zip(self.parts, self.slices, strict=True)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -207,15 +209,18 @@ class TreeFreeMotion:
     ----------
     mass, damping, parent, v, h, torque, effects, twice
         See `advance_by`.
+    friction : ndarray, shape (nv,), optional
+        Largest torques of the dry friction of joints, which the free motion leaves out [N, N m].
     """
 
-    __slots__ = ("kernel_arguments",)
+    __slots__ = ("friction", "kernel_arguments")
 
     def __init__(
         self, mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array,
-        twice: bool = False,
+        twice: bool = False, friction: Array | None = None,
     ) -> None:  # fmt: skip
         self.kernel_arguments = mass, damping, parent, v, h, torque, effects, twice
+        self.friction = friction
 
     @property
     def free(self) -> Array:
@@ -225,8 +230,8 @@ class TreeFreeMotion:
     @property
     def metric(self) -> TreeMetric:
         """M."""
-        mass, _, parent, *_ = self.kernel_arguments
-        return TreeMetric(mass, parent)
+        mass, _, parent, _, h, *_ = self.kernel_arguments
+        return TreeMetric(mass, parent, None if self.friction is None else h * self.friction)
 
 
 class TreeMetric:
@@ -239,6 +244,8 @@ class TreeMetric:
         then lose their parts along these: the metric is M on the velocities that keep the equalities.
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
+    friction : ndarray, shape (nv,), optional
+        See `Metric`.
 
     Raises
     ------
@@ -246,8 +253,8 @@ class TreeMetric:
         If M is not positive definite.
     """
 
-    def __init__(self, mass: Array, parent: Array) -> None:
-        self.lower, self.parent = np.empty(mass.shape), parent
+    def __init__(self, mass: Array, parent: Array, friction: Array | None = None) -> None:
+        self.lower, self.parent, self.friction = np.empty(mass.shape), parent, friction
         bad = factor_mass(mass, 0.0, np.zeros(len(parent)), parent, self.lower)
         if bad:
             raise _indefinite(bad, len(parent))
@@ -258,6 +265,12 @@ class TreeMetric:
             span_equalities(mass, parent, DEPENDENT, self.lower, self.triangle)
         # the factor itself, and the basis of the equalities
         self._factor, self._basis = self.lower[: len(parent)], self.lower[len(parent) :]
+
+    def rubbed(self, friction: Array | None) -> TreeMetric:
+        """Return the metric with other percussions of dry friction."""
+        other = copy(self)
+        other.friction = friction
+        return other
 
     def apply(self, w: Array) -> Array:
         return self._factor.T @ (self._factor @ w)

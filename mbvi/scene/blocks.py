@@ -17,6 +17,7 @@ from .meshes.simplified import Simplified
 from .pairs.certified_disjoint import always_apart
 from .plane import axes_of, beside, check_robot, on_planar_base
 from .reductions import Omission
+from .urdf.joint_friction import set_joint_friction
 from .urdf.still_joints import counts_joints, without_still_joints
 
 _PALETTE = (
@@ -117,6 +118,7 @@ class Blocks:
             self.frames[name] = replace(s, body=s.body + nb if s.body else 0)
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
+        set_joint_friction(model, item.friction)
         self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
         self.q0.append(item.q0)
         self.v0.append(item.v0)

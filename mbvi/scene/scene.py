@@ -42,6 +42,7 @@ from .pairs.rules import PairRules
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .urdf.checks import check_mass_matrix
+from .urdf.joint_friction import with_joint_friction
 from .urdf.mimic import on_their_own, unfollowed
 from .urdf.robot import load_robot, robot_name
 from .urdf.robot_names import description_file
@@ -119,6 +120,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
         mimic: bool = False,
+        joint_friction: bool | Mapping[str, float] = False,
     ) -> str:
         """Add a robot.
 
@@ -149,13 +151,16 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         mimic : bool
             Whether mimic joints follow the joints that the file names, at the start and in motion, unless they are
             locked. By default they move on their own, with a warning.
+        joint_friction : bool or mapping of str to float
+            Whether joints have the dry friction that the file states, or the largest torque or force of it by joint
+            name [N m, N]. By default they have none.
 
         Raises
         ------
         UrdfError
             If a file is missing, is no URDF, or describes no physical mechanism.
         InputError
-            On an unknown joint, a locked one that is to move, a wrong shape, a rotation that is none, a fixed base that
+            On an unknown joint, a negative friction, a locked joint that is to move, a wrong shape, a rotation that is none, a fixed base that
             is to move, an initial configuration at which the mass matrix is singular.
         """
         choice(base, "base", ("free", "fixed"))
@@ -173,7 +178,8 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
+        robot, friction = with_joint_friction(robot, joint_friction)
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, friction))
         self._couple_mimics(robot, still)
         left = unfollowed(robot.omitted, still)
         if left:

@@ -10,7 +10,7 @@ from ..arguments import boolean
 from ..constraints import Rows
 from ..constraints.rows import concatenate, match_contacts, take
 from ..problem import Problem
-from ..projection import Projector
+from ..projection import Projector, in_flight
 from ..system.system import Array
 from .kernels.centered import centered_step
 from .positions.closed_contacts import Applied
@@ -73,7 +73,7 @@ class Centered(Scheme):
         force_velocity = system.force_velocity(t, middle, v, half)
         motion = system.centered_motion(t, middle, v, h, force_velocity)
         if not ahead.gap.size:
-            w = motion.free
+            w = in_flight(motion)
             return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
         change = half * ahead.speeds(v)
         active, linear = _rows_in_the_middle(problem, t, middle, ahead, change), False

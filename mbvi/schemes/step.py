@@ -120,10 +120,11 @@ def law(
     opened : ndarray, shape (k,), optional
         Speeds at which rows that are open may close; see `closing_speeds`.
     """
-    if rows.rate is None and rows.tangents is None:
+    rubs = free_motion.metric.friction is not None
+    if rows.rate is None and rows.tangents is None and not rubs:
         found = projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint, opened)
         return AppliedLaw(*found, None, rows)
-    rough = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None else None
+    rough = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None and not rubs else None
     if rough is not None:
         return AppliedLaw(*rough, rows)
     x, before = free_motion.free, rows.speeds(v)
@@ -135,8 +136,9 @@ def law(
     lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
     yielding = projector.friction.yielding
+    e_of = rows.restitution
     if yielding is not None and rows.tangents is not None and rows.tangents.friction.any():
-        rows = rows._replace(restitution=np.where(yielding, 0.0, rows.restitution))
+        rows = rows._replace(restitution=np.where(yielding[: len(e_of)], 0.0, e_of))
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])
     return AppliedLaw(w, rates, residual, slip_rates(rows, tangential, x, w, v), rows)
 

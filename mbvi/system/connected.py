@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..projection import FreeMotion, TreeFreeMotion, TreeMetric
+from ..projection import FreeMotion, TreeFreeMotion, TreeMetric, in_flight
 from .mechanisms.articulated import ArticulatedSystem
 from .mechanisms.equalities import CoupledJoints, Equality, PointRows
 from .mechanisms.joined import joined
@@ -53,6 +53,7 @@ class ConnectedSystem(System):
         self.controlled, self.loaded, self.observe = inner.controlled, inner.loaded, inner.observe
         self.velocity_dependent = inner.velocity_dependent
         self.whole = joined(inner, self.equalities)
+        self.rubs = self.whole.rubs
         for name in _THEIRS:
             setattr(self, name, getattr(inner, name))
 
@@ -84,16 +85,22 @@ class ConnectedSystem(System):
         return self.whole.metric(q)
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
+        if self.rubs:
+            return in_flight(self.free_motion(t, q, v, h))
         return self.metric(q).tangent(self.inner.free_velocity(t, q, v, h))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         motion, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
-        return FreeMotion(metric.tangent(motion.free), metric)
+        return FreeMotion(metric.tangent(motion.free), self._rubbed(metric, h))
+
+    def _rubbed(self, metric: TreeMetric, h: float) -> TreeMetric:
+        """Return the metric with the dry friction of joints in a step."""
+        return metric.rubbed(h * self.whole.friction) if self.rubs else metric
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
         motion, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
         # the mean velocity of the step keeps the equalities
-        return FreeMotion(metric.tangent(motion.free + v) - v, metric)
+        return FreeMotion(metric.tangent(motion.free + v) - v, self._rubbed(metric, h))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.whole.held_acceleration(q, v, self.inner.acceleration(t, q, v))

@@ -35,9 +35,18 @@ def couples_weakly(G: Array, mu: Array) -> bool:
     """
     for a in range(len(mu)):
         i = 3 * a
+        if mu[a] < 0.0:
+            continue
         if mu[a] > _NARROW or mu[a] * np.sqrt(G[i, i + 1] ** 2 + G[i, i + 2] ** 2) > _WEAK * G[i, i]:
             return False
     return True
+
+
+@kernel("b1(f8[::1], i8)")
+def acts(mu: Array, i: int) -> bool:
+    """Return whether a row of the contacts may have a percussion that is not known."""
+    coefficient = mu[i // 3]
+    return coefficient > 0.0 or i % 3 == (0 if coefficient == 0.0 else 1)
 
 
 @kernel("b1(f8[:,::1], f8[::1])")
@@ -45,11 +54,11 @@ def independent_rows(G: Array, mu: Array) -> bool:
     """Return whether the rows of all contacts are independent, without the tangents of frictionless ones."""
     L, k = np.empty(G.shape), 0
     for i in range(len(G)):
-        if i % 3 > 0 and mu[i // 3] == 0.0:
+        if not acts(mu, i):
             continue
         c = 0
         for j in range(i):
-            if j % 3 == 0 or mu[j // 3] > 0.0:
+            if acts(mu, j):
                 value = G[i, j]
                 for r in range(c):
                     value -= L[k, r] * L[c, r]

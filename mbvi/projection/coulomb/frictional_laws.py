@@ -130,7 +130,8 @@ class FrictionalLaws:
         except ProjectionError:
             still = np.zeros(len(lower)) if rows.rate is None else -rows.rate
             parting = lower > still
-            if not parting.any():
+            # joints with dry friction couple all bodies of their robot
+            if not parting.any() or _has_joints(rows):
                 raise
             self.yielding, self.jams = parting & self._jammed(x, metric, rows, lower, residual, rate), self.jams + 1
             return self._project(x, metric, rows, np.where(self.yielding, still, lower), residual, rate)
@@ -175,7 +176,7 @@ class FrictionalLaws:
         tangents, m, bound = rows.tangents, len(lower), self._acceptance.bound
         assert tangents is not None
         bounds = _bounds(rows, lower)
-        if _are_few(m, len(x)):
+        if _are_few(m, len(x)) or _has_joints(rows):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
             found = project_frictional(x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start)
             self._accept(found, self._residual, rows, lower)
@@ -267,6 +268,11 @@ class FrictionalLaws:
 def _are_few(contacts: int, nv: int) -> bool:
     """Return whether contacts with friction are solved as dense rows."""
     return contacts <= MOST_CONTACTS and 3 * contacts * nv <= _MOST_DENSE
+
+
+def _has_joints(rows: FrictionalRows) -> bool:
+    """Return whether some row is the dry friction of a joint."""
+    return rows.tangents is not None and bool((rows.tangents.friction < 0.0).any())
 
 
 def _drift(rows: FrictionalRows, tangents: TangentRows) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from ...compiled import kernel
 from ..metric import Array
 from .few_contacts import MOST_CONTACTS, couples_weakly, independent_rows, solve_coulomb
-from .newton import OPEN, find_cases, resume_newton, tangential_scale
+from .newton import OPEN, STICK, find_cases, resume_newton, tangential_scale
 from .one_contact import closing_order, coulomb_defect, sweep_contacts
 from .quick import MOST_NEWTON, quick_coulomb
 
@@ -18,11 +18,12 @@ _RESUMED_STEPS = 6
 _MOST_SWEEPS, _WORK = 20_000, 2e9
 
 
-@kernel("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
-def delassus(J: Array, A: Array, G: Array, scale: Array) -> None:
+@kernel("void(f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1])")
+def delassus(J: Array, A: Array, mu: Array, G: Array, scale: Array) -> None:
     """Write J A', shape (n, n), scaled to unit normal entries, and the scale of each contact, shape (m,).
 
-    A contact whose normal row vanishes has the scale 0, and zeros in G.
+    A contact whose normal row vanishes has the scale 0, and zeros in G. The friction of a joint has the scale of its
+    tangent.
     """
     m, nv = len(scale), J.shape[1]
     for a in range(m):
@@ -38,7 +39,8 @@ def delassus(J: Array, A: Array, G: Array, scale: Array) -> None:
                 s10, s11, s12 = s10 + y * f, s11 + y * g, s12 + y * h
                 s20, s21, s22 = s20 + z * f, s21 + z * g, s22 + z * h
             if c == a:
-                scale[a] = 1.0 / np.sqrt(s00) if s00 > 0.0 else 0.0
+                size = s00 if mu[a] >= 0.0 else s11
+                scale[a] = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
                 s01, s02, s12 = 0.5 * (s01 + s10), 0.5 * (s02 + s20), 0.5 * (s12 + s21)
                 s10, s20, s21 = s01, s02, s12
             f = scale[a] * scale[c]
@@ -48,6 +50,8 @@ def delassus(J: Array, A: Array, G: Array, scale: Array) -> None:
             for r in range(3):
                 for q in range(3):
                     G[j + q, i + r] = G[i + r, j + q]
+        if mu[a] < 0.0:
+            G[3 * a, 3 * a] = 1.0
 
 
 @kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
@@ -72,11 +76,14 @@ def apply_percussions(
             speed += J[i, k] * w[k]
         table[2, i] = speed
         u[i] = (speed - lower[i]) * scale[i // 3]
+        if i % 3 == 0 and mu[i // 3] < 0.0:
+            # that of the velocity which has this percussion in any case
+            table[0, i], u[i] = 0.0, 0.0
     return coulomb_defect(u, p, mu)
 
 
-@kernel("Tuple((b1, f8))(f8[:,::1], f8[::1], f8[::1], f8[:,::1])")
-def free_speeds(J: Array, x: Array, lower: Array, table: Array) -> tuple[bool, float]:
+@kernel("Tuple((b1, f8))(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+def free_speeds(J: Array, x: Array, lower: Array, mu: Array, table: Array) -> tuple[bool, float]:
     """Write zero percussions and twice J x; return whether some contact closes, and the largest terms that cancel.
 
     The arguments are those of `coulomb_law`.
@@ -91,7 +98,7 @@ def free_speeds(J: Array, x: Array, lower: Array, table: Array) -> tuple[bool, f
         table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
         cancelled = max(cancelled, terms)
         # a speed within rounding of the terms that cancel in it closes nothing
-        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms)
+        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms) or (mu[i // 3] < 0.0 and speed != 0.0)
     return closing, cancelled
 
 
@@ -112,6 +119,20 @@ def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, b: 
     return largest
 
 
+@kernel("void(f8[::1], f8[::1], f8, f8[::1], f8[::1])")
+def bound_joints(mu: Array, scale: Array, largest: float, b: Array, cone: Array) -> None:
+    """Write the coefficients of scaled contacts, shape (m,), and the velocities b of normals of the friction of joints.
+
+    Of a joint |p_t| <= -mu becomes |p_t| <= -cone p_n, with the known p_n at most the largest scaled speed.
+    """
+    for a in range(len(mu)):
+        cone[a] = mu[a]
+        if mu[a] < 0.0:
+            bound = -mu[a] / scale[a] if scale[a] > 0.0 else 1.0
+            known = min(bound, largest)
+            b[3 * a], cone[a] = -known, -bound / known
+
+
 @kernel("b1(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
 def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
     """Write percussions p of the law for scaled rows; return whether they are known to be unique.
@@ -126,8 +147,10 @@ def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: 
         Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
         compliant contacts.
     """
-    m = len(mu)
-    if m > MOST_CONTACTS:
+    m, contacts = len(mu), 0
+    for a in range(m):
+        contacts += mu[a] >= 0.0
+    if contacts > MOST_CONTACTS or m > MOST_NEWTON:
         if m > MOST_NEWTON or not quick_coulomb(G, b, mu, limit, p) <= limit:
             order = np.empty(m, np.int64)
             closing_order(b, order)
@@ -162,7 +185,8 @@ def coulomb_law(
     lower : ndarray, shape (n,)
         Of each contact the least normal rate, and the rates of the tangents at which it sticks.
     mu : ndarray, shape (m,)
-        Coefficients of friction.
+        Coefficients of friction; of the dry friction of a joint minus its largest percussion [N s, N m s]: its normal
+        and its second tangent are zero rows.
     known : int
         NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
     limit : float
@@ -183,27 +207,35 @@ def coulomb_law(
     """
     n, nv = J.shape
     m = n // 3
-    closing, cancelled = free_speeds(J, x, lower, table)
+    closing, cancelled = free_speeds(J, x, lower, mu, table)
     if not closing:
         for k in range(nv):
             w[k] = x[k]
         for a in range(m):
             case[a] = OPEN
         return 0.0, True
-    G, scale, tangential = np.empty((n, n)), np.empty(m), np.empty(m)
+    G, scale, tangential, cone = np.empty((n, n)), np.empty(m), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    delassus(J, A, G, scale)
+    delassus(J, A, mu, G, scale)
     largest = scale_speeds(table, lower, scale, cancelled, b)
     if largest == np.inf:
         return np.inf, False
+    bound_joints(mu, scale, largest, b, cone)
     for i in range(n):
         s = scale[i // 3]
         p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
+        if i % 3 == 0 and mu[i // 3] < 0.0:
+            p[i] = -b[i]
         soft[i] = p[i]
-    unique = solve_scaled(G, b, mu, known, limit, soft, p)
-    residual = apply_percussions(J, A, x, lower, mu, scale, p, u, w, table) / largest
+    unique = solve_scaled(G, b, cone, known, limit, soft, p)
+    residual = apply_percussions(J, A, x, lower, cone, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
-    find_cases(u, p, mu, tangential, case)
+    find_cases(u, p, cone, tangential, case)
     for i in range(n):
         start[i] = table[0, i] if unique else soft[i] * scale[i // 3]
+        # a joint that sticks does not creep by rounding
+        if mu[i // 3] < 0.0 and i % 3 == 1 and case[i // 3] == STICK:
+            for k in range(nv):
+                if J[i, k] != 0.0:
+                    w[k] = table[2, i] = 0.0
     return residual, unique

@@ -39,7 +39,7 @@ def find_cases(u: Array, p: Array, mu: Array, scale: Array, case: Array) -> None
         if normal <= 0.0:
             case[a] = OPEN
         else:
-            case[a] = STICK if mu[a] > 0.0 and np.sqrt(t * t + s * s) <= mu[a] * normal else SLIP
+            case[a] = STICK if mu[a] != 0.0 and np.sqrt(t * t + s * s) <= abs(mu[a]) * normal else SLIP
 
 
 @kernel("f8(f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])")
@@ -56,7 +56,7 @@ def case_error(u: Array, p: Array, mu: Array, scale: Array, case: Array, error: 
             if case[a] == SLIP:
                 t, s = p[i + 1] - error[i + 1], p[i + 2] - error[i + 2]
                 length = np.sqrt(t * t + s * s)
-                factor = mu[a] * (p[i] - u[i]) / length if length > 0.0 else 0.0
+                factor = abs(mu[a]) * (p[i] - u[i]) / length if length > 0.0 else 0.0
                 error[i + 1], error[i + 2] = p[i + 1] - factor * t, p[i + 2] - factor * s
         total += error[i] ** 2 + error[i + 1] ** 2 + error[i + 2] ** 2
     return total
@@ -121,15 +121,28 @@ def newton_direction(
     m, n, k = len(mu), len(p), 0
     for a in range(m):
         for j in range(3 * a, 3 * a + 3):
-            if case[a] != OPEN and (mu[a] > 0.0 or j == 3 * a):
+            if case[a] != OPEN and (mu[a] > 0.0 or j == (3 * a if mu[a] == 0.0 else 3 * a + 1)):
                 place[k], step[j] = j, 0.0
                 k += 1
+            elif mu[a] < 0.0 and j == 3 * a:
+                step[j] = -u[j] / G[j, j]
             else:
                 step[j] = -p[j]
     r = 0
     while r < k:
         i = place[r]
         a = i // 3
+        if mu[a] < 0.0:
+            # the friction of a joint: its velocity vanishes, or its percussion is known
+            slips, known = case[a] == SLIP, 0.0
+            for j in range(n):
+                known += G[i, j] * step[j]
+            y[r] = -error[i] - (0.0 if slips else scale[a] * known)
+            for c in range(k):
+                A[r, c] = 0.0 if slips else scale[a] * G[i, place[c]]
+            A[r, r] += 1.0 if slips else scale[a] * shift
+            r += 1
+            continue
         # what the known steps change
         o0 = o1 = o2 = 0.0
         for j in range(n):

@@ -5,6 +5,9 @@ G is 1; p and u = G p + b are then both speeds. The law is K_mu ∋ p ⊥ (u_n +
 K_mu = {p : |p_t| <= mu p_n} and K_mu* is its dual cone. It has three cases: open (p = 0), stick (u = 0), and slip
 (u_n = 0, p_t opposite to u_t and of the length mu p_n).
 
+Dry friction of a joint is a contact with mu < 0: its normal is a velocity of its own that nothing else moves, with
+G_nn = 1 and b_n < 0, so that p_n = -b_n is known and |p_t| <= -mu p_n; its second tangent is zero.
+
 V. Acary, B. Brogliato, Numerical Methods for Nonsmooth Dynamical Systems (2008), chapter 13.
 """
 
@@ -36,6 +39,12 @@ def coulomb_defect(u: Array, p: Array, mu: Array) -> float:
     worst = 0.0
     for a in range(len(mu)):
         i = 3 * a
+        if mu[a] < 0.0:
+            bound = -mu[a] * (p[i] - u[i])
+            off = np.sqrt(u[i] ** 2 + (p[i + 1] - min(max(p[i + 1] - u[i + 1], -bound), bound)) ** 2)
+            if not off <= worst:
+                worst = off
+            continue
         slip = np.sqrt(u[i + 1] ** 2 + u[i + 2] ** 2)
         n, t, s = p[i] - u[i] - mu[a] * slip, p[i + 1] - u[i + 1], p[i + 2] - u[i + 2]
         across = np.sqrt(t * t + s * s)
@@ -128,6 +137,9 @@ def solve_contact(G: Array, a: int, c0: float, c1: float, c2: float, mu: float, 
     bn = c0 / gn
     if mu == 0.0:
         p[0] = -bn
+        return
+    if mu < 0.0:
+        p[0], p[1] = -bn, min(max(-c1 / G[i + 1, i + 1], mu * -bn), mu * bn)
         return
     # u_n = 0 eliminates p_n = -(bn + (g1, g2) p_t / gn); what is left of the tangents is A p_t + d
     k1, k2 = g1 / gn, g2 / gn

@@ -27,8 +27,9 @@ def clip_to_cones(mu: Array, p: Array) -> None:
         if p[i] <= 0.0:
             p[i] = p[i + 1] = p[i + 2] = 0.0
         across = np.sqrt(p[i + 1] ** 2 + p[i + 2] ** 2)
-        if across > mu[a] * p[i]:
-            p[i + 1], p[i + 2] = p[i + 1] * (mu[a] * p[i] / across), p[i + 2] * (mu[a] * p[i] / across)
+        bound = abs(mu[a]) * p[i]
+        if across > bound:
+            p[i + 1], p[i + 2] = p[i + 1] * (bound / across), p[i + 2] * (bound / across)
 
 
 @kernel("f8(f8[:,::1], f8[::1], f8[::1], f8, f8[::1])")

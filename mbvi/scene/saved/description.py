@@ -269,6 +269,7 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "v0": item.v0.tolist(),
         "locked": item.locked,
         "hulls_within": item.tolerance,
+        "friction": dict(item.friction),
         "control": None if item.control is None else _source(item.control),
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
@@ -295,7 +296,7 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
         control = LostControl(str(data["control"]))
     # older files have a tolerance, which was exact where it was null
     within = data["hulls_within"] if "hulls_within" in data else data.get("tolerance") or 0.0
-    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, within)
+    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, within, data.get("friction", {}))
 
 
 def _vector(values: list[float]) -> Array:

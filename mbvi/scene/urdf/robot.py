@@ -34,6 +34,9 @@ from .checks import (
 from .mimic import Mimic, mimics_of
 from .self_pairs import disabled_pairs, pairs_left_out
 
+# how the omission of dry friction of joints begins
+DRY = "dry friction"
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -285,17 +288,21 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
     return q, moved
 
 
+def stated_friction(model: pin.Model) -> dict[str, float]:
+    """Return the largest torque or force of dry friction of each joint of a URDF that has some [N m, N]."""
+    found = {}
+    for joint in range(1, model.njoints):
+        largest = model.upperDryFrictionLimit[model.idx_vs[joint]] if model.nvs[joint] == 1 else 0.0
+        if largest > 0.0:
+            found[str(model.names[joint])] = float(largest)
+    return found
+
+
 def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
     """Return the omitted parts of the URDF: dry friction, effort and velocity limits."""
-    found = []
-    names = [model.names[j] for j in range(1, model.njoints) if model.nvs[j]]
-    dry = [
-        n
-        for n, j in zip(names, [j for j in range(1, model.njoints) if model.nvs[j]], strict=True)
-        if model.upperDryFrictionLimit[model.idx_vs[j]] > 0.0
-    ]
+    found, dry = [], stated_friction(model)
     if dry:
-        found.append(Omission(f"dry friction of {', '.join(dry)}", "constraints are perfect: no friction is modelled"))
+        found.append(Omission(f"{DRY} of {', '.join(dry)}", "take it in by joint_friction=True"))
     if root.find("joint/limit") is not None:
         found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
     return found

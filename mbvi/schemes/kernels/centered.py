@@ -11,6 +11,7 @@ from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
 from ..positions.settle_kernel import project_positions
 from ..step import joins, margin_of, write_closing_speeds
+from .joint_friction import rub
 from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -95,6 +96,7 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
+        rub(s, half, w)
         for k in range(len(v)):
             if not late[k]:
                 w[k] = v[k]
@@ -126,9 +128,9 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     carry(s.mechanism, q, drift, middle)
     centered_forces(s, t + half, middle, v, half)
     if count == 0:
-        if not move_freely(s, v, h, True, s.v):
-            return UNSOLVED
         s.residual[0] = 0.0
+        if not (move_freely(s, v, h, True, s.v) and rub(s, h, s.v)):
+            return UNSOLVED
         for k in range(n):
             drift[k] = half * s.v[k]
         carry(s.mechanism, middle, drift, s.q)

@@ -18,12 +18,14 @@ from ...projection.coulomb.friction import AIM, EXACT
 from ...projection.coulomb.frictional_step import frictional_tree_law
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
 from ...projection.dense.fused_step import FEW
+from ...projection.dense.orthonormal_rows import inner
 from ...projection.dense.robot_step import tree_law
-from ...projection.tree import advance_by
+from ...projection.tree import advance_by, factor, is_damped
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
 from ...system.mechanisms.mechanism import carry, evaluate_nonlinear_effects, weigh
 from ...system.system import Array
+from .joint_friction import bounded_coulomb, rough_joints, rub
 from .records import DONE, UNSOLVED, MechanismStep
 
 __all__ = [
@@ -41,9 +43,12 @@ def act(s: MechanismStep, t: float, q: Array, v: Array) -> None:
 
 @kernel("void(MechanismStep, f8, f8[::1], f8[::1], f8, f8[::1])")
 def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> None:
-    """Write the velocity after a time h under forces alone; NaN where the mass matrix is not positive definite."""
+    """Write the velocity after a time h in flight; NaN where the mass matrix is not positive definite.
+
+    Forces act, and dry friction of joints.
+    """
     evaluate_forces(s, t, q, v, h)
-    if not move_freely(s, v, h, False, w):
+    if not (move_freely(s, v, h, False, w) and rub(s, h, w)):
         w[0] = np.nan
 
 
@@ -68,7 +73,7 @@ def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) 
 def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> bool:
     """Write the velocity after a time h under the forces that were evaluated last; False where M has no factor.
 
-    `twice` is that of `advance_by`.
+    Dry friction of joints does not act; see `rub`. `twice` is that of `advance_by`.
     """
     m, room = s.mechanism, s.room
     bad = advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.L, room.changes, w)
@@ -82,6 +87,40 @@ def has_friction(rows: RowBuffer) -> bool:
         if rows.mu[a] > 0.0:
             return True
     return False
+
+
+@kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
+def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
+    """Do what `apply_law` does where joints have dry friction."""
+    m, rows, k, free = s.mechanism, s.rows, s.rows.size[0], s.room.free
+    if not move_freely(s, v, h, twice, free):
+        return UNSOLVED
+    if is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L):
+        return UNSOLVED
+    lower, p = np.empty(k), np.empty((k, 3))
+    for a in range(k):
+        before = inner(rows.J[a], v)
+        lower[a] = -rows.e[a] * before
+        # what closes within the step by its own speed has its impact now
+        if len(opened) and opened[a] > 0.0 and before > -opened[a]:
+            lower[a] = min(lower[a], -opened[a])
+    code = bounded_coulomb(s, rows, free, lower, h, EXACT * s.scales.residual, s.v, p)
+    if code == DONE:
+        write_rates_of(s, rows, v, p)
+    return code
+
+
+@kernel("void(MechanismStep, RowBuffer, f8[::1], f8[:,::1])")
+def write_rates_of(s: MechanismStep, rows: RowBuffer, v: Array, p: Array) -> None:
+    """Write percussions p, shape (k, 3), and the rates of rows under forces alone, after and before the law."""
+    k, free = rows.size[0], s.room.free
+    for a in range(k):
+        s.rates[a], J = p[a, 0], rows.J[a]
+        s.rates[k + a], s.rates[2 * k + a], s.rates[3 * k + a] = inner(J, free), inner(J, s.v), inner(J, v)
+        for c in range(2 if len(rows.T) > 0 else 0):
+            i, T = 2 * a + c, rows.T[2 * a + c]
+            s.slip[i], s.slip[2 * k + i] = p[a, 1 + c], inner(T, free)
+            s.slip[4 * k + i], s.slip[6 * k + i] = inner(T, s.v), inner(T, v)
 
 
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
@@ -104,6 +143,8 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
+    if rough_joints(m.friction) > 0:
+        return apply_law_with_joints(s, v, h, twice, opened)
     if not has_friction(rows):
         last = memory.percussion[: memory.size[0]]
         found = tree_law(

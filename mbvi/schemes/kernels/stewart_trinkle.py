@@ -12,7 +12,7 @@ from ...system.mechanisms.mechanism import carry, place
 from ...system.mechanisms.pinocchio_address import retract
 from ...system.system import Array
 from .centered import row_speeds
-from .phases import fly
+from .phases import evaluate_forces, move_freely
 from .records import BOUNCES, DONE, UNSOLVED, MechanismStep
 from .stewart_trinkle_velocity import displacing_velocity, project_bounds
 
@@ -79,8 +79,8 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     """Write the state after a step of `StewartTrinkle` from q, v at t; return a code."""
     m, room, rows, scales = s.mechanism, s.room, s.rows, s.scales
     free, displacement = room.free, room.displacement
-    fly(s, t, q, v, h, free)
-    if not free.dot(free) < np.inf:
+    evaluate_forces(s, t, q, v, h)
+    if not move_freely(s, v, h, False, free):
         return UNSOLVED
     for j in range(len(v)):
         displacement[j] = h * free[j]
@@ -114,7 +114,7 @@ def stewart_trinkle_step(s: MechanismStep, t: float, q: Array, v: Array, h: floa
     if not lower_to_the_end(s, gap):
         return BOUNCES
     # the displacement that removes penetration does not enter the velocity
-    if removes and project_bounds(s, bound, lower) != DONE:
+    if removes and project_bounds(s, bound, lower, h) != DONE:
         return UNSOLVED
     s.residual[0] = max(s.residual[0], residual)
     write_rates(s, v)

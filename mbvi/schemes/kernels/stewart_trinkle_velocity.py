@@ -6,16 +6,13 @@ import numpy as np
 
 from ...compiled import kernel
 from ...constraints.mechanism.tables import copy_row
-from ...projection.coulomb.few_contacts import MOST_CONTACTS
-from ...projection.coulomb.friction import AIM
-from ...projection.coulomb.frictional_step import interleave
-from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from ...projection.dense.fused_step import FEW
 from ...projection.dense.robot_step import solve_active_set
 from ...projection.tree import solve
 from ...system.system import Array
 from ..step import STILL
 from .centered import row_speeds
+from .joint_friction import bounded_coulomb, rough_joints
 from .records import DONE, UNSOLVED, MechanismStep
 
 
@@ -56,39 +53,25 @@ def write_bounds(s: MechanismStep, v: Array, h: float, bound: Array, lower: Arra
     return bounces
 
 
-@kernel("i8(MechanismStep, b1[::1])")
-def project_bounds_with_friction(s: MechanismStep, bound: Array) -> int:
+@kernel("i8(MechanismStep, b1[::1], f8)")
+def project_bounds_with_friction(s: MechanismStep, bound: Array, h: float) -> int:
     """Write the same by Coulomb's law, for the rows `s.middle` that bear their bounds in place of their gaps."""
-    some, room, memory, k = s.middle, s.room, s.memory, s.middle.size[0]
-    if k > MOST_CONTACTS:
-        return UNSOLVED
-    n, known, start = 3 * k, NOTHING, memory.start[: 3 * k]
-    wide, W, A = np.empty((n, len(s.v))), np.empty((n, len(s.v))), np.empty((n, len(s.v)))
-    interleave(some.J[:k], some.T[: 2 * k], wide)
-    solve(room.L, s.mechanism.parent, wide, W, A)
-    if memory.size[1] == n:
-        known = UNIQUE if memory.size[2] else COMPLIANT
-    else:
-        for i in range(n):
-            start[i] = 0.0
-    least, percussion, case = np.zeros(n), np.empty((3, n)), np.empty(k, np.int64)
-    for i in range(k):
-        least[3 * i] = some.gap[i]
-    found, unique = coulomb_law(wide, A, room.free, least, some.mu[:k], known, AIM, start, s.v, percussion, case)
-    # written so that a NaN is refused too
-    if not 0.0 <= found <= s.scales.residual:
-        return UNSOLVED
-    memory.size[1], memory.size[2], s.residual[0], i = n, 1 if unique else 0, found, 0
+    some, k, i = s.middle, s.middle.size[0], 0
+    p = np.empty((k, 3))
+    code = bounded_coulomb(s, some, s.room.free, some.gap[:k].copy(), h, s.scales.residual, s.v, p)
+    if code != DONE:
+        return code
     for a in range(s.rows.size[0]):
         if bound[a]:
-            s.rates[a] = percussion[0, 3 * i]
-            s.slip[2 * a], s.slip[2 * a + 1] = percussion[0, 3 * i + 1], percussion[0, 3 * i + 2]
+            s.rates[a] = p[i, 0]
+            if len(s.slip):
+                s.slip[2 * a], s.slip[2 * a + 1] = p[i, 1], p[i, 2]
             i += 1
     return DONE
 
 
-@kernel("i8(MechanismStep, b1[::1], f8[::1])")
-def project_bounds(s: MechanismStep, bound: Array, lower: Array) -> int:
+@kernel("i8(MechanismStep, b1[::1], f8[::1], f8)")
+def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> int:
     """Write the velocity nearest to the free motion, the percussions and the residual; return a code.
 
     Parameters
@@ -100,6 +83,8 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array) -> int:
         Which rows have a bound.
     lower : ndarray, shape (k,)
         Least rates of the gaps.
+    h : float
+        Time step [s].
     """
     rows, some, room, memory, rough = s.rows, s.middle, s.room, s.memory, 0.0
     some.size[0] = 0
@@ -111,8 +96,8 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array) -> int:
             some.gap[some.size[0] - 1], rough = lower[a], max(rough, rows.mu[a])
     for i in range(2 * rows.size[0] if len(s.slip) else 0):
         s.slip[i] = 0.0
-    if rough > 0.0:
-        return project_bounds_with_friction(s, bound)
+    if rough > 0.0 or rough_joints(s.mechanism.friction) > 0:
+        return project_bounds_with_friction(s, bound, h)
     k, x = some.size[0], room.free
     if k == 0:
         for j in range(len(x)):
@@ -192,7 +177,7 @@ def displacing_velocity(s: MechanismStep, v: Array, h: float, bound: Array, lowe
     for a in range(k):
         deepest, gap[a] = min(deepest, rows.gap[a]), -rows.gap[a] / h
     sunk = not bounces and deepest < -left
-    code, residual = project_bounds(s, bound, gap if sunk else lower), s.residual[0]
+    code, residual = project_bounds(s, bound, gap if sunk else lower, h), s.residual[0]
     for j in range(len(v)):
         w[j] = s.v[j]
     if sunk or not bounces or code != DONE:

@@ -8,7 +8,7 @@ from ...constraints import Rows
 from ...constraints.rows import take
 from ...errors import ProjectionError
 from ...problem import Problem
-from ...projection import FreeMotion, Projector, TreeFreeMotion
+from ...projection import FreeMotion, Projector, TreeFreeMotion, in_flight, without_friction
 from ...system.system import Array
 from ..row_projection import RowProjection, project_rows
 from .newton_bounds import newton_bounds
@@ -22,7 +22,7 @@ def open_gaps(
     Of each penetration at most `most` is removed [m or rad].
     """
     if not rows.gap.size:
-        return RowProjection(free_motion.free, np.zeros(0), 0.0)
+        return RowProjection(in_flight(free_motion), np.zeros(0), 0.0)
     lower = -np.maximum(rows.gap, -most) / h
     if rows.rate is not None:
         lower -= rows.rate
@@ -71,7 +71,7 @@ def bouncing_velocities(
     if gap.min(initial=0.0) >= -allowed:
         return velocity, velocity
     # a projector of its own: its percussions are not those of the step
-    moving = FreeMotion(w, free_motion.metric)
+    moving = FreeMotion(w, without_friction(free_motion.metric))
     own = Projector(projector.residual, projector.solver, projector.accepted)
     # friction has acted in the first: the displacement is along the normals
     return displacing_velocity(problem, rows._replace(tangents=None), h, own, moving)[0], velocity

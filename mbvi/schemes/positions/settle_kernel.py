@@ -155,7 +155,7 @@ def join_law(
         # rows of the law keep their bounds; those that join it do not bounce
         if i >= count or (slack[i] > 0.0 and before > -slack[i]):
             lower[i] = min(lower[i], -slack[i])
-    code = apply_bounds(s, rows, v, s.room.free, lower)
+    code = apply_bounds(s, rows, v, s.room.free, lower, 2.0 * half)
     if code == DONE:
         for j in range(len(v)):
             s.room.drift[j] = half * s.v[j]
@@ -237,7 +237,7 @@ def follow(s: MechanismStep, v: Array, half: float, sunk: Sunk, near: RowBuffer,
         if there.lever[i] * there.gap[i] > s.scales.tolerance and (room.closed[a] or s.rates[a] == 0.0):
             lower[i] = -there.gap[i] / half if i < m else min(lower[i], -there.gap[i] / half)
     start_of_tangent_law(s, there, order, start)
-    code = apply_bounds(s, there, v, start, lower)
+    code = apply_bounds(s, there, v, start, lower, 2.0 * half)
     if code != DONE:
         return code
     s.residual[0] = max(s.residual[0], sunk.residual[0])

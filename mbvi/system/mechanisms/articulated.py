@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 from ...arguments import all_finite, returned
 from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
-from ...projection import TreeFreeMotion, TreeMetric
+from ...projection import TreeFreeMotion, TreeMetric, in_flight
 from ...projection.tree_factor import least_change
 from ..controls import LoopControl
 from ..free.spinning import free_links, spin_effects
@@ -21,7 +21,7 @@ from ..given import not_finite
 from ..system import Array, Kinematics, System
 from .equalities import Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
-from .mechanism import Mechanism, close, mechanism
+from .mechanism import Mechanism, close, dry_friction, mechanism
 from .memory import read_results
 from .pinocchio_check import reason_for_bindings
 from .separation import separation, write_bias
@@ -54,7 +54,8 @@ class ArticulatedSystem(System):
 
     Notes
     -----
-    g(t, q, v) = tau - nle(q, v) - D v. Dry joint friction, effort and velocity limits are not modelled. Where D is
+    g(t, q, v) = tau - nle(q, v) - D v. Dry friction of joints, `upperDryFrictionLimit` of the model, is part of the
+    impact law: see `in_flight`. Effort and velocity limits are not modelled. Where D is
     not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
     any usual step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
     """
@@ -76,6 +77,8 @@ class ArticulatedSystem(System):
         self.bodies = ("world", *(f"{name}/{joint}" for joint in list(model.names)[1:]))
         self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
+        self.friction: Array = dry_friction(model)
+        self.rubs = bool(self.friction.any())
         # armature that Pinocchio leaves out of the kinetic energy
         self._uncounted: Array = np.array(model.armature, dtype=float)
         for joint in list(model.joints)[1:]:
@@ -231,7 +234,7 @@ class ArticulatedSystem(System):
         return g - self.damping * v if self._damped else g
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        return self.free_motion(t, q, v, h).free
+        return in_flight(self.free_motion(t, q, v, h))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> TreeFreeMotion:
         return self._free_motion(t, q, v, h, v, False)
@@ -250,7 +253,10 @@ class ArticulatedSystem(System):
         if self._spins:
             spin_effects(self._free, v, plain_array(at), h, plain_array(torque), effects)
         # a later evaluation at another q overwrites Pinocchio's mass matrix
-        return TreeFreeMotion(self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice)
+        return TreeFreeMotion(
+            self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice,
+            self.friction if self.rubs else None,
+        )  # fmt: skip
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)

@@ -92,3 +92,4 @@ def _add_mechanism(model: pin.Model, part: pin.Model) -> None:
         )
         model.appendBodyToJoint(added, part.inertias[joint], pin.SE3.Identity())
     model.damping[begin:], model.armature[begin:] = part.damping, part.armature
+    model.upperDryFrictionLimit[begin:] = part.upperDryFrictionLimit

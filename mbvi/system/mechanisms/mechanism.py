@@ -30,8 +30,8 @@ _NEARLY, _MOST_NEARLY = 30.0, 0.03
 
 
 @record(
-    "i8[::1], JointTree, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], i8[::1], f8[::1], FreeLinks,"
-    " Equalities"
+    "i8[::1], JointTree, f8[:,:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1],"
+    " FreeLinks, Equalities"
 )
 class Mechanism(NamedTuple):
     """One model with one `pin.Data`; kept by its arrays, and for one thread at a time.
@@ -52,8 +52,8 @@ class Mechanism(NamedTuple):
         M in its lower triangle, where `weigh` was called last, then the rows of the m equalities.
     effects : ndarray, shape (nv,)
         Nonlinear effects, as `evaluate_nonlinear_effects` has computed them.
-    damping : ndarray, shape (nv,)
-        Diagonal of D.
+    damping, friction : ndarray, shape (nv,)
+        Diagonal of D, and the largest torques of dry friction [N, N m].
     parent : ndarray of int, shape (nv,)
         The velocity that carries each one, -1 where there is none.
     placed : ndarray, shape (nq,)
@@ -72,6 +72,7 @@ class Mechanism(NamedTuple):
     mass: Array
     effects: Array
     damping: Array
+    friction: Array
     parent: Array
     placed: Array
     free: FreeLinks
@@ -179,6 +180,11 @@ def close(mechanism: Mechanism, q: Array) -> None:
             q[k] = np.nan
 
 
+def dry_friction(model: pin.Model) -> Array:
+    """Return the largest torques of the dry friction of a model's joints, shape (nv,) [N, N m]."""
+    return np.array(model.upperDryFrictionLimit, dtype=float)
+
+
 def free_joint() -> pin.JointModelComposite:
     """Return a joint with the q, v and retraction of a free body: it moves the centre and then turns about it."""
     joint = pin.JointModelComposite()
@@ -210,7 +216,8 @@ def mechanism(
         If Pinocchio cannot be called by address.
     """
     free = free._replace(state=free.state.copy(), room=free.room.copy())
-    calls, tree, damping = array_of_calls(model, data), with_own_results(tree), np.array(model.damping, dtype=float)
+    calls, tree = array_of_calls(model, data), with_own_results(tree)
+    damping, friction = np.array(model.damping, dtype=float), dry_friction(model)
     found = None
     if len(tree.kind):
         poses, columns, mass, effects = tree.poses, tree.columns, tree.mass, tree.effects
@@ -226,6 +233,6 @@ def mechanism(
         if len(tree.kind):
             tree = tree._replace(mass=mass[: model.nv])
     return Mechanism(
-        calls, tree, poses, columns, support, mass, effects, damping, tree.carrier, np.full(model.nq, np.nan),
-        free, equalities,
+        calls, tree, poses, columns, support, mass, effects, damping, friction, tree.carrier,
+        np.full(model.nq, np.nan), free, equalities,
     )  # fmt: skip

@@ -1,0 +1,122 @@
+"""The law for given lower bounds of the rates of gaps, with the dry friction of joints as further rows of Coulomb's law.
+
+Dry friction of a joint, |tau| <= c, has a percussion of at most h c in a step, and opposes the velocity after it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import kernel
+from ...constraints.mechanism.tables import MOST_ROWS, RowBuffer
+from ...projection.coulomb.few_contacts import MOST_CONTACTS
+from ...projection.coulomb.friction import AIM, EXACT
+from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
+from ...projection.tree import factor, is_damped, solve
+from ...system.system import Array
+from .records import DONE, UNSOLVED, MechanismStep
+
+
+@kernel("i8(f8[::1])")
+def rough_joints(friction: Array) -> int:
+    """Return how many joints have dry friction; shape (nv,)."""
+    count = 0
+    for c in friction:
+        count += c > 0.0
+    return count
+
+
+@kernel("void(RowBuffer, f8[::1], f8, f8[:,::1], f8[::1])")
+def write_wide(rows: RowBuffer, friction: Array, h: float, wide: Array, mu: Array) -> None:
+    """Write the normal and the tangents of each contact, then the rows of joints with dry friction.
+
+    Parameters
+    ----------
+    rows : RowBuffer
+        The k contacts.
+    friction : ndarray, shape (nv,)
+        Largest torques of dry friction [N, N m].
+    h : float
+        Time step [s].
+    wide, mu : ndarray, shapes (3 (k + d), nv) and (k + d,)
+        Receive the rows, and the coefficients of `coulomb_law`.
+    """
+    a, nv = rows.size[0], wide.shape[1]
+    for i in range(len(wide)):
+        for k in range(nv):
+            wide[i, k] = 0.0
+    for i in range(a):
+        mu[i] = rows.mu[i] if len(rows.T) > 0 else 0.0
+        for k in range(nv):
+            wide[3 * i, k] = rows.J[i, k]
+            if len(rows.T) > 0:
+                wide[3 * i + 1, k], wide[3 * i + 2, k] = rows.T[2 * i, k], rows.T[2 * i + 1, k]
+    for k in range(nv):
+        if friction[k] > 0.0:
+            wide[3 * a + 1, k], mu[a] = 1.0, -h * friction[k]
+            a += 1
+
+
+@kernel("i8(MechanismStep, RowBuffer, f8[::1], f8[::1], f8, f8, f8[::1], f8[:,::1])")
+def bounded_coulomb(
+    s: MechanismStep, rows: RowBuffer, x: Array, lower: Array, h: float, limit: float, w: Array, p: Array
+) -> int:
+    """Write the velocity w and the percussions p of Coulomb's law with J w >= lower; return a code.
+
+    Parameters
+    ----------
+    s : MechanismStep
+        With the factor of M in its room.
+    rows : RowBuffer
+        The k contacts.
+    x : ndarray, shape (nv,)
+        The velocity to which percussions are added.
+    lower : ndarray, shape (k,)
+        Least rates of the gaps.
+    h : float
+        Time step [s], for the percussions of the dry friction of joints.
+    limit : float
+        Largest relative residual.
+    w, p : ndarray, shapes (nv,) and (k, 3)
+        Receive the result.
+    """
+    memory, k, nv, m = s.memory, rows.size[0], len(x), s.mechanism
+    rough = rough_joints(m.friction)
+    n = k + rough
+    if n > MOST_ROWS or (rough == 0 and k > MOST_CONTACTS):
+        return UNSOLVED
+    wide, W, A, mu = np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.empty(n)
+    write_wide(rows, m.friction, h, wide, mu)
+    solve(s.room.L, m.parent, wide, W, A)
+    bounds, table, case, known, first = np.zeros(3 * n), np.zeros((3, 3 * n)), np.empty(n, np.int64), NOTHING, w[:0]
+    first, start = np.zeros(3 * n), memory.start[: 3 * n]
+    if memory.size[1] == 3 * n:
+        known = UNIQUE if memory.size[2] else COMPLIANT
+        first[:] = start
+    for a in range(k):
+        bounds[3 * a] = lower[a]
+    residual, unique = coulomb_law(wide, A, x, bounds, mu, known, AIM, first, w, table, case)
+    # written so that a NaN is refused too
+    if not 0.0 <= residual <= limit:
+        return UNSOLVED
+    memory.size[1], memory.size[2], start[:], s.residual[0] = 3 * n, 1 if unique else 0, first, residual
+    for i in range(3 * k):
+        p[i // 3, i % 3] = table[0, i]
+    return DONE
+
+
+@kernel("b1(MechanismStep, f8, f8[::1])")
+def rub(s: MechanismStep, h: float, w: Array) -> bool:
+    """Let the dry friction of joints act on a velocity in flight, after `move_freely`; False where it is not solved."""
+    m = s.mechanism
+    if rough_joints(m.friction) == 0:
+        return True
+    # L is that of M already where there is no damping
+    if is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L):
+        return False
+    # no contacts
+    none, before, x = s.middle, s.middle.size[0], w.copy()
+    none.size[0] = 0
+    code = bounded_coulomb(s, none, x, w[:0], h, EXACT * s.scales.residual, w, np.empty((0, 3)))
+    none.size[0] = before
+    return code == DONE
