@@ -25,8 +25,8 @@ Force = Callable[[float, Array, Array], Any]
 class RobotItem:
     """A robot with its pose, its initial state and its locked joints.
 
-    `tolerance` is that of simpler shapes than its hulls [m]; None is 1e-4 of the size of each, 0 exact. `friction` is the
-    largest torque or force of dry friction of some joints [N m, N].
+    `tolerance` is that of simpler shapes than its hulls [m]; None is 1e-4 of the size of each, 0 exact. `friction` is
+    the largest torque or force of dry friction of some joints [N m, N].
     """
 
     robot: Robot

@@ -160,8 +160,8 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         UrdfError
             If a file is missing, is no URDF, or describes no physical mechanism.
         InputError
-            On an unknown joint, a negative friction, a locked joint that is to move, a wrong shape, a rotation that is none, a fixed base that
-            is to move, an initial configuration at which the mass matrix is singular.
+            On an unknown joint, a negative friction, a locked joint that is to move, a wrong shape, a rotation that is
+            none, a fixed base that is to move, an initial configuration at which the mass matrix is singular.
         """
         choice(base, "base", ("free", "fixed"))
         optional(function, control, "control", "control(t, q, v) -> tau")

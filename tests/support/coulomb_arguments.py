@@ -12,13 +12,23 @@ def law(rng, most=3):
         J[3:6] = J[:3]
     G, b = J @ J.T, J @ rng.normal(size=nv)
     scale = np.repeat(1.0 / np.sqrt(np.diagonal(G)[::3]), 3)
-    return np.ascontiguousarray(G * scale[:, None] * scale), b * scale, rng.choice([0.0, 0.2, 0.8], size=m)
+    G, b, mu = np.ascontiguousarray(G * scale[:, None] * scale), b * scale, rng.choice([0.0, 0.2, 0.8], size=m)
+    if rng.random() < 0.4:
+        rub_joint(G, b, mu, m - 1)
+    return G, b, mu
+
+
+def rub_joint(G, b, mu, a):
+    """Make the dry friction of a joint of a contact."""
+    for i in (3 * a, 3 * a + 2):
+        G[i], G[:, i], b[i] = 0.0, 0.0, 0.0
+    G[3 * a, 3 * a], b[3 * a], mu[a] = 1.0, -0.7, -1.5
 
 
 def in_cone(rng, mu):
     p = rng.normal(size=(len(mu), 3))
     p[:, 0] = np.abs(p[:, 0])
-    p[:, 1:] *= (mu * p[:, 0] * rng.random(len(mu)) / np.linalg.norm(p[:, 1:], axis=1))[:, None]
+    p[:, 1:] *= (np.abs(mu) * p[:, 0] * rng.random(len(mu)) / np.linalg.norm(p[:, 1:], axis=1))[:, None]
     return p.ravel()
 
 
@@ -154,15 +164,25 @@ def rows(rng):
     return J, np.ascontiguousarray(np.linalg.solve(B @ B.T + np.eye(nv), J.T).T)
 
 
+def some_joints(rng, J, A):
+    """Coefficients of contacts, the last of which may be the dry friction of a joint."""
+    mu = rng.choice([0.0, 0.2, 0.8], size=len(J) // 3)
+    if rng.random() < 0.5:
+        for rows_of in (J, A):
+            rows_of[-3], rows_of[-1] = 0.0, 0.0
+        mu[-1] = -0.3
+    return mu
+
+
 def delassus(rng):
     J, A = rows(rng)
-    return J, A, np.full((len(J), len(J)), np.nan), np.full(len(J) // 3, np.nan)
+    return J, A, some_joints(rng, J, A), np.full((len(J), len(J)), np.nan), np.full(len(J) // 3, np.nan)
 
 
 def apply_percussions(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
-    mu = rng.choice([0.0, 0.2, 0.8], size=m)
+    mu = some_joints(rng, J, A)
     moved = rng.normal(size=nv), rng.normal(size=n), mu, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
     return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
 
@@ -173,9 +193,19 @@ def clip_to_cones(rng):
 
 
 def free_speeds(rng):
-    J, _ = rows(rng)
+    J, A = rows(rng)
     n, nv = J.shape
-    return J, rng.normal(size=nv), rng.normal(size=n), np.full((3, n), np.nan)
+    mu = some_joints(rng, J, A)
+    return J, rng.normal(size=nv), rng.normal(size=n), mu, np.full((3, n), np.nan)
+
+
+def bound_joints(rng):
+    scale = rng.choice([0.0, 0.5, 2.0], size=4)
+    return rng.choice([-0.3, 0.2, 0.0], size=4), scale, rng.random(), rng.normal(size=12), np.full(4, np.nan)
+
+
+def acts(rng):
+    return rng.choice([-0.3, 0.2, 0.0], size=4), int(rng.integers(12))
 
 
 def scale_speeds(rng):
@@ -193,7 +223,8 @@ def solve_scaled(rng):
 def coulomb_law(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
-    given = rng.normal(size=nv), -rng.random(n), rng.choice([0.0, 0.2, 0.8], size=m), int(rng.integers(3)), 1e-12
+    mu = some_joints(rng, J, A)
+    given = rng.normal(size=nv), -rng.random(n), mu, int(rng.integers(3)), 1e-12
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
@@ -257,6 +288,8 @@ COULOMB_ARGUMENTS = {
         delassus,
         apply_percussions,
         clip_to_cones,
+        bound_joints,
+        acts,
         free_speeds,
         scale_speeds,
         solve_scaled,

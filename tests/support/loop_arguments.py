@@ -125,6 +125,20 @@ def quadruped(e, mu):
     return scene.build()
 
 
+def rubbing(e, mu):
+    """A quadruped whose joints have dry friction lands; some of them turn, the others stick."""
+    scene = mbvi.Scene(restitution=e, friction=mu)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    rough = {f"{leg}_{joint}_joint": 3.0 for leg in LEGS[:3] for joint in JOINTS}
+    scene.add_urdf(
+        ROBOTS / "quadruped/quadruped.urdf",
+        position=(0, 0, 0.44),
+        velocity={"FL_hip_joint": -4.0, "RR_calf_joint": 1.0},
+        joint_friction=rough,
+    )
+    return scene.build()
+
+
 def swaying(e, mu):
     """A quadruped under a PD control lands on four feet and sways on them; with friction they stick."""
     scene = mbvi.Scene(restitution=e, friction=mu)
@@ -275,6 +289,11 @@ CALLS = {
     "evaluate_effects": [(PAOLI, one_body, BOUNCY, 2), (PILES, one_body, ROUGH, 9), (DEFAULT, quadruped, RIGID, 5)],
     "move_freely": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
     "centered_forces": [(CENTERED, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, on_block, RIGID, 5)],
+    **{
+        name: [(PAOLI, rubbing, BOUNCY, 65), (CENTERED, rubbing, RIGID, 40), (DEFAULT, rubbing, MIXED, 90)]
+        for name in ("rough_joints", "write_wide", "bounded_coulomb", "rub")
+    },
+    "apply_law_with_joints": [(PAOLI, rubbing, BOUNCY, 9), (CENTERED, rubbing, RIGID, 4), (DEFAULT, rubbing, MIXED, 9)],
     "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],
     "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
     "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 20), (CENTERED, hopper, ROUGH, 5)],

@@ -98,7 +98,9 @@ def free_speeds(J: Array, x: Array, lower: Array, mu: Array, table: Array) -> tu
         table[0, i], table[1, i], table[2, i] = 0.0, speed, speed
         cancelled = max(cancelled, terms)
         # a speed within rounding of the terms that cancel in it closes nothing
-        closing = closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms) or (mu[i // 3] < 0.0 and speed != 0.0)
+        closing = (
+            closing or (i % 3 == 0 and not speed >= lower[i] - 1e-13 * terms) or (mu[i // 3] < 0.0 and speed != 0.0)
+        )
     return closing, cancelled
 
 

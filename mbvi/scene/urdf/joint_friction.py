@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ...arguments import not_negative, numbers_by_name
 from ...errors import InputError
-from ..reductions import Omission
 from .robot import DRY, Robot, stated_friction
 
 

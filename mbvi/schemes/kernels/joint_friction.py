@@ -1,4 +1,4 @@
-"""The law for given lower bounds of the rates of gaps, with the dry friction of joints as further rows of Coulomb's law.
+"""The law for given lower bounds of the rates of gaps, with the dry friction of joints as rows of Coulomb's law.
 
 Dry friction of a joint, |tau| <= c, has a percussion of at most h c in a step, and opposes the velocity after it.
 """
