@@ -129,6 +129,10 @@ class System:
         each = [part.system.gaps(q[part.q : part.q + part.system.nq]) for part in parts]
         return np.concatenate([np.zeros(0), *each])
 
+    def equality_gradients(self, q: Array) -> Array:
+        """Return the gradients of the equalities of one mechanism, shape (m, nv)."""
+        raise NotImplementedError
+
     def closed(self, q: Array) -> Array:
         """Return the nearest configuration where the equalities hold, shape (nq,); NaN where none is found."""
         new = q.copy()

@@ -17,6 +17,7 @@ from ...projection import Projector
 from ...schemes.observer import observer
 from ...system.free.sparse_rows import dense
 from ..run_data import Impact, RunData
+from .dead_centres import dead_centres
 from .diagnosis import Array, Diagnosis, Instant
 from .energies import energy_of_projection
 from .jumps import Jumps
@@ -124,6 +125,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
         tuple((impact.time, impact.energy_change) for impact in run.impacts if _gains_by_friction(impact)),
         tuple(jumps.found),
         raised,
+        dead_centres(run),
     )
 
 

@@ -110,6 +110,9 @@ class Diagnosis:
         Steps with friction in which velocities jump though no contact approaches. Known where steps can be taken again.
     projection_energy : float
         Energy that position projection added during the run [J]; see `Trajectory.projection_energy`.
+    dead_centres : tuple of float
+        Times at which gradients of closed loops depend on each other that are independent elsewhere [s]: what follows
+        is not determined.
     """
 
     instants: tuple[Instant, ...]
@@ -124,6 +127,7 @@ class Diagnosis:
     gains: tuple[tuple[float, float], ...] = ()
     jumps: tuple[Jump, ...] = ()
     projection_energy: float = 0.0
+    dead_centres: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         return self.report()
@@ -137,6 +141,13 @@ class Diagnosis:
             names = ", ".join(self.vanishing[:_MOST_NAMES])
             lines.append(
                 f"(H3) fails: the gradient of {names} vanishes where it is active, and nothing holds it there."
+            )
+        if self.dead_centres:
+            times = ", ".join(f"{t:.6g}" for t in self.dead_centres[:_MOST_NAMES])
+            times += ", ..." if len(self.dead_centres) > _MOST_NAMES else ""
+            lines.append(
+                f"At t = {times} s closed loops pass a dead centre: their gradients depend on each other there, and "
+                "the loops alone do not determine what follows."
             )
         if not self.instants:
             lines.append("Several constraints were never seen active at once.")

@@ -168,6 +168,10 @@ class ArticulatedSystem(System):
         write_gaps(self._closed, self._kinematics.poses, plain_array(q))
         return self._closed.gap.copy()
 
+    def equality_gradients(self, q: Array) -> Array:
+        self._refresh(q)
+        return self._mass[self.nv :].copy()
+
     def closed(self, q: Array) -> Array:
         new = np.array(q, dtype=float)
         if self.equalities:

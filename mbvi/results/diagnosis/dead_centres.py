@@ -1,0 +1,72 @@
+"""Dead centres of closed loops: configurations where gradients of equalities that are independent elsewhere depend."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ...errors import ProjectionError
+from ...system import System
+from ..run_data import RunData
+from .diagnosis import Array
+
+# singular values of unit gradients, relative to the largest, that count as zero where rows always depend on each other,
+# and those below which one that falls may reach zero
+_ZERO, _SMALL = 1e-7, 0.05
+# size of the displacement to a configuration nearby
+_ASIDE = 0.01
+
+
+def dead_centres(run: RunData) -> tuple[float, ...]:
+    """Return the times at which the rank of the equalities drops [s], in order; a stay gives its first time."""
+    assert run.problem is not None
+    system, found = run.problem.system, set[float]()
+    parts: list[tuple[System, slice]]
+    if system.whole is not None:
+        parts = [(system.whole, slice(0, system.nq))]
+    else:
+        parts = [(p.system, slice(p.q, p.q + p.system.nq)) for p in system.located_parts()]
+    for part, where in parts:
+        if part.equalities:
+            values = np.array([_singular_values(part, q[where]) for q in run.q])
+            rank = max(_rank(values), _rank_nearby(part, run.q[0, where]))
+            found.update(run.t[_drops(values, rank)].tolist())
+    return tuple(sorted(found))
+
+
+def _singular_values(system: System, q: Array) -> Array:
+    """Return the singular values of the gradients of the equalities, each of unit length in the kinetic metric."""
+    L = np.linalg.cholesky(system.metric(q).dense())
+    rows = solve_triangular(L, system.equality_gradients(q).T, lower=True).T
+    return np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None], compute_uv=False)
+
+
+def _rank(values: Array) -> int:
+    """Return the largest rank of the gradients of some configurations, of which `values` are the singular values."""
+    return int((values > _ZERO * values[:, :1]).sum(axis=1).max())
+
+
+def _rank_nearby(system: System, q: Array) -> int:
+    """Return the rank at a configuration beside q, because runs may stay at a dead centre; 0 if not found."""
+    aside = np.random.default_rng(0).normal(size=system.nv)
+    aside *= _ASIDE / np.linalg.norm(aside)
+    try:
+        return _rank(_singular_values(system, system.integrate(q, aside))[None])
+    except ProjectionError:
+        return 0
+
+
+def _drops(values: Array, rank: int) -> Array:
+    """Return where the singular value that makes the rank is zero, or crosses zero within a step.
+
+    `values`, shape (n, m), are those of the states in order. Near a dead centre it is linear in the distance:
+    it crosses zero where it is smaller than it changes to a neighbour.
+    """
+    least = values[:, rank - 1] / values[:, 0]
+    at = least <= _ZERO
+    found = np.flatnonzero(at & ~np.concatenate([[False], at[:-1]]))
+    inner = np.arange(1, len(least) - 1)
+    before, here, after = least[:-2], least[1:-1], least[2:]
+    crosses = (here <= np.minimum(before, after)) & (here <= np.maximum(before, after) - here) & (here <= _SMALL)
+    near = at[:-2] | at[1:-1] | at[2:]
+    return np.union1d(found, inner[crosses & ~near])
