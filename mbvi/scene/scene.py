@@ -118,7 +118,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         locked: Sequence[str] = (),
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
-        mimic: bool = False,
+        mimic: bool = True,
     ) -> str:
         """Add a robot.
 
@@ -148,7 +148,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
             angular [m/s, rad/s]; zero by default, and of a fixed one always.
         mimic : bool
             Whether mimic joints follow the joints that the file names, at the start and in motion, unless they are
-            locked. By default they move on their own, with a warning.
+            locked; without they move on their own.
 
         Raises
         ------
