@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def joint_table(problem: Problem) -> str:
-    """Return name, type, degrees of freedom and limits of each joint, and what it follows; the scene holds one robot."""
+    """Return type, degrees of freedom, limits of each joint, and what it follows; the scene holds one robot."""
     model = problem.system.model
     assert model is not None and problem.scene is not None
     rows, follows = [], {c.first: _follows(c) for c in problem.scene.items.couplings}

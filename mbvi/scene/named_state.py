@@ -63,9 +63,7 @@ def named_state(problem: Problem, places: Places, q: _Named | None, v: _Named | 
     return both
 
 
-def _write_joints(
-    system: ArticulatedSystem, values: Mapping[str, Any], own: Array, marks: Array, what: str
-) -> None:
+def _write_joints(system: ArticulatedSystem, values: Mapping[str, Any], own: Array, marks: Array, what: str) -> None:
     """Write values of joints into q or v of their robot, and mark their entries."""
     model = system.model
     for joint, value in values.items():

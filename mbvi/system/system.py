@@ -228,7 +228,7 @@ class System:
         raise NotImplementedError
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return dv/dt without contacts, shape (nv,) [m/s^2, rad/s^2]: M^-1 g, with equalities the nearest they allow."""
+        """Return M^-1 g, with equalities the nearest one that keeps them, shape (nv,) [m/s^2, rad/s^2]."""
         raise NotImplementedError
 
     def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:

@@ -52,7 +52,8 @@ def test_joints_that_follow_others_are_led(several):
     np.testing.assert_array_equal(v, problem.system.tangent(q, v).round(12))
     fingers = [model.getJointId(f"panda_finger_joint{k}") for k in (1, 2)]
     whole = {"panda": q[-model.nq :]}
-    assert [q[k - model.nq - 1] for k in fingers] == [0.02, 0.02] and [v[k - model.nv - 1] for k in fingers] == [0.3, 0.3]
+    assert [q[k - model.nq - 1] for k in fingers] == [0.02, 0.02]
+    assert [v[k - model.nv - 1] for k in fingers] == [0.3, 0.3]
     knee = problem.model("hopper").nq - 1
     assert (q[knee], v[knee - 1]) == ((0.46, -0.6) if several else (problem.q0[knee], 0.0))
     same, _ = problem.state({"panda": {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}})
@@ -61,7 +62,7 @@ def test_joints_that_follow_others_are_led(several):
     elsewhere, _ = problem.state({"panda": {"panda_joint1": 0.3}})
     assert np.count_nonzero(elsewhere != problem.q0) == 1
     for given in ({"panda_finger_joint2": 0.02}, {"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.02}):
-        with pytest.raises(mbvi.InputError, match="joint 'panda/panda_finger_joint2' follows 'panda/panda_finger_joint1'"):
+        with pytest.raises(mbvi.InputError, match="'panda/panda_finger_joint2' follows 'panda/panda_finger_joint1'"):
             problem.state({"panda": given})
     with pytest.raises(mbvi.InputError, match="and is with the velocity 0, not 1"):
         problem.state(v={"panda": {"panda_finger_joint2": 1.0}})
@@ -71,7 +72,7 @@ def test_a_joint_that_follows_a_locked_one_is_held():
     scene = mbvi.Scene()
     scene.add_urdf(DATA / "fingers.urdf", joints={"lead": 0.3}, locked=["lead"], name="hand")
     problem = scene.build(reduce=[])
-    with pytest.raises(mbvi.InputError, match="joint 'hand/follower' is held by hand_follower at 0.6, not 0.1"):
+    with pytest.raises(mbvi.InputError, match=r"joint 'hand/follower' is held by hand_follower at 0\.6"):
         problem.state({"hand": {"follower": 0.1}})
 
 

@@ -1,6 +1,5 @@
 """What a URDF holds and mbvi does not model is said when the robot is added."""
 
-import re
 import warnings
 import xml.etree.ElementTree as ElementTree
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from support.paths import DATA, REAL_ROBOTS, ROBOTS, real_robot
+from support.paths import DATA, REAL_ROBOTS, real_robot
 
 FINGERS = DATA / "fingers.urdf"
 
@@ -94,10 +93,10 @@ def check_followed(file):
     mimics = {name: mimic for name, mimic in mimics.items() if mimic is not None}
     scene, said = said_of(file, base="free")
     problem = scene.build(reduce=[], resolve=True) if mimics else None
-    model, still = problem.model() if mimics else None, {j.get("name") for j in root.iter("joint") if j.get("type") == "fixed"}
-    leaders, followed = {joint.get("name") for joint in root.findall("joint")}, 0
+    model, followed = problem.model() if mimics else None, 0
+    kinds = {joint.get("name"): joint.get("type") for joint in root.findall("joint")}
     for name, mimic in mimics.items():
-        assert (name in said) == (name not in still and mimic.get("joint") not in leaders)
+        assert (name in said) == (kinds[name] != "fixed" and mimic.get("joint") not in kinds)
         if not model.existJointName(name) or name in said:
             continue
         followed += 1

@@ -1,6 +1,7 @@
 """Robots of the project and published ones, each dropped onto a floor or moving at its joint limits."""
 
 import warnings
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -75,4 +76,9 @@ def state_of(path, free, kind, rng):
             velocity[name] = 1.0 if near else 0.3 * rng.normal()
         else:
             velocity[name] = 0.3 * rng.normal()
+    # mimic joints are led by others
+    for joint in ElementTree.parse(path).getroot().findall("joint"):
+        if joint.find("mimic") is not None:
+            joints.pop(joint.get("name"), None)
+            velocity.pop(joint.get("name"), None)
     return joints, velocity

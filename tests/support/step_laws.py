@@ -12,9 +12,9 @@ class Found(NamedTuple):
     """How far one step is from each law; speeds over the largest speed, percussions and momenta over the largest ones.
 
     gradient: rows against [n, p x n] of their own contact points. free: rates that forces alone lead to. balance:
-    M (w - x) = J' p + T' p_t on ker J_e. bound: rows slower than Newton's bound. sign: percussions below zero. complementarity:
-    percussions on rows faster than it. cone: tangential percussions above mu p. slip: percussions that do not oppose
-    the slip at mu p. velocity: the velocity after, against the projection of its own.
+    M (w - x) = J' p + T' p_t on ker J_e. bound: rows slower than Newton's bound. sign: percussions below zero.
+    complementarity: percussions on rows faster than it. cone: tangential percussions above mu p. slip: percussions that
+    do not oppose the slip at mu p. velocity: the velocity after, against the projection of its own.
     """
 
     gradient: float = 0.0
