@@ -52,6 +52,19 @@ def test_a_locked_joint_mimics_none_and_leads_those_that_mimic_it():
     np.testing.assert_allclose(run.q[:, -1], 0.6, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.StewartTrinkle(), mbvi.EventDriven(1e-6)], ids=repr)
+def test_limits_that_contradict_a_ratio_hold_joints_still(tmp_path, scheme, e):
+    """The joint is at least 0, and so is its follower, at minus the joint: no force acts on either in free fall."""
+    text = FINGERS.read_text().replace('multiplier="2"', 'multiplier="-1"').replace('lower="-1"', 'lower="0"')
+    (tmp_path / "held.urdf").write_text(text)
+    scene = mbvi.Scene(restitution=e, gravity=(3.0, 1.0, -9.8))
+    scene.add_urdf(tmp_path / "held.urdf", base_velocity=(0.0, 0.0, 0.0, 0.3, 0.2, 0.4))
+    step = None if scheme.timing.own_steps else 1e-3
+    run = mbvi.simulate(scene.build(), scheme, step=step, duration=0.1)
+    assert np.abs(run.q[:, -2:]).max() <= 1e-15 and run.loop_gap().max() <= 1e-15 and not run.notes
+
+
 @pytest.mark.parametrize("given", [{"joints": {"lead": 0.3, "follower": 0.5}}, {"velocity": {"follower": 1.0}}])
 def test_a_mimic_joint_cannot_start_elsewhere(given):
     with pytest.raises(mbvi.InputError, match="joint 'follower' follows 'lead' and starts"):
