@@ -40,7 +40,8 @@ def panda(floor: float | None) -> mbvi.Problem:
     scene = mbvi.Scene(restitution=0.5)
     if floor is not None:
         scene.add_halfspace((0, 0, 1), offset=floor, name="floor")
-    scene.add_urdf(_REAL / "panda_description/urdf/panda.urdf", base="fixed")
+    # the fingers on their own: their impacts accumulate
+    scene.add_urdf(_REAL / "panda_description/urdf/panda.urdf", base="fixed", mimic=False)
     return scene.build()
 
 

@@ -95,7 +95,7 @@ def swinging_panda(tolerance: float | None = None) -> mbvi.Scene:
     scene.add_halfspace((0, 0, 1), -0.01)
     swing = {f"panda_joint{k}": 1.0 for k in (1, 3, 5)}
     path = DESCRIPTIONS / "panda_description/urdf/panda.urdf"
-    scene.add_urdf(path, base="fixed", velocity=swing, tolerance=tolerance)
+    scene.add_urdf(path, base="fixed", velocity=swing, tolerance=tolerance, mimic=False)
     return scene
 
 

@@ -161,7 +161,7 @@ def _floor(mu: float = 0.0) -> mbvi.Scene:
 def _robot(scene: mbvi.Scene, file: Path, nv: int, held: bool = False, **options: Any) -> tuple[mbvi.Problem, Array]:
     """Return a robot and its torques, which are zero until a case sets them."""
     control = mbvi.ConstantTorque(np.zeros(nv))
-    scene.add_urdf(file, control=control if held else None, **options)
+    scene.add_urdf(file, control=control if held else None, mimic=False, **options)
     # the control's own array, which the cases write to
     return scene.build(reduce=()), control.table.torque[0]
 

@@ -87,7 +87,8 @@ def robot(
         scene = mbvi.Scene(restitution=0.0)
         scene.add_halfspace((0, 0, 1))
         place = {"position": (0, 0, height)} if free else {"base": "fixed"}
-        scene.add_urdf(ROBOTS / file, name=name, joints=joints, control=control, tolerance=tolerance, **place)
+        more = {"tolerance": tolerance, "mimic": False, **place}
+        scene.add_urdf(ROBOTS / file, name=name, joints=joints, control=control, **more)
         return scene.build()
 
     if not free:

@@ -79,7 +79,7 @@ def scene() -> mbvi.Scene:
     made, arm = mbvi.Scene(friction=MU), Thrower()
     made.add_halfspace((0, 0, 1), name="floor")
     start = dict(zip(arm.model.names[1:], [*planned(0.0)[0], 0.035, 0.035], strict=True))
-    made.add_urdf(PANDA / "panda.urdf", base="fixed", joints=start, control=arm, name="panda", mimic=True)
+    made.add_urdf(PANDA / "panda.urdf", base="fixed", joints=start, control=arm, name="panda")
     place, _ = arm.hand(0.0)
     top = place[2] - RADIUS
     made.add_sphere(RADIUS, MASS, position=place, name="ball")

@@ -266,7 +266,7 @@ class Problem:
             of mass and quaternion (x, y, z, w), shape (7,) [m]; its velocities in space are that of the centre of mass
             in the world and the angular velocity in its own axes, shape (6,) [m/s, rad/s]. For a sphere its centre and
             velocity, shape (3,); for a body the first three alone will do, and the others stay. A group has one row for
-            each member. What is not named keeps its value at the start.
+            each member. What is not named keeps its value at the start; joints that follow a named one go with it.
 
         Returns
         -------
@@ -276,7 +276,8 @@ class Problem:
         Raises
         ------
         InputError
-            If the problem is of no scene, a name is unknown, or a shape or number is wrong.
+            If the problem is of no scene, a name is unknown, a shape or number is wrong, or a joint is given another
+            value than that of the joint it follows.
         """
         if self.scene is None:
             raise InputError("this problem is of no scene: nothing in it has a name; give q and v as arrays")

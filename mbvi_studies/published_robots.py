@@ -45,7 +45,7 @@ def published_robot(
     joints: Mapping[str, float] | None = None,
     control: Control | None = None,
 ) -> Problem:
-    """Return a published robot at rest over a floor.
+    """Return a published robot at rest over a floor; its mimic joints move on their own.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def published_robot(
     scene = Scene(restitution=restitution)
     scene.add_halfspace((0.0, 0.0, 1.0), name="floor")
     place, base = (0.0, 0.0, _LIFTED if robot.free else 0.0), "free" if robot.free else "fixed"
-    scene.add_urdf(file, base, place, joints=joints, control=control, name=name)
+    scene.add_urdf(file, base, place, joints=joints, control=control, name=name, mimic=False)
     problem = scene.build()
     if not robot.free:
         return problem

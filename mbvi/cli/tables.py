@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..geometry.shapes.shapes import PlacedShape
     from ..problem import Problem
+    from ..scene.items import CouplingItem
 
 
 def joint_table(problem: Problem) -> str:
-    """Return name, type, degrees of freedom and limits of each joint; the scene holds one robot."""
+    """Return type, degrees of freedom, limits of each joint, and what it follows; the scene holds one robot."""
     model = problem.system.model
-    assert model is not None
-    rows = []
+    assert model is not None and problem.scene is not None
+    rows, follows = [], {c.first: _follows(c) for c in problem.scene.items.couplings}
     for joint in range(1, model.njoints):
         kind = _joint_type(model.joints[joint])
         limits = "none"
@@ -25,8 +26,17 @@ def joint_table(problem: Problem) -> str:
             # Pinocchio writes "no limit" as the largest float
             if max(abs(lower), abs(upper)) < 1e100:
                 limits = f"{lower:.4g} to {upper:.4g} {unit}"
-        rows.append((model.names[joint], kind, str(model.nvs[joint]), limits))
-    return _table("Joints", ("name", "type", "dof", "limits"), rows)
+        row = model.names[joint], kind, str(model.nvs[joint]), limits
+        rows.append((*row, follows.get(f"{problem.system.name}/{row[0]}", "")) if follows else row)
+    head = ("name", "type", "dof", "limits", *(["follows"] if follows else []))
+    return _table("Joints", head, rows)
+
+
+def _follows(one: CouplingItem) -> str:
+    """Return in words what a joint follows."""
+    leader, ratio = one.second.partition("/")[2], "" if one.ratio == 1.0 else f"{one.ratio:g} "
+    moving = f"{ratio}{leader}" if leader else ""
+    return " + ".join([*([moving] if moving else []), *([f"{one.offset:g}"] if one.offset or not moving else [])])
 
 
 def shape_table(problem: Problem) -> str:

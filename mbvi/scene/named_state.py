@@ -10,6 +10,7 @@ import numpy as np
 from ..arguments import Array, array, shown
 from ..errors import InputError
 from ..system import ArticulatedSystem, located_parts
+from .connected.led import lead_joints
 from .state import Place, Places
 
 if TYPE_CHECKING:
@@ -41,24 +42,29 @@ def named_state(problem: Problem, places: Places, q: _Named | None, v: _Named | 
         if isinstance(part.system, ArticulatedSystem)
     }
     both = problem.q0.copy(), problem.v0.copy()
-    for given, vector, what in zip((q, v), both, ("q", "v"), strict=True):
+    stated = np.zeros(problem.system.nq, bool), np.zeros(problem.system.nv, bool)
+    for given, vector, said, what in zip((q, v), both, stated, ("q", "v"), strict=True):
         if given is None:
             continue
         if not isinstance(given, Mapping):
             raise InputError(f"{what} must be a mapping of names to values; got {shown(given)}")
         for name, value in given.items():
             place = places.of(name)
-            own = vector[place.q if what == "q" else place.v]
+            where = place.q if what == "q" else place.v
+            own, marks = vector[where], said[where]
             if isinstance(value, Mapping):
                 if name not in robots:
                     raise InputError(f"{what} of {name} must be numbers: it is no robot, and has no joints")
-                _write_joints(robots[name], value, own, what)
+                _write_joints(robots[name], value, own, marks, what)
             else:
                 _write_body(place, value, own, f"{what} of {name}", what == "v")
+                marks[:] = True
+    lead_joints(problem.system, both, stated)
     return both
 
 
-def _write_joints(system: ArticulatedSystem, values: Mapping[str, Any], own: Array, what: str) -> None:
+def _write_joints(system: ArticulatedSystem, values: Mapping[str, Any], own: Array, marks: Array, what: str) -> None:
+    """Write values of joints into q or v of their robot, and mark their entries."""
     model = system.model
     for joint, value in values.items():
         joints = list(model.names)[1:]
@@ -73,7 +79,7 @@ def _write_joints(system: ArticulatedSystem, values: Mapping[str, Any], own: Arr
             numbers = np.array([np.cos(numbers), np.sin(numbers)])
         if numbers.reshape(-1).shape != (width,):
             raise InputError(f"{label} has {numbers.size} numbers; it must have {width}")
-        own[first : first + width] = numbers
+        own[first : first + width], marks[first : first + width] = numbers, True
 
 
 def _write_body(place: Place, value: Any, own: Array, label: str, velocity: bool) -> None:

@@ -119,7 +119,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         locked: Sequence[str] = (),
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
-        mimic: bool = False,
+        mimic: bool = True,
         joint_friction: bool | Mapping[str, float] = False,
     ) -> str:
         """Add a robot.
@@ -150,7 +150,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
             angular [m/s, rad/s]; zero by default, and of a fixed one always.
         mimic : bool
             Whether mimic joints follow the joints that the file names, at the start and in motion, unless they are
-            locked. By default they move on their own, with a warning.
+            locked; without they move on their own.
         joint_friction : bool or mapping of str to float
             Whether joints have the dry friction that the file states, or the largest torque or force of it by joint
             name [N m, N]. By default they have none.

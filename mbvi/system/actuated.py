@@ -148,6 +148,12 @@ class ActuatedSystem(System):
         return motion if isinstance(motion, TreeFreeMotion) else motion._replace(free=motion.free + half)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._with_loads(self.inner.acceleration, t, q, v)
+
+    def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self._with_loads(self.inner.unheld_acceleration, t, q, v)
+
+    def _with_loads(self, of: Callable[[float, Array, Array], Array], t: float, q: Array, v: Array) -> Array:
         total = self._act(t, q, v)
-        free = self.inner.acceleration(t, q, v)
+        free = of(t, q, v)
         return free + self._accelerated(total, q) if self._bodies else free

@@ -100,6 +100,9 @@ class BlockSystem(System):
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return np.concatenate([b.system.acceleration(t, q[b.q], v[b.v]) for b in self.blocks])
 
+    def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return np.concatenate([b.system.unheld_acceleration(t, q[b.q], v[b.v]) for b in self.blocks])
+
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         return np.concatenate([b.system.chart_rate(q[b.q], dv[b.v], v[b.v]) for b in self.blocks])
 

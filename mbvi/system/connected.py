@@ -103,4 +103,10 @@ class ConnectedSystem(System):
         return FreeMotion(metric.tangent(motion.free + v) - v, self._rubbed(metric, h))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.whole.held_acceleration(q, v, self.inner.acceleration(t, q, v))
+        return self.held_acceleration(q, v, self.inner.acceleration(t, q, v))
+
+    def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.inner.unheld_acceleration(t, q, v)
+
+    def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
+        return self.whole.held_acceleration(q, v, free)

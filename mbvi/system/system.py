@@ -235,8 +235,23 @@ class System:
         raise NotImplementedError
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return M^-1 g, shape (nv,) [m/s^2, rad/s^2]."""
+        """Return M^-1 g, with equalities the nearest one that keeps them, shape (nv,) [m/s^2, rad/s^2]."""
         raise NotImplementedError
+
+    def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return M^-1 g, shape (nv,): the acceleration before equalities hold it."""
+        return self.acceleration(t, q, v)
+
+    def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
+        """Return the acceleration nearest to a free one that keeps the rates of the equalities zero, shape (nv,)."""
+        new = free
+        for part in self.located_parts():
+            if part.system.equalities:
+                here = slice(part.v, part.v + part.system.nv)
+                new = new.copy() if new is free else new
+                own = part.system.held_acceleration(q[part.q : part.q + part.system.nq], v[here], free[here])
+                new[here] = own
+        return new
 
     def chart_rate(self, q: Array, dv: Array, v: Array) -> Array:
         """Return the rate of dv, shape (nv,), where `integrate(q, dv)` moves with the velocity v."""

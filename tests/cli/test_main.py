@@ -14,7 +14,7 @@ import pytest
 import mbvi
 from mbvi.cli.names.schemes import SchemeName
 from mbvi.cli.names.solvers import SolverName
-from support.paths import ROBOTS
+from support.paths import DATA, ROBOTS
 from support.programs import run
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
@@ -140,6 +140,15 @@ def test_inspect_names_joints_shapes_pairs_and_what_is_left_out(command):
     assert ["elbow", "cylinder", "radius", "0.045,", "length", "0.1", "joint3"] in lines
     assert "8 degrees of freedom" in out and "65 pairs of shapes" in out
     assert "pair arm/elbow | arm/forearm: adjacent links" in out
+
+
+def test_inspect_names_what_mimic_joints_follow(command):
+    code, out, err = command("inspect", DATA / "fingers.urdf")
+    assert (code, err) == (0, "")
+    lines = [line.split() for line in out.splitlines()]
+    assert ["name", "type", "dof", "limits", "follows"] in lines
+    assert ["follower", "revolute", "1", "-1", "to", "1", "rad", "2", "lead"] in lines
+    assert ["lead", "revolute", "1", "-1", "to", "1", "rad"] in lines
 
 
 def test_inspect_takes_an_srdf_and_a_robot_that_would_stand_in_the_floor(command, tmp_path):

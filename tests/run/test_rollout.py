@@ -24,7 +24,8 @@ def states_about(problem, rng, count=COUNT):
         if problem.system.nq > nv:
             change[2] = 0.03
         q0[i] = problem.system.integrate(problem.q0, change)
-    return q0, problem.v0 + 0.3 * rng.normal(size=(count, nv))
+    v0 = problem.v0 + 0.3 * rng.normal(size=(count, nv))
+    return q0, np.array([problem.system.tangent(q, v) for q, v in zip(q0, v0, strict=True)])
 
 
 def expected_of(problem, q0, v0, scheme, steps=STEPS):

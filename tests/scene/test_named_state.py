@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from support.paths import ROBOTS, real_robot
+from support.paths import DATA, ROBOTS, real_robot
 
 HOPPER = ROBOTS / "hopper/hopper.urdf"
 
@@ -18,10 +18,13 @@ def everything(plane=None, friction=0.5):
     return scene.build()
 
 
-@pytest.mark.parametrize("robot", [HOPPER, real_robot("panda_description/urdf/panda.urdf")], ids=["hopper", "panda"])
+PANDA = real_robot("panda_description/urdf/panda.urdf")
+
+
+@pytest.mark.parametrize("robot", [HOPPER, PANDA], ids=["hopper", "panda"])
 def test_every_joint_is_written_where_pinocchio_has_it(robot):
     scene = mbvi.Scene()
-    name = scene.add_urdf(robot, position=(0, 0, 2))
+    name = scene.add_urdf(robot, position=(0, 0, 2), mimic=False)
     problem = scene.build()
     model = problem.model()
     for k, joint in enumerate(model.names):
@@ -32,6 +35,45 @@ def test_every_joint_is_written_where_pinocchio_has_it(robot):
         expected[0][model.idx_qs[k]], expected[1][model.idx_vs[k]] = 0.125, 0.5
         np.testing.assert_array_equal(q, expected[0])
         np.testing.assert_array_equal(v, expected[1])
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_joints_that_follow_others_are_led(several):
+    """Those of a file, and those that a scene couples to them, on another robot too."""
+    scene = mbvi.Scene()
+    scene.add_urdf(HOPPER, position=(0, 0, 2), joints={"knee": 0.5}, name="hopper")
+    scene.add_urdf(PANDA, base="fixed", name="panda")
+    if several:
+        scene.couple("hopper/knee", "panda/panda_finger_joint2", ratio=-2.0, offset=0.5)
+    problem = scene.build(reduce=[])
+    model = problem.model("panda")
+    q, v = problem.state({"panda": {"panda_finger_joint1": 0.02}}, {"panda": {"panda_finger_joint1": 0.3}})
+    assert np.abs(problem.system.gaps(q)).max() <= 1e-15
+    np.testing.assert_array_equal(v, problem.system.tangent(q, v).round(12))
+    fingers = [model.getJointId(f"panda_finger_joint{k}") for k in (1, 2)]
+    whole = {"panda": q[-model.nq :]}
+    assert [q[k - model.nq - 1] for k in fingers] == [0.02, 0.02]
+    assert [v[k - model.nv - 1] for k in fingers] == [0.3, 0.3]
+    knee = problem.model("hopper").nq - 1
+    assert (q[knee], v[knee - 1]) == ((0.46, -0.6) if several else (problem.q0[knee], 0.0))
+    same, _ = problem.state({"panda": {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}})
+    np.testing.assert_array_equal(same, q)
+    np.testing.assert_array_equal(problem.state(whole)[0], q)
+    elsewhere, _ = problem.state({"panda": {"panda_joint1": 0.3}})
+    assert np.count_nonzero(elsewhere != problem.q0) == 1
+    for given in ({"panda_finger_joint2": 0.02}, {"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.02}):
+        with pytest.raises(mbvi.InputError, match="'panda/panda_finger_joint2' follows 'panda/panda_finger_joint1'"):
+            problem.state({"panda": given})
+    with pytest.raises(mbvi.InputError, match="and is with the velocity 0, not 1"):
+        problem.state(v={"panda": {"panda_finger_joint2": 1.0}})
+
+
+def test_a_joint_that_follows_a_locked_one_is_held():
+    scene = mbvi.Scene()
+    scene.add_urdf(DATA / "fingers.urdf", joints={"lead": 0.3}, locked=["lead"], name="hand")
+    problem = scene.build(reduce=[])
+    with pytest.raises(mbvi.InputError, match=r"joint 'hand/follower' is held by hand_follower at 0\.6"):
+        problem.state({"hand": {"follower": 0.1}})
 
 
 def test_a_joint_without_limits_has_cosine_and_sine():

@@ -18,7 +18,6 @@ def said_at_build(scene):
     return " ".join(str(one.message) for one in said), problem.report()
 
 
-@pytest.mark.filterwarnings("ignore:.*mimic")
 @pytest.mark.parametrize(
     "add",
     [

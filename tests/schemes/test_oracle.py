@@ -127,6 +127,14 @@ def test_a_centered_step_solves_its_equations_without_damping(name, e, mu):
     assert hold(name, "centered", e, mu, range(12), in_the_middle) >= 2
 
 
+@pytest.mark.parametrize("e, mu", LAWS)
+@pytest.mark.parametrize("scheme", ["paoli", "moreau_jean"])
+def test_a_step_of_coupled_fingers_solves_its_equations(scheme, e, mu):
+    """Those of Panda are at their limits in many states, where both have the same row on ker J_e."""
+    assert len(robot("panda", e, mu)[1].couplings) == 1
+    assert hold("panda", scheme, e, mu, range(12), always) >= 2
+
+
 @pytest.mark.slow(seconds=90)
 @pytest.mark.parametrize("e, mu", LAWS)
 @pytest.mark.parametrize("name", [*OWN, *REAL, *MORE])
@@ -191,7 +199,7 @@ def test_the_compiled_loop_takes_the_same_step(name, scheme):
         called = names(problem, rows)
         J = np.array([oracle.row(free.place, *one) for one in zip(called, rows.point, rows.normal, strict=True)])
         J = J.reshape(-1, oracle.model.nv)
-        exact, _ = projection(free.matrix, free.velocity, J, -e * (J @ v))
+        exact = oracle.project(free, J, -e * (J @ v))
         np.testing.assert_allclose(run.v[1], exact, atol=TOLERANCE * max(1.0, np.abs(exact).max()))
         end = free.place if scheme == "paoli" else pin.integrate(oracle.model, free.place, 0.5 * H * exact)
         np.testing.assert_allclose(run.q[1], end, atol=TOLERANCE)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from mbvi.geometry.shapes.shapes import Box, Capsule, Cylinder, Ellipsoid, Hull, Sphere
@@ -25,7 +26,7 @@ class RobotOracle:
     """A robot over half-spaces, without control.
 
     M dv/dt = -nle(q, v) - D v. The step to x is implicit in D v, (M + h D) (x - v) = -h nle - h D v; the law acts on x
-    in the metric M.
+    in the metric M. With coupled joints, J_e v = 0, both hold on ker J_e: `basis`, shape (nv, r), spans it.
     """
 
     def __init__(self, problem):
@@ -34,6 +35,14 @@ class RobotOracle:
         self.damping = np.diag(np.array(self.model.damping))
         self.walls = {name: (np.array(w.normal), w.offset) for name, w in problem.scene.walls.items()}
         self.shapes = {shape.name: shape for shape in problem.scene.shapes}
+        # followers and leaders among the joints, ratios and offsets; those of a fixed leader are left to other tests
+        joint = {f"{problem.system.name}/{name}": k for k, name in enumerate(self.model.names)}
+        couplings = problem.scene.items.couplings
+        self.couplings = [(joint[c.first], joint[c.second], c.ratio, c.offset) for c in couplings]
+        rows = np.zeros((len(couplings), self.model.nv))
+        for row, (first, second, ratio, _) in zip(rows, self.couplings, strict=True):
+            row[self.model.idx_vs[first]], row[self.model.idx_vs[second]] = 1.0, -ratio
+        self.basis = null_space(rows) if couplings else np.eye(self.model.nv)
 
     def matrix(self, q):
         upper = np.triu(pin.crba(self.model, self.data, q))
@@ -44,7 +53,21 @@ class RobotOracle:
         M, u = self.matrix(q), v if forces_at is None else forces_at
         effective = M + h * self.damping
         effects = pin.nonLinearEffects(self.model, self.data, q, u) + self.damping @ u
-        return Free(q, M, v - h * np.linalg.solve(effective, effects))
+        x, N = v - h * np.linalg.solve(effective, effects), self.basis
+        return Free(q, M, N @ np.linalg.solve(N.T @ effective @ N, N.T @ effective @ x) if self.couplings else x)
+
+    def project(self, free, J, lower):
+        """The velocity of the law on ker J_e."""
+        N = self.basis
+        y = np.linalg.lstsq(N, free.velocity)[0] if self.couplings else free.velocity
+        return N @ projection(N.T @ free.matrix @ N, y, J @ N, lower)[0]
+
+    def follow(self, q, v):
+        """Place joints where those that they follow lead them, and move them so."""
+        k, i = self.model.idx_qs, self.model.idx_vs
+        for _ in self.couplings:
+            for first, second, ratio, offset in self.couplings:
+                q[k[first]], v[i[first]] = ratio * q[k[second]] + offset, ratio * v[i[second]]
 
     # where the schemes of docs/howto/schemes.md apply the law, and what they move before and after it
     def paoli(self, q, v, h):

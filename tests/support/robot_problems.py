@@ -1,6 +1,7 @@
 """Robots of the project and published ones, each dropped onto a floor or moving at its joint limits."""
 
 import warnings
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -28,13 +29,13 @@ def path_of(name):
     return ROBOTS / name / f"{name}.urdf" if name in OWN else real_robot(REAL[name][0])
 
 
-def problem_of(name, kind, e):
+def problem_of(name, kind, e, mimic=True):
     """A robot one centimetre above a floor, or a fixed one; with `limits` four in ten joints run into one."""
     path, free = path_of(name), is_free(name)
     # loaders of some descriptions warn about what they leave out
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        joints, velocity = state_of(path, free, kind, np.random.default_rng(len(name)))
+        joints, velocity = state_of(path, free, kind, np.random.default_rng(len(name)), mimic)
 
         def build(height):
             scene = mbvi.Scene(restitution=e)
@@ -44,7 +45,7 @@ def problem_of(name, kind, e):
                 scene.add_halfspace(normal=(-1, 0, 0), offset=-0.2)
             where = {"position": (0, 0, height)} if free else {}
             start = {"joints": joints, "velocity": velocity} if kind == "limits" else {}
-            scene.add_urdf(path, base="free" if free else "fixed", **start, **where)
+            scene.add_urdf(path, base="free" if free else "fixed", mimic=mimic, **start, **where)
             return scene.build()
 
         if not free:
@@ -60,8 +61,8 @@ def problem_of(name, kind, e):
     )  # fmt: skip
 
 
-def state_of(path, free, kind, rng):
-    """Positions and velocities of the joints by name."""
+def state_of(path, free, kind, rng, mimic):
+    """Positions and velocities of the joints by name, where joints mimic others without those."""
     model = pin.buildModelFromUrdf(str(path), *([pin.JointModelFreeFlyer()] if free else []))
     joints, velocity = {}, {}
     for joint in range(2 if free else 1, model.njoints):
@@ -75,4 +76,8 @@ def state_of(path, free, kind, rng):
             velocity[name] = 1.0 if near else 0.3 * rng.normal()
         else:
             velocity[name] = 0.3 * rng.normal()
+    for joint in ElementTree.parse(path).getroot().findall("joint"):
+        if mimic and joint.find("mimic") is not None:
+            joints.pop(joint.get("name"), None)
+            velocity.pop(joint.get("name"), None)
     return joints, velocity

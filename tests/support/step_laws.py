@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from support.oracle import Free, RobotOracle, projection
+from support.oracle import Free, RobotOracle
 
 
 class Found(NamedTuple):
     """How far one step is from each law; speeds over the largest speed, percussions and momenta over the largest ones.
 
     gradient: rows against [n, p x n] of their own contact points. free: rates that forces alone lead to. balance:
-    M (w - x) = J' p + T' p_t. bound: rows slower than Newton's bound. sign: percussions below zero. complementarity:
-    percussions on rows faster than it. cone: tangential percussions above mu p. slip: percussions that do not oppose
-    the slip at mu p. velocity: the velocity after, against the projection of its own.
+    M (w - x) = J' p + T' p_t on ker J_e. bound: rows slower than Newton's bound. sign: percussions below zero.
+    complementarity: percussions on rows faster than it. cone: tangential percussions above mu p. slip: percussions that
+    do not oppose the slip at mu p. velocity: the velocity after, against the projection of its own.
     """
 
     gradient: float = 0.0
@@ -50,7 +50,8 @@ def check_step(oracle: RobotOracle, free: Free, v, step, lower) -> Found:
     J = J.reshape(-1, nv)
     speed = max(1.0, float(np.abs(v).max()), float(np.abs(step.v).max()))
     momentum = float(np.abs(free.matrix @ np.full(nv, speed)).max())
-    jump = free.matrix @ (step.v - free.velocity)
+    # reactions of equalities do no work on the velocities that these allow
+    jump, N = oracle.basis.T @ free.matrix @ (step.v - free.velocity), oracle.basis
     if not len(J):
         return Found(balance=np.abs(jump).max() / momentum, velocity=np.abs(step.v - free.velocity).max() / speed)
     least = lower(called, J)
@@ -65,7 +66,7 @@ def check_step(oracle: RobotOracle, free: Free, v, step, lower) -> Found:
     }
     sideways = np.zeros(nv)
     if rows.tangents is None:
-        exact, _ = projection(free.matrix, free.velocity, J, least)
+        exact = oracle.project(free, J, least)
         found["velocity"] = np.abs(exact - step.v).max() / speed
     else:
         mu, tangential = rows.tangents.friction, step.slip[0]
@@ -80,7 +81,7 @@ def check_step(oracle: RobotOracle, free: Free, v, step, lower) -> Found:
         found["cone"] = max(0.0, (size - mu * p).max()) / most
         work = mu * p * np.hypot(*slip.T) + (tangential * slip).sum(axis=1)
         found["slip"] = np.abs(work).max() / (most * speed)
-    found["balance"] = np.abs(jump - J.T @ p - sideways).max() / momentum
+    found["balance"] = np.abs(jump - N.T @ (J.T @ p + sideways)).max() / momentum
     return Found(**{key: float(value) for key, value in found.items()})
 
 
@@ -108,6 +109,7 @@ def random_state(problem, oracle, rng, near=1e-3):
                     up = rng.random() < 0.5
                     q[k] = np.clip(high - rng.uniform(0.0, near) if up else low + rng.uniform(0.0, near), low, high)
                     v[i] = abs(v[i]) if up else -abs(v[i])
+        oracle.follow(q, v)
         if model.nqs[1] == 7 and oracle.walls:
             q[2] -= to_walls(oracle, q) - rng.uniform(0.0, near)
             if rng.random() < 0.8:

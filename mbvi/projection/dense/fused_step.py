@@ -12,7 +12,7 @@ from ..free_motion import FreeMotion
 from ..metric import Array, Metric
 from ..tree import TreeFreeMotion, TreeMetric, solve
 from ..warm_start import LastPercussions
-from .robot_step import newton_law, solve_active_set, tree_law
+from .robot_step import ROUNDING, newton_law, solve_active_set, tree_law
 from .scaled_qp import Projection
 
 # up to so many rows an answer must be at rounding to end the search; beyond, a thousandth of the allowed residual does
@@ -54,8 +54,9 @@ class FusedStep:
         velocity, rates = np.empty(len(x)), np.empty((3, len(lower)))
         found = self._solve(x, metric, J, lower, velocity, rates)
         if self._refused(found):
-            self._check(found, x, metric, J, lower)
-            return None
+            if not self._met(found, x, metric, J, lower):
+                return None
+            velocity[:], rates[0], found = x, 0.0, 0.0
         self._last.percussion, self._last.keys = rates[0], None
         return Projection(velocity, rates[0], found)
 
@@ -72,8 +73,9 @@ class FusedStep:
             found = self._solve(plain_array(motion.free), motion.metric, J, lower, velocity, rates)
         if self._refused(found):
             newton_law(J, plain_array(v), e, opened, lower, rates)
-            self._check(found, motion.free, motion.metric, J, lower)
-            return None
+            if not self._met(found, motion.free, motion.metric, J, lower):
+                return None
+            velocity[:], rates[0], rates[1:3], found = motion.free, 0.0, J @ motion.free, 0.0
         last.percussion, last.keys = rates[0], None
         return velocity, rates, found
 
@@ -89,9 +91,16 @@ class FusedStep:
         # written so that a NaN is refused too
         return not 0.0 <= found < np.inf
 
-    def _check(self, found: float, x: Array, metric: Metric, J: Array, lower: Array) -> None:
-        if found < -self._residual:
-            raise contradiction({"x": x, "M": metric.dense(), "J": J, "lower": lower})
+    def _met(self, found: float, x: Array, metric: Metric, J: Array, lower: Array) -> bool:
+        """Return whether rows that contradict each other are met by x to within its own rounding."""
+        if not found < -self._residual:
+            return False
+        M = metric.dense()
+        # equalities may leave of the terms of J x far less than the rounding of x
+        lengths = np.linalg.norm(np.linalg.solve(np.linalg.cholesky(M), J.T), axis=0)
+        if (lower - J @ x > ROUNDING * np.sqrt(x @ M @ x) * lengths).any():
+            raise contradiction({"x": x, "M": M, "J": J, "lower": lower})
+        return True
 
 
 def _solved(metric: Metric, J: Array) -> tuple[Array, Array]:

@@ -71,20 +71,18 @@ def _obstacle(model: pin.Model, one: Mimic, kinds: Mapping[str, str]) -> str:
 
 
 def on_their_own(mimics: Collection[Mimic]) -> tuple[Omission, ...]:
-    """Return the omissions of mimic joints that are not modelled."""
+    """Return the omissions of mimic joints that a user frees."""
     return tuple(Omission(f"{_MIMIC}{one.joint}", f"{_ALONE}{one.leader}") for one in mimics)
 
 
 def unfollowed(omitted: Collection[Omission], still: Collection[str]) -> str:
-    """Return which joints are to follow others by their URDF and do not, in words; `still` are locked."""
+    """Return which joints cannot follow others as their URDF wants, and why, in words; `still` are locked."""
     named = {one.what.removeprefix(_MIMIC): one.why for one in omitted if one.what.startswith(_MIMIC)}
-    named = {name: why for name, why in named.items() if name not in still}
-    fixed = [name for name, why in named.items() if why == _FIXED]
-    alone = [name for name, why in named.items() if why.startswith(_ALONE)]
-    how = "lock them, drive them by a control, or let them follow by mimic=True"
-    said = [f"{', '.join(alone)} move on their own: {how}"] if alone else []
-    said += [f"{name}: {why}" for name, why in named.items() if name not in (*fixed, *alone)]
-    said += [f"{', '.join(fixed)} are fixed"] if fixed else []
+    said = [
+        f"{name}: {why}"
+        for name, why in named.items()
+        if name not in still and why != _FIXED and not why.startswith(_ALONE)
+    ]
     return f"joints do not mimic others: {'; '.join(said)}" if said else ""
 
 

@@ -16,15 +16,12 @@ _OPENS, STAYS = 1e-9, 1e-10
 _LATER, _CHECKS = 1e-7, 17
 # share of a step to which bisection finds a release
 _BISECTED = 1e-13
-# accelerations below this are denormal numbers and count as zero
-_DENORMAL = 1e-290
 
 
 def complementarity(flow: Flow, projector: Projector, t: float, q: Array, v: Array, rest: Array) -> tuple[Array, Array]:
     """Return the forces of resting contacts, and the accelerations of their gaps relative to the terms of these."""
-    free, metric, J, wanted = flow.contact_equations(t, q, v, rest)
+    free, metric, J, wanted, scale = flow.contact_equations(t, q, v, rest)
     solved = projector.project(free, metric, J, wanted)
-    scale = np.abs(J) @ np.abs(free) + np.abs(wanted) + _DENORMAL
     opening = J @ solved.velocity - wanted
     return solved.percussion, opening / scale
 
@@ -58,9 +55,8 @@ def first_release(flow: Flow, projector: Projector, step: RungeKuttaStep, closed
 def _forces(flow: Flow, step: RungeKuttaStep, closed: Array, share: float) -> Array:
     """Return the forces of closed contacts, if none may open, as accelerations plus a margin for rounding."""
     q, v = step.at(flow.system, share)
-    free, metric, J, wanted = flow.contact_equations(step.t + share * step.h, q, v, closed)
+    free, metric, J, wanted, scale = flow.contact_equations(step.t + share * step.h, q, v, closed)
     G = J @ metric.solve_rows(J).T
-    scale = np.abs(J) @ np.abs(free) + np.abs(wanted) + _DENORMAL
     return np.asarray(least_percussion(G, wanted - J @ free) * G.diagonal() + _OPENS * scale)
 
 

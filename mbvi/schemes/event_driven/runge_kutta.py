@@ -23,6 +23,8 @@ _INDEPENDENT = 1e-3
 # degree of the dense output
 DEGREE = 7
 _POWERS = np.arange(1, DEGREE + 1)
+# accelerations below this are denormal numbers and count as zero
+_DENORMAL = 1e-290
 # safety factor of the travel of a coordinate, which is computed from the largest rate of all stages
 _MARGIN = 1.2
 
@@ -76,6 +78,30 @@ class RungeKuttaStep(NamedTuple):
         return self._replace(h=self.h + time, q=q, v=self.v + time * a)
 
 
+class ContactEquations(NamedTuple):
+    """What decides on the accelerations of closed rows.
+
+    Attributes
+    ----------
+    free : ndarray, shape (nv,)
+        The acceleration without contact forces.
+    metric : Metric
+        M.
+    J : ndarray, shape (k, nv)
+        Gradients.
+    wanted : ndarray, shape (k,)
+        The values of J a that keep the rows closed.
+    scale : ndarray, shape (k,)
+        The size of the terms of J a - wanted.
+    """
+
+    free: Array
+    metric: Metric
+    J: Array
+    wanted: Array
+    scale: Array
+
+
 def velocity_change(metric: Metric, J: Array, change: Array) -> Array:
     """Return M^-1 J' p for the least p that changes J v by `change`; rows may depend on each other."""
     inverse_mass_rows = metric.solve_rows(J)
@@ -121,10 +147,14 @@ class Flow:
         self._stages, self._error_weights = n, np.array([DOP853.E5, DOP853.E3])
         self._dense_weights = _dense_polynomials(DOP853.B, DOP853.D)
 
-    def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> tuple[Array, Metric, Array, Array]:
-        """Return the free acceleration, M, J, and the value of J a that keeps the closed rows closed."""
-        free = self.system.acceleration(t, q, v)
-        return free, self.system.metric(q), self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
+    def contact_equations(self, t: float, q: Array, v: Array, closed: Array) -> ContactEquations:
+        """Return what decides on the accelerations of closed rows."""
+        unheld = self.system.unheld_acceleration(t, q, v)
+        free = self.system.held_acceleration(q, v, unheld)
+        J, wanted = self.rows.gradients(t, q, closed), -self.rows.bias(t, q, v, closed)
+        # where equalities hold a body nearly still, what is left of its acceleration has the rounding of all of it
+        scale = np.abs(J) @ np.maximum(np.abs(free), np.abs(unheld)) + np.abs(wanted) + _DENORMAL
+        return ContactEquations(free, self.system.metric(q), J, wanted, scale)
 
     def acceleration(self, t: float, q: Array, v: Array, closed: Array) -> Array:
         """Return dv/dt with the given rows kept closed, followed by dv/dt without contact forces if there are any rows.
@@ -133,7 +163,7 @@ class Flow:
         """
         if not closed.size:
             return self.system.acceleration(t, q, v)
-        free, metric, J, wanted = self.contact_equations(t, q, v, closed)
+        free, metric, J, wanted, _ = self.contact_equations(t, q, v, closed)
         return np.concatenate([free + velocity_change(metric, J, wanted - J @ free), free])
 
     def step(self, t: float, q: Array, v: Array, a: Array, h: float, closed: Array) -> RungeKuttaStep:

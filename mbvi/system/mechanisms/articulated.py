@@ -263,14 +263,18 @@ class ArticulatedSystem(System):
         )  # fmt: skip
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        free = self.unheld_acceleration(t, q, v)
+        return self.held_acceleration(q, v, free) if self.equalities else free
+
+    def unheld_acceleration(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)
         if self._damped:
             torque = torque - self.damping * v
-        free = pin.aba(self.model, self._data, q, v, torque)
-        return self.held_acceleration(q, v, free) if self.equalities else free
+        return pin.aba(self.model, self._data, q, v, torque)
 
     def held_acceleration(self, q: Array, v: Array, free: Array) -> Array:
-        """Return the acceleration nearest to a free one that keeps the rates of the equalities zero, shape (nv,)."""
+        if not self.equalities:
+            return free
         metric, change = self.metric(q), np.empty(self.nv)
         e, rate = self._closed, self._mass[self.nv :] @ free
         m = len(e.normals)

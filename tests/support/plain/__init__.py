@@ -29,6 +29,7 @@ from support.plain.tree import (
     _unwhiten_plain,
     _whiten_plain,
     advance_plain,
+    factor_mass_plain,
     factor_plain,
     solve_plain,
 )
@@ -70,7 +71,7 @@ PLAIN = {
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,
     "factor": factor_plain,
-    "factor_mass": factor_plain,
+    "factor_mass": factor_mass_plain,
     "filter_active": filter_active_plain,
     "goldfarb_idnani": goldfarb_idnani_plain,
     "gram": gram_plain,
