@@ -109,6 +109,9 @@ def _add_actuators(m: Any, joints: Sequence[str], found: MjcfForces) -> None:
             own = f"{default}_{number}"
         taken.add(own)
         why = _reason(m, a) or ("" if moment else "only joints and fixed tendons are driven")
+        if len(next(iter(moment.values()), ())) > 1 and m.actuator_biastype[a] and m.actuator_biasprm[a, 1]:
+            # the error of such a servo is taken modulo a turn
+            why = why or "servos of ball joints are not modelled"
         if why:
             found.omitted.append(Omission(f"actuator {own}", why))
             continue

@@ -39,7 +39,7 @@ from ..items import BodyItem, ConnectionItem, CouplingItem, ForceItem, RobotItem
 from ..model import Start
 from ..reductions import Omission, checked_reductions
 from ..urdf.robot import Robot, build_model
-from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
+from .given_again import LOST, GivenAgain, LostControl, LostForce, LostInputs, LostSceneControl
 
 if TYPE_CHECKING:
     from ...problem import Problem
@@ -168,7 +168,7 @@ def _actions(items: SceneItems) -> list[tuple[str, Any]]:
     """Return the controls and forces of a scene with their names."""
     return [
         *(
-            (f"control of robot {r.robot.name!r}", r.control)
+            (f"control of robot {r.robot.name!r}", getattr(r.control, "function", r.control))
             for r in items.robots
             if r.control is not None and not isinstance(r.control, Actuators)
         ),
@@ -313,8 +313,9 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
     springs, actuators = (tuple(map(_force_back, data.get(kind, ()))) for kind in ("springs", "actuators"))
     if control is None and data["control"] is not None:
-        control = LostControl(str(data["control"]))
-    elif actuators:
+        source = str(data["control"])
+        control = LostInputs(source, len(actuators)) if actuators else LostControl(source)
+    if actuators:
         driven = Actuators(actuators, np.array(data["ctrl"]))
         control = driven if control is None else DrivenActuators(driven, control)
     # older files have a tolerance, which was exact where it was null
