@@ -171,14 +171,15 @@ def test_kernels_and_python_take_the_same_steps(scheme, tmp_path):
     np.testing.assert_allclose(last.v, run.v[-1], atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:contacts of")
 def test_several_robots_share_one_table(tmp_path):
     rng = np.random.default_rng(4)
     scene, _, _ = scene_of(drawn_model(rng), tmp_path)
     (tmp_path / "arm.xml").write_text(ARM)
     scene.add_mjcf(tmp_path / "arm.xml", control=mbvi.PDControl({"s": 0.1, "w": 0.2}, 3.0, 0.4))
     scene.add_mjcf(tmp_path / "arm.xml", position=(0, 0, 9))
-    scene.add_urdf("robot:hopper", control=mbvi.ConstantTorque([1.0, 2.0]))
-    scene.add_box((1, 1, 1))
+    scene.add_urdf("robot:hopper", position=(9, 9, 9), control=mbvi.ConstantTorque([1.0, 2.0]))
+    scene.add_box((1, 1, 1), position=(-9, 9, 9))
     problem = scene.build()
     problem.ctrl[:] = rng.normal(size=len(problem.ctrl))
     system = problem.system

@@ -101,8 +101,9 @@ def _add_actuators(m: Any, joints: Sequence[str], found: MjcfForces) -> None:
     over, taken = [_transmission(m, a, joints) for a in range(len(m.actuator_trntype))], set[str]()
     for a, moment in enumerate(over):
         target = int(m.actuator_trnid[a, 0])
-        driven = m.tendon(target).name if _kind(m, a, "TENDON") else next(iter(moment), "")
-        own = default = m.actuator(a).name or driven or f"actuator{a}"
+        of_joint = _kind(m, a, "JOINT") or _kind(m, a, "JOINTINPARENT")
+        driven = m.tendon(target).name if _kind(m, a, "TENDON") else joints[target] if of_joint else ""
+        own = default = m.actuator(a).name or driven or str(a)
         number = 1
         while own in taken:
             number += 1
