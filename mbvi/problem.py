@@ -285,7 +285,12 @@ class Problem:
 
     @property
     def ctrl(self) -> Inputs:
-        """The inputs of actuators that come from MJCFs by name; `problem.ctrl["hip"] = 0.3` sets one."""
+        """The inputs of the actuators of MJCFs by name, in the order of the robots and of their files.
+
+        `problem.ctrl["hip"] = 0.3` sets one, `problem.ctrl[:] = array` all, for runs that begin later and for the next
+        step of a `Simulator`; `names` and `ranges`, shape (nu, 2), list them. Names are "robot/actuator" where several
+        robots have actuators.
+        """
         found = [(part.name, part.control) for part in parts_of(self.system) if isinstance(part, ArticulatedSystem)]
         return Inputs([(name, one) for name, one in found if isinstance(one, Actuators | DrivenActuators)])
 
