@@ -16,7 +16,8 @@ from .arguments import restitution as checked_restitution
 from .constraints import AdmissibleSet, Constraint, ConstraintFamily
 from .constraints.families.given import checked_constraints
 from .errors import DivergedError, InadmissibleStartError, InputError
-from .system import System, checked_system, parts_of
+from .system import ArticulatedSystem, System, checked_system, parts_of
+from .system.actuators import Actuators, DrivenActuators, Inputs
 from .system.free.free_body_table import FreeBodyTable, free_body_table
 
 if TYPE_CHECKING:
@@ -282,6 +283,17 @@ class Problem:
         if self.scene is None:
             raise InputError("this problem is of no scene: nothing in it has a name; give q and v as arrays")
         return self.scene.state(self, q, v)
+
+    @property
+    def ctrl(self) -> Inputs:
+        """The inputs of the actuators of MJCFs by name, in the order of the robots and of their files.
+
+        `problem.ctrl["hip"] = 0.3` sets one, `problem.ctrl[:] = array` all, for runs that begin later and for the next
+        step of a `Simulator`; `names` and `ranges`, shape (nu, 2), list them. Names are "robot/actuator" where several
+        robots have actuators.
+        """
+        found = [(part.name, part.control) for part in parts_of(self.system) if isinstance(part, ArticulatedSystem)]
+        return Inputs([(name, one) for name, one in found if isinstance(one, Actuators | DrivenActuators)])
 
     def model(self, name: str | None = None) -> pin.Model:
         """Return a copy of the Pinocchio model of a robot, as it is simulated.

@@ -70,11 +70,12 @@ def _gains(system: ArticulatedSystem, t: float, q: Array, v: Array, functions: b
     """Return stiffness and damping of a control, shape (nv, nv); None if it is a function that may not be called."""
     control = system.control
     if isinstance(control, LoopControl) and control.table.kind == TRACKING:
+        gains, rows = [], control.table.actuators
         free = np.zeros(system.nv - len(control.table.stiffness))
-        stiffness, damping = (
-            np.diag(np.concatenate([free, one])) for one in (control.table.stiffness, control.table.damping)
-        )
-        return stiffness, damping
+        for k, one in ((2, control.table.stiffness), (3, control.table.damping)):
+            gains.append(np.diag(np.concatenate([free, one])))
+            gains[-1][len(free) :, len(free) :] -= rows.moment.T @ (rows.law[:, k : k + 1] * rows.moment)
+        return gains[0], gains[1]
     if not functions or control is None:
         return None
     shifts, torque = _DIFFERENCE * np.eye(system.nv), control

@@ -87,7 +87,7 @@ class Blocks:
         """Give equalities to one of the robots."""
         robot = self.systems[number]
         assert isinstance(robot, ArticulatedSystem)
-        self.systems[number] = ArticulatedSystem(robot.model, robot.name, robot.control, equalities)
+        self.systems[number] = ArticulatedSystem(robot.model, robot.name, robot.control, equalities, robot.springs)
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many q, v and bodies there are so far."""
@@ -119,7 +119,7 @@ class Blocks:
         model = item.robot.model.copy()
         model.gravity.linear = self.items.gravity
         set_joint_friction(model, item.friction)
-        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control))
+        self.systems.append(ArticulatedSystem(model, item.robot.name, item.control, (), item.springs))
         self.q0.append(item.q0)
         self.v0.append(item.v0)
         placed = [replace(s, body=s.body + nb if s.body else 0) for s in shapes]

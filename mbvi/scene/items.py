@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..geometry.motion import Motion
 from ..geometry.shapes.shapes import Array, Convex, HalfSpace
 from ..geometry.shapes.triangles import Surface
+from ..system.joint_forces import JointForce
 from ..system.mechanisms.articulated import Control
 from .state import State
 from .urdf.robot import Robot
@@ -23,7 +24,7 @@ Force = Callable[[float, Array, Array], Any]
 
 @dataclass(frozen=True)
 class RobotItem:
-    """A robot with its pose, its initial state and its locked joints.
+    """A robot with its pose, its initial state, its locked joints and its springs.
 
     `tolerance` is that of simpler shapes than its hulls [m]; None is 1e-4 of the size of each, 0 exact. `friction` is
     the largest torque or force of dry friction of some joints [N m, N].
@@ -38,6 +39,7 @@ class RobotItem:
     control: Control | None
     locked: tuple[str, ...] = ()
     tolerance: float | None = None
+    springs: tuple[JointForce, ...] = ()
     friction: Mapping[str, float] = field(default_factory=dict)
 
     def links(self) -> dict[str, bool]:

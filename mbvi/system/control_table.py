@@ -1,4 +1,4 @@
-"""The table of a control as kernels take it, and its torque."""
+"""The table of a control as kernels take it, with the springs of its mechanism, and its torque."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import call_address, kernel, record
+from .joint_forces import ForceRows, add_row_forces, no_forces, rows_side_by_side
 from .system import Array
 
 # what a control is
 NONE, TRACKING, FUNCTION, HELD = range(4)
 
 
-@record("i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1]")
+@record(
+    "i8, i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], "
+    "ForceRows, ForceRows"
+)
 class ControlTable(NamedTuple):
     """A control as kernels take it; it acts on the last n velocities.
 
@@ -34,6 +38,8 @@ class ControlTable(NamedTuple):
         Gains, and the largest torque.
     position : ndarray of int, shape (n,)
         Where in q the position of each joint is, counted from the end.
+    actuators, springs : ForceRows
+        What acts besides. Of `HELD` the inputs of actuators have the rows of `torque`.
     """
 
     kind: int
@@ -47,6 +53,8 @@ class ControlTable(NamedTuple):
     damping: Array
     limit: Array
     position: Array
+    actuators: ForceRows
+    springs: ForceRows
 
 
 @kernel("Tuple((i8, f8))(f8[::1], f8)")
@@ -82,23 +90,24 @@ def write_torque(control: ControlTable, t: float, q: Array, v: Array, torque: Ar
         torque[k] = 0.0
     if control.kind == FUNCTION:
         call_address(control.address[0], t, q.ctypes.data, v.ctypes.data, torque.ctypes.data)
-    n = control.torque.shape[1]
+    n, held = control.torque.shape[1], 0
     rate = len(v) - n
     if control.kind == HELD:
         row: int = np.int64(np.floor((t - control.times[0]) / control.times[1]))  # type: ignore[assignment]
-        row = control.held[0] + min(max(row, 0), control.held[1] - 1)
+        held = control.held[0] + min(max(row, 0), control.held[1] - 1)
         for k in range(n):
-            torque[rate + k] = control.torque[row, k]
-    if control.kind != TRACKING:
-        return
-    row, share = bracket(control.times, t)
-    for k in range(n):
-        tau = between(control.torque, row, k, share)
-        if control.stiffness[k] != 0.0:
-            tau += control.stiffness[k] * (between(control.q, row, k, share) - q[len(q) - control.position[k]])
-        if control.damping[k] != 0.0:
-            tau += control.damping[k] * (between(control.v, row, k, share) - v[rate + k])
-        torque[rate + k] = min(max(tau, -control.limit[k]), control.limit[k])
+            torque[rate + k] = control.torque[held, k]
+    if control.kind == TRACKING:
+        row, share = bracket(control.times, t)
+        for k in range(n):
+            tau = between(control.torque, row, k, share)
+            if control.stiffness[k] != 0.0:
+                tau += control.stiffness[k] * (between(control.q, row, k, share) - q[len(q) - control.position[k]])
+            if control.damping[k] != 0.0:
+                tau += control.damping[k] * (between(control.v, row, k, share) - v[rate + k])
+            torque[rate + k] = min(max(tau, -control.limit[k]), control.limit[k])
+    add_row_forces(control.actuators, held, q, v, torque)
+    add_row_forces(control.springs, 0, q, v, torque)
 
 
 def no_control(nv: int) -> ControlTable:
@@ -107,7 +116,7 @@ def no_control(nv: int) -> ControlTable:
 
 
 def side_by_side(tables: Sequence[tuple[ControlTable, int, int]], nq: int, nv: int) -> ControlTable:
-    """Return one table of torques and PD controls that act on several mechanisms.
+    """Return one table of torques, PD controls, actuators and springs that act on several mechanisms.
 
     Parameters
     ----------
@@ -128,9 +137,14 @@ def side_by_side(tables: Sequence[tuple[ControlTable, int, int]], nq: int, nv: i
             (table.stiffness, table.damping), table.limit, nq - q_end + table.position
         )  # fmt: skip
     torque, q, v = rows
-    return tracking(torque, times)._replace(
-        q=q, v=v, stiffness=gains[0], damping=gains[1], limit=limit, position=position
+    actuators, springs = (
+        rows_side_by_side([(getattr(table, kind), *ends) for table, *ends in tables], nq, nv)
+        for kind in ("actuators", "springs")
     )
+    return tracking(torque, times)._replace(
+        q=q, v=v, stiffness=gains[0], damping=gains[1], limit=limit, position=position, actuators=actuators,
+        springs=springs,
+    )  # fmt: skip
 
 
 def tracking(torque: Array, times: Array | None = None) -> ControlTable:
@@ -140,4 +154,5 @@ def tracking(torque: Array, times: Array | None = None) -> ControlTable:
     when = np.zeros(1) if times is None else times
     numbers = np.zeros(1, np.int64), np.zeros(2, np.int64)
     position = n - np.arange(n)
-    return ControlTable(TRACKING, *numbers, when, torque, still, still, none, none, np.full(n, np.inf), position)
+    gains, forces = (none, none, np.full(n, np.inf)), (no_forces(n), no_forces(n))
+    return ControlTable(TRACKING, *numbers, when, torque, still, still, *gains, position, *forces)

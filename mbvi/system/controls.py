@@ -13,6 +13,7 @@ from ..compiled import plain_array
 from ..errors import InputError
 from .control_table import FUNCTION, HELD, ControlTable, tracking, write_torque
 from .given import called
+from .joint_forces import ForceRows
 from .mechanisms.named_joints import expanded, in_order
 from .system import Array
 
@@ -179,15 +180,20 @@ class HeldTorque(LoopControl):
         Torques of the robot's last n velocities in each step, those of several runs one below the other [N, N m].
     steps : int
         Steps of a run.
+    actuators : ForceRows, optional
+        What acts besides, with as many rows of inputs.
     """
 
-    def __init__(self, torque: Array, steps: int) -> None:
+    def __init__(self, torque: Array, steps: int, actuators: ForceRows | None = None) -> None:
         table = tracking(np.zeros((1, torque.shape[1])), np.array([0.0, 1.0]))
         self.table = table._replace(kind=HELD, held=np.array([0, steps]), torque=torque)
+        if actuators is not None:
+            self.table = self.table._replace(actuators=actuators)
 
     def copy(self) -> HeldTorque:
-        """Return a control for another thread, with the same torques."""
-        return HeldTorque(self.table.torque, self.table.held.item(1))
+        """Return a control for another thread, with the same torques and inputs."""
+        table = self.table
+        return HeldTorque(table.torque, table.held.item(1), table.actuators)
 
     def begin(self, run: int, start: float, h: float, at_end: bool) -> None:
         """Take the rows of a run that starts at a time, with steps of h [s].

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import mbvi
 from mbvi.geometry.shapes.shapes import Hull
+from support.beside_mujoco import Beside, full_mass, scene_of
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -45,82 +46,6 @@ LOOSE = """<mujoco model="loose"><worldbody><geom name="floor" type="plane" size
   <body name="two" pos="1 0 1" euler="10 20 30"><freejoint/><geom type="box" size=".1 .2 .3" pos=".1 0 0"/>
     <body pos="0 0 .4"><joint axis="1 0 0"/><joint axis="0 1 0" pos=".1 0 0"/><geom size=".05" pos="0 0 .1"/></body>
   </body></worldbody></mujoco>"""
-
-
-def scene_of(text, folder, **arguments):
-    """Return a scene with a MJCF, its name, and MuJoCo's own model."""
-    file = folder / "model.xml"
-    file.write_text(text)
-    scene = mbvi.Scene()
-    return scene, scene.add_mjcf(file, **arguments), mujoco.MjModel.from_xml_string(text)
-
-
-class Beside:
-    """A model of MuJoCo and one of Pinocchio, and how q and v of the first become those of the second."""
-
-    def __init__(self, m, model):
-        self.m, self.model = m, model
-        self.d, self.data = mujoco.MjData(m), model.createData()
-        # position in MuJoCo and in Pinocchio: joints have the same order
-        self.joints = [(int(m.jnt_type[j]), int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])) for j in range(m.njnt)]
-
-    def q(self, qpos):
-        q = np.array(qpos)
-        for kind, at, _ in self.joints:
-            if kind in (0, 1):
-                k = at + 3 * (kind == 0)
-                q[k : k + 4] = qpos[[k + 1, k + 2, k + 3, k]]
-        return q
-
-    def turn(self, qpos):
-        """Return S with v = S qvel, and dS/dt qvel as a function of qvel."""
-        S = np.eye(self.m.nv)
-        for kind, at, dof in self.joints:
-            if kind == 0:
-                w, x, y, z = qpos[at + 3 : at + 7]
-                S[dof : dof + 3, dof : dof + 3] = pin.Quaternion(w, x, y, z).toRotationMatrix().T
-        return S
-
-    def turning(self, S, qvel):
-        rate = np.zeros(self.m.nv)
-        for kind, _, dof in self.joints:
-            if kind == 0:
-                local = S[dof : dof + 3, dof : dof + 3] @ qvel[dof : dof + 3]
-                rate[dof : dof + 3] = -np.cross(qvel[dof + 3 : dof + 6], local)
-        return rate
-
-    def random(self, rng):
-        qpos = np.zeros(self.m.nq)
-        qpos[:] = self.m.qpos0
-        mujoco.mj_integratePos(self.m, qpos, rng.normal(size=self.m.nv), 1.0)
-        return qpos, rng.normal(size=self.m.nv)
-
-    def check(self, qpos, qvel, rtol=1e-12):
-        """Compare the mass matrix, the bias and the damped free acceleration."""
-        m, d, model, data = self.m, self.d, self.model, self.data
-        d.qpos[:], d.qvel[:] = qpos, qvel
-        mujoco.mj_forward(m, d)
-        mass = np.zeros((m.nv, m.nv))
-        full_mass(m, d, mass)
-        S, q = self.turn(qpos), self.q(qpos)
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        ours = np.triu(data.M) + np.triu(data.M, 1).T
-        np.testing.assert_allclose(S.T @ ours @ S, mass, rtol=0, atol=rtol * np.abs(mass).max())
-        bias = S.T @ (pin.nonLinearEffects(model, data, q, S @ qvel) + ours @ self.turning(S, qvel))
-        scale = max(np.abs(bias).max(), np.abs(mass).max() * float(qvel @ qvel))
-        np.testing.assert_allclose(bias, d.qfrc_bias, rtol=0, atol=rtol * scale)
-        system = mbvi.system.ArticulatedSystem(model)
-        energy = 0.5 * float(qvel @ mass @ qvel)
-        np.testing.assert_allclose(system.kinetic_energy(q, S @ qvel), energy, rtol=1e-11)
-        np.testing.assert_allclose(model.damping * (S @ qvel), S @ -d.qfrc_damper, rtol=0, atol=rtol * scale)
-
-
-def full_mass(m, d, mass):
-    try:
-        mujoco.mj_fullM(m, d, mass)
-    except TypeError:
-        # before version 4
-        mujoco.mj_fullM(m, mass, d.qM)
 
 
 def beside(text, folder):
@@ -303,9 +228,10 @@ REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></
       <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true"/>
         <geom size=".1" condim="6"/></body>
     </body>
+    <body pos="9 0 0"><joint name="f" type="free" stiffness="2"/><geom size=".1"/></body>
     <body name="m" mocap="true" pos="5 0 0"><geom size=".1"/></body></worldbody>
-  <tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>
-  <equality><joint joint1="j"/></equality><actuator><motor joint="j"/></actuator><sensor><jointpos joint="j"/></sensor>
+  <tendon><fixed name="t" limited="true" range="0 1"><joint joint="j" coef="1"/></fixed></tendon>
+  <equality><joint joint1="j"/></equality><actuator><motor joint="f"/></actuator><sensor><jointpos joint="j"/></sensor>
   <keyframe><key name="home"/></keyframe></mujoco>"""
 
 
@@ -318,7 +244,7 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     (warning,) = caught
     report = scene.build().report()
     moving = (
-        "1 tendons (t)", "1 actuators", "1 mocap bodies", "springs of j", "dry friction of j",
+        "limits of tendon t", "actuator f", "1 mocap bodies", "springs of f", "dry friction of j",
         "limits of k", "gravity compensation of a", "margin of g", "torsional and rolling friction of a geom of b",
         "density", "height field", "gravity [0.0, 0.0, 0.0] of the file",
     )  # fmt: skip

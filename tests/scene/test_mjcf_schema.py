@@ -19,8 +19,8 @@ NAMED = {
     "geom condim": ("g", 'condim="4"', "torsional and rolling friction of g"),
     "geom adhesion": ("g", 'adhesion="10"', "adhesion of g"),
     "geom surfacevel": ("g", 'surfacevel="1 0 0 0 0 0"', "surface velocity (surfacevel) of g"),
-    "joint stiffness": ("j", 'stiffness="2"', "springs of j"),
-    "joint springdamper": ("j", 'springdamper="1 1"', "springs of j"),
+    "joint stiffness": ("j", 'stiffness="2 1"', "springs of j"),
+    "joint springyield": ("j", 'stiffness="2" springyield="1"', "springs of j"),
     "joint frictionloss": ("j", 'frictionloss=".1"', "dry friction of j"),
     "joint margin": ("j", 'margin=".1" range="-1 1" limited="true"', "margins of limits of j"),
     "joint ref": ("j", 'ref="2" range="-57.2 57.2" limited="true"', ""),
@@ -37,13 +37,17 @@ NAMED = {
     "option gravity": ("option", 'gravity="0 0 -1"', "gravity [0.0, 0.0, -1.0] of the file"),
     "flag override": ("flag", 'override="enable"', "flag override"),
     "flag gravity": ("flag", 'gravity="disable"', "gravity [0.0, 0.0, 0.0] of the file"),
-    "tendon": ("end", '<tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>', "1 tendons (t)"),
+    "tendon": (
+        "end",
+        '<tendon><fixed name="t" range="0 1" limited="true"><joint joint="j" coef="1"/></fixed></tendon>',
+        "limits of tendon t",
+    ),
     "equality": (
         "end",
         '<equality><joint name="e" joint1="j" joint2="k" polycoef="0 1 2 0 0"/></equality>',
         "equality constraint e",
     ),
-    "actuator": ("end", '<actuator><motor name="a" joint="j"/></actuator>', "1 actuators (a)"),
+    "actuator": ("end", '<actuator><muscle name="a" joint="j" lengthrange="0 1"/></actuator>', "actuator a"),
 }
 
 

@@ -1153,7 +1153,7 @@ def specified(name, result, arguments):
     """What the plain form's description promises of the result and of the arguments afterwards."""
     if name in ADDRESS_ARGUMENTS:
         return results_by_address(name, arguments)
-    if name in LOOP_ARGUMENTS:
+    if name in LOOP_ARGUMENTS or name == "write_torque":
         return [*(result if isinstance(result, tuple) else [result]), *(part for _, part in arrays_of(arguments))]
     # the last field of `Points` is scratch
     end = -1 if name in ("points_below", "half_space_rows") else None

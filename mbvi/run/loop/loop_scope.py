@@ -7,7 +7,7 @@ import numpy as np
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
 from ...schemes import Scheme
-from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side
+from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side, tracking
 from ...system.controls import LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem
 from ...system.mechanisms.joined import can_be_joined
@@ -52,14 +52,16 @@ def is_one_mechanism(system: System) -> bool:
 
 
 def _tables(system: System) -> list[tuple[ControlTable, Part]] | None:
-    """Return the controls of mechanisms, and what they act on; None if kernels do not evaluate them."""
+    """Return the controls and springs of mechanisms, and on what they act; None if kernels do not evaluate them."""
     found = []
     for part in located_parts(system):
-        if part.system.controlled:
-            control = part.system.control if isinstance(part.system, ArticulatedSystem) else None
-            if not isinstance(control, LoopControl):
-                return None
-            found.append((control.table, part))
+        robot = part.system if isinstance(part.system, ArticulatedSystem) else None
+        control = None if robot is None else robot.control
+        if part.system.controlled and not isinstance(control, LoopControl):
+            return None
+        if robot is not None and (robot.controlled or robot.springs):
+            table = control.table if isinstance(control, LoopControl) else tracking(np.zeros((1, robot.nv)))
+            found.append((table._replace(springs=robot.spring_rows), part))
     return found if len(found) <= 1 or all(table.kind == TRACKING for table, _ in found) else None
 
 

@@ -74,7 +74,7 @@ def controlled_copy(problem: Problem, control: Control | None) -> Problem:
     """Return a copy of a problem of one mechanism with a control, and with caches of its own."""
     system, new = problem.system, copy(problem)
     assert isinstance(system, ArticulatedSystem)
-    new.system = ArticulatedSystem(system.model, system.name, control, system.equalities)
+    new.system = ArticulatedSystem(system.model, system.name, control, system.equalities, system.springs)
     new.constraints = problem.constraints.moved_by(new.system)
     return new
 

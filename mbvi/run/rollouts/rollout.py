@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ...arguments import array, function, integer, positive
 from ...errors import InputError, UnsuitableError
 from ...problem import Problem, check_kept
 from ...schemes import EventDriven, Scheme
+from ...system.actuators import Actuators
 from ...system.controls import HeldTorque, LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem, Control
 from ...system.system import Array
@@ -51,6 +53,7 @@ def rollout(
     step: float = 1e-3,
     scheme: Scheme | None = None,
     control: Control | Array | None = None,
+    ctrl: Array | None = None,
     threads: int = 1,
 ) -> Rollouts:
     """Simulate a problem from many initial states.
@@ -75,6 +78,8 @@ def rollout(
         In the place of the robot's own control, where the problem is one robot: `ConstantTorque`, `PDControl`,
         `CompiledControl`, a function control(t, q, v) -> tau, which is slow, or torques that are constant during each
         step, for all rollouts or for each [N, N m].
+    ctrl : ndarray, shape (steps, nu) or (n, steps, nu), optional
+        Inputs of the robot's actuators that are constant during each step, in the place of those of `Problem.ctrl`.
     threads : int
         Number of threads.
 
@@ -102,7 +107,8 @@ def rollout(
     chosen = time_stepping(problem)[0] if scheme is None else checked_for(problem, scheme)
     if isinstance(chosen, EventDriven):
         raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
-    acting = problem if control is None else controlled_copy(problem, _checked(problem, control, len(q0), steps))
+    given = _checked(problem, control, ctrl, len(q0), steps)
+    acting = problem if given is None else controlled_copy(problem, given)
     # a function of the user may have a memory of its own
     threads = 1 if has_user_forces(acting.system) else threads
     job = Job(problem, acting, chosen, q0, v0, steps, h)
@@ -123,21 +129,37 @@ def _states(value: Array, name: str, size: int) -> Array:
     return states
 
 
-def _checked(problem: Problem, control: Control | Array, n: int, steps: int) -> Control:
-    """Return the control of all rollouts, which may be given as torques in each step."""
+def _checked(
+    problem: Problem, control: Control | Array | None, ctrl: Array | None, n: int, steps: int
+) -> Control | None:
+    """Return the control of all rollouts, which may be given as torques or inputs in each step; None if none is."""
+    if control is None and ctrl is None:
+        return None
     system = problem.system
     if type(system) is not ArticulatedSystem:
         raise UnsuitableError(
             "rollout takes a control only where the problem is one robot: give that of another scene to add_urdf"
         )
+    if ctrl is not None:
+        if control is not None or not isinstance(system.control, Actuators):
+            raise InputError(
+                "ctrl is for a robot whose actuators act: add_mjcf without a control, or a function, of it"
+            )
+        return system.control.held(_each_step(ctrl, "ctrl", n, steps, len(system.control.names)), steps)
     if isinstance(control, LoopControl):
         return control
     if callable(control):
         return function(control, "control", "control(t, q, v) -> tau")
-    torque = array(control, "control")
-    if torque.shape not in ((steps, system.nv), (n, steps, system.nv)):
+    return HeldTorque(_each_step(control, "control", n, steps, system.nv), steps)
+
+
+def _each_step(value: Any, name: str, n: int, steps: int, size: int) -> Array:
+    """Return what is given for each step, of all rollouts or of each, one below the other, shape (k, size)."""
+    given = array(value, name)
+    if given.shape not in ((steps, size), (n, steps, size)):
+        what = ("inputs", "nu") if name == "ctrl" else ("torques", "nv")
         raise InputError(
-            f"control has shape {torque.shape}; torques have ({steps}, {system.nv}) or ({n}, {steps}, {system.nv}): "
-            "(steps, nv) or (n, steps, nv)"
+            f"{name} has shape {given.shape}; {what[0]} have ({steps}, {size}) or ({n}, {steps}, {size}): "
+            f"(steps, {what[1]}) or (n, steps, {what[1]})"
         )
-    return HeldTorque(torque.reshape(-1, system.nv), steps)
+    return given.reshape(-1, size)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,9 +22,10 @@ from ...arguments import (
     several_names,
     vector,
 )
-from ...errors import MbviWarning
+from ...errors import InputError, MbviWarning
 from ...geometry.shapes.orientation import RotationLike, rotation_matrix
 from ...geometry.shapes.shapes import Array
+from ...system.actuators import Actuators, DrivenActuators, Inputs
 from ...system.mechanisms.articulated import Control
 from ..items import BodyItem, RobotItem, SceneItems
 from ..reductions import Omission
@@ -33,6 +35,8 @@ from ..urdf.start import initial_state, set_base_velocity
 from ..urdf.still_joints import checked_locked
 from .file import mjcf_name
 from .model import MjcfModel, load_mjcf
+
+Ctrl = Callable[[float, Array, Array], Any]
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6
@@ -57,6 +61,7 @@ class MjcfModels:
         tolerance: float | None = None,
         base_velocity: Sequence[float] | Array = _STILL,
         keyframe: str | None = None,
+        ctrl: Mapping[str, float] | Sequence[float] | Array | Ctrl | None = None,
     ) -> str:
         """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, equalities, and what touches what.
 
@@ -69,13 +74,17 @@ class MjcfModels:
         joints, velocity : mapping of str to float, optional
             Initial positions and velocities of hinges and slides by name; by default those of the file, at rest.
         control, name, locked, tolerance
-            As `add_urdf`. q has MuJoCo's order with quaternions (x, y, z, w); velocities of a free joint are in the
-            frame of its body.
+            As `add_urdf`; a control acts in the place of the file's actuators, and beside its springs. q has MuJoCo's
+            order with quaternions (x, y, z, w); velocities of a free joint are in the frame of its body.
         base_velocity : array_like, shape (6,)
             As `add_urdf`, of a model that hangs on one free joint.
         keyframe : str, optional
             Name of the file's keyframe whose positions and velocities it starts from; `joints`, `velocity` and
             `base_velocity` go before it.
+        ctrl : mapping of str to float, array_like, shape (nu,), or function, optional
+            Inputs of the actuators that are modelled: of some by name, all in the file's order, or a function
+            ctrl(t, q, v) of the robot's own q and v that returns all; by default those of the keyframe, or zero.
+            `Problem.ctrl` sets them later.
 
         Returns
         -------
@@ -100,6 +109,8 @@ class MjcfModels:
         placed = {} if joints is None else numbers_by_name(joints, "joints")
         moving = {} if velocity is None else numbers_by_name(velocity, "velocity")
         still, within = several_names(locked, "locked"), optional(not_negative, tolerance, "tolerance")
+        if control is not None and ctrl is not None:
+            raise InputError("give either control, the torques of joints, or ctrl, the inputs of the file's actuators")
         pose = pin.SE3(rotation_matrix(rotation), vector(position, "position"))
         own = self._items.new_name(given, given or made_label(mjcf_name(file)))
         found = load_mjcf(file, pose, own, self._items.names(), optional(printable, keyframe, "keyframe"))
@@ -110,12 +121,18 @@ class MjcfModels:
             set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
-        ignored = list(found.ignored)
+        ignored, actuators = list(found.ignored), found.forces.actuators
+        if control is None:
+            control = _driven(found, ctrl)
+        elif actuators:
+            named = f"actuators {', '.join(force.name for force in actuators)}"
+            robot = replace(robot, omitted=(*robot.omitted, Omission(named, "control acts in their place")))
         if not np.array_equal(found.gravity, self._items.gravity):
             what = f"gravity {found.gravity.tolist()} of the file"
             robot = replace(robot, omitted=(*robot.omitted, Omission(what, "the scene's holds")))
             ignored.append(what)
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within))
+        springs = tuple(found.forces.springs)
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, springs))
         self._add_world(found)
         self._items.connections += found.equalities.connections
         self._items.couplings += found.equalities.couplings
@@ -136,3 +153,17 @@ class MjcfModels:
             body = BodyItem(name, s.shape, 1.0, inertia, zero, s.position, s.rotation, zero, zero, True)
             self._items.bodies.append(body)
         self._items.pair_friction.update(found.friction)
+
+
+def _driven(found: MjcfModel, ctrl: Any) -> Control | None:
+    """Return the actuators of a file with the inputs that a user gives; None if it has none."""
+    actuators = Actuators(found.forces.actuators, found.ctrl)
+    if callable(ctrl):
+        return DrivenActuators(actuators, function(ctrl, "ctrl", "ctrl(t, q, v) -> inputs"))
+    inputs = Inputs([("", actuators)])
+    if isinstance(ctrl, Mapping):
+        for name, value in numbers_by_name(ctrl, "ctrl").items():
+            inputs[name] = value
+    elif ctrl is not None:
+        inputs[:] = vector(ctrl, "ctrl", len(inputs))
+    return actuators if actuators.forces else None

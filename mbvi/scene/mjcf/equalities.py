@@ -13,8 +13,9 @@ from ...geometry.shapes.shapes import Array
 from ..items import ConnectionItem, CouplingItem
 from ..reductions import Omission
 from .file import disabled, mujoco_module, placement
+from .joint_forces import fixed_tendon
 
-_CONNECT, _WELD, _JOINT = range(3)
+_CONNECT, _WELD, _JOINT, _TENDON = range(4)
 
 
 class MjcfEqualities(NamedTuple):
@@ -58,8 +59,10 @@ def equalities_of(m: Any, pose: pin.SE3, own: str, bodies: Sequence[str], joints
             found.connections.append(_connection(m, k, pose, own, bodies, label))
         elif not why and kind == _JOINT and not np.any(m.eq_data[k, 2:5]) and _is_simple(m, k):
             found.couplings.append(_coupling(m, k, own, joints, label))
+        elif not why and kind == _TENDON and (coupling := _tendon_coupling(m, k, own, joints, label)) is not None:
+            found.couplings.append(coupling)
         else:
-            why = why or "only points, welds and joints in proportion are modelled"
+            why = why or "only points, welds, and joints and fixed tendons in proportion are modelled"
             found.omitted.append(Omission(f"equality constraint {name}", why))
     return found
 
@@ -100,3 +103,21 @@ def _coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str) -> Co
     offset = zero[0] + float(data[0]) - ratio * zero[1]
     other = f"{own}/{joints[second]}" if second >= 0 else ""
     return CouplingItem(label, f"{own}/{joints[first]}", other, ratio, offset)
+
+
+def _tendon_coupling(m: Any, k: int, own: str, joints: Sequence[str], label: str) -> CouplingItem | None:
+    """Return the equality of fixed tendons as one of joints; None if it is not of one joint or two in proportion."""
+    data, total, length = m.eq_data[k], dict[str, float](), float(m.eq_data[k, 0])
+    for side, factor in ((int(m.eq_obj1id[k]), 1.0), (int(m.eq_obj2id[k]), -float(data[1]))):
+        if side >= 0:
+            over = fixed_tendon(m, side, joints)
+            if not over:
+                return None
+            length += factor * float(m.tendon_length0[side])
+            for name, (coefficient,) in over.items():
+                total[name] = total.get(name, 0.0) + factor * coefficient
+    kept = [(name, c) for name, c in total.items() if c]
+    if np.any(data[2:5]) or len(kept) not in (1, 2):
+        return None
+    (first, scale), (second, other) = kept[0], kept[1] if len(kept) == 2 else ("", 0.0)
+    return CouplingItem(label, f"{own}/{first}", second and f"{own}/{second}", -other / scale, length / scale)

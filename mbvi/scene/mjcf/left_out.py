@@ -9,6 +9,7 @@ import numpy as np
 
 from ..reductions import Omission
 from .file import disabled, mujoco_module
+from .joint_forces import is_linear_spring
 from .schema import unknown_parts
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
@@ -17,8 +18,6 @@ _MOST_NAMED = 8
 # what a compiled file counts: the attribute, words for it, the kind of its names, why it is left out, and whether
 # MuJoCo's motion needs it
 _COUNTED = (
-    ("ntendon", "tendons", "tendon", "not modelled", True),
-    ("nu", "actuators", "actuator", "give their torques by control", True),
     ("nflex", "flexes", "", "bodies are rigid", True),
     ("nskin", "skins", "", "not shown", False),
     ("nplugin", "plugins", "", "not run", True),
@@ -32,9 +31,12 @@ _COUNTED = (
 # MuJoCo's defaults of soft constraints
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 # flags that are honoured, or that act on nothing that is modelled: others are named
-_HONOURED = ("CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY")
+_HONOURED = (
+    "CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY", "SPRING", "CLAMPCTRL",
+    "ACTUATION",
+)  # fmt: skip
 _NO_EFFECT = (
-    "FRICTIONLOSS", "SPRING", "PASSIVE", "CLAMPCTRL", "ACTUATION", "SENSOR", "WARMSTART", "REFSAFE",
+    "FRICTIONLOSS", "PASSIVE", "SENSOR", "WARMSTART", "REFSAFE",
     "MIDPHASE", "NATIVECCD", "MULTICCD", "EULERDAMP", "AUTORESET", "ISLAND",
     "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE",
 )  # fmt: skip
@@ -78,12 +80,9 @@ def _of_joints(m: Any) -> Iterator[tuple[str, str]]:
     def rows(values: Any) -> list[bool]:
         return [bool(np.any(values[dof])) for dof in dofs]
 
-    springs = np.array(m.jnt_stiffness) != 0.0
-    for extra in ("jnt_stiffnesspoly",):
-        if hasattr(m, extra):
-            springs = springs | (getattr(m, extra) != 0.0).any(axis=1)
+    springs = [bool(m.jnt_stiffness[j]) and not is_linear_spring(m, j) for j in range(m.njnt)]
     found = [
-        ("springs", where(springs), "add their torques by control"),
+        ("springs", where(springs), "springs are linear, of hinges, slides and balls"),
         ("dry friction", where(rows(m.dof_frictionloss)), "joints have none"),
         ("limits", where((m.jnt_type == _BALL) & (m.jnt_limited != 0)), "ball joints have none"),
         ("margins of limits", where((m.jnt_margin != 0.0) & (m.jnt_limited != 0)), "limits bear at their values"),

@@ -20,6 +20,7 @@ from ..reductions import Omission
 from ..urdf.robot import Robot
 from .equalities import MjcfEqualities, equalities_of
 from .file import compiled_model, disabled, placement
+from .joint_forces import MjcfForces, forces_of
 from .left_out import left_out
 from .shapes import Geoms
 
@@ -52,6 +53,10 @@ class MjcfModel:
         At the start.
     equalities : MjcfEqualities
         Its equality constraints.
+    forces : MjcfForces
+        Its springs and actuators.
+    ctrl : ndarray, shape (nu,)
+        Inputs of the actuators at the start.
     """
 
     robot: Robot
@@ -64,6 +69,8 @@ class MjcfModel:
     ignored: tuple[str, ...]
     velocity: Array
     equalities: MjcfEqualities
+    forces: MjcfForces
+    ctrl: Array
 
 
 @dataclass
@@ -122,21 +129,24 @@ def load_mjcf(
     geoms = Geoms(m, tree.joint, tree.place, tree.names, name, {name, *taken})
     apart, dropped = geoms.pairs_left_out(model, reference)
     named, counted = left_out(m, text, tree.names)
-    start, velocity = reference, np.zeros(model.nv)
+    start, velocity, ctrl = reference, np.zeros(model.nv), np.zeros(m.nu)
     if keyframe is not None:
-        start, velocity, moved = *_keyframe(m, tree, pose, keyframe), []
+        start, velocity, ctrl, moved = *_keyframe(m, tree, pose, keyframe), []
     equalities = equalities_of(m, pose, name, tree.names, _joint_names(m))
-    omitted = (*geoms.omitted, *named, *moved, *dropped, *equalities.omitted)
+    forces = forces_of(m, _joint_names(m))
+    omitted = (*geoms.omitted, *named, *moved, *dropped, *equalities.omitted, *forces.omitted)
     free = model.joints[1].shortname() == "JointModelFreeFlyer" and list(model.parents)[1:].count(0) == 1
     base = pin.XYZQUATToSE3(start[:7]) if free else pin.SE3.Identity()
     shapes = tuple(geoms.shapes)
     robot = Robot(name, "", model, shapes, frozenset(apart), omitted, start, str(file.resolve()))
     ignored = (*counted, *(f"{one.what}, {one.why}" for one in moved), *geoms.ignored)
-    ignored = (*ignored, *(one.what for one in equalities.omitted))
+    ignored = (*ignored, *(one.what for one in (*equalities.omitted, *forces.omitted)))
     gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
     kind = "free" if free else "fixed"
     walls, statics, friction = geoms.walls, geoms.statics, geoms.friction()
-    return MjcfModel(robot, kind, base, walls, statics, friction, gravity, ignored, velocity, equalities)
+    return MjcfModel(
+        robot, kind, base, walls, statics, friction, gravity, ignored, velocity, equalities, forces, ctrl[forces.inputs]
+    )  # fmt: skip
 
 
 def _tree(m: Any, pose: pin.SE3) -> Tree:
@@ -247,8 +257,8 @@ def _configuration(m: Any, tree: Tree, pose: pin.SE3, qpos: Array) -> Array:
     return q
 
 
-def _keyframe(m: Any, tree: Tree, pose: pin.SE3, name: str) -> tuple[Array, Array]:
-    """Return q and v of a keyframe, shapes (nq,) and (nv,)."""
+def _keyframe(m: Any, tree: Tree, pose: pin.SE3, name: str) -> tuple[Array, Array, Array]:
+    """Return q, v and the inputs of a keyframe, shapes (nq,), (nv,) and (nu,)."""
     names = [m.key(k).name for k in range(m.nkey)]
     if name not in names:
         raise InputError(f"the file has no keyframe {shown(name)}; it has {', '.join(filter(None, names)) or 'none'}")
@@ -262,7 +272,7 @@ def _keyframe(m: Any, tree: Tree, pose: pin.SE3, name: str) -> tuple[Array, Arra
             k = tree.model.idx_qs[j + 1]
             turn = pin.XYZQUATToSE3(q[k : k + 7]).rotation.T @ pose.rotation
             v[here : here + 3] = turn @ v[here : here + 3]
-    return q, v
+    return q, v, np.array(m.key_ctrl[row])
 
 
 def _reference(m: Any, tree: Tree, pose: pin.SE3) -> tuple[Array, list[Omission]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -30,13 +30,16 @@ from ...geometry.shapes.shapes import (
     Sphere,
 )
 from ...geometry.shapes.triangles import Surface
+from ...system import parts_of
+from ...system.actuators import Actuators, DrivenActuators
+from ...system.joint_forces import JointForce
 from ...system.mechanisms.articulated import Control
 from ..assembly import assemble
 from ..items import BodyItem, ConnectionItem, CouplingItem, ForceItem, RobotItem, SceneItems, SphereItem, SurfaceItem
 from ..model import Start
 from ..reductions import Omission, checked_reductions
 from ..urdf.robot import Robot, build_model
-from .given_again import LOST, GivenAgain, LostControl, LostForce, LostSceneControl
+from .given_again import LOST, GivenAgain, LostControl, LostForce, LostInputs, LostSceneControl
 
 if TYPE_CHECKING:
     from ...problem import Problem
@@ -78,7 +81,7 @@ def describe(problem: Problem) -> str:
                 for n, w in items.walls.items()
             ],
             "surfaces": [_surface(s) for s in items.surfaces],
-            "robots": [_robot(r) for r in items.robots],
+            "robots": [_robot(r, _inputs(problem).get(r.robot.name)) for r in items.robots],
             "shapes": [_shape(s) for s in shapes.values()],
             "bodies": [_body(b, number[id(b.shape)]) for b in items.bodies],
             "spheres": [_plain(s.__dict__) for s in items.spheres],
@@ -164,7 +167,11 @@ def _functions(items: SceneItems) -> list[str]:
 def _actions(items: SceneItems) -> list[tuple[str, Any]]:
     """Return the controls and forces of a scene with their names."""
     return [
-        *((f"control of robot {r.robot.name!r}", r.control) for r in items.robots if r.control is not None),
+        *(
+            (f"control of robot {r.robot.name!r}", getattr(r.control, "function", r.control))
+            for r in items.robots
+            if r.control is not None and not isinstance(r.control, Actuators)
+        ),
         *(("control of the scene", control) for control in items.controls),
         *((f"force on {force.body!r}", force.function) for force in items.forces),
     ]
@@ -254,8 +261,18 @@ def _motion_of(kind: str, fields: str) -> Motion:
     return motion
 
 
-def _robot(item: RobotItem) -> dict[str, Any]:
-    robot = item.robot
+def _inputs(problem: Problem) -> dict[str, Array]:
+    """Return the present inputs of actuators by robot."""
+    found = {part.name: getattr(part, "control", None) for part in parts_of(problem.system)}
+    return {name: control.ctrl for name, control in found.items() if isinstance(control, Actuators)}
+
+
+def _robot(item: RobotItem, ctrl: Array | None) -> dict[str, Any]:
+    robot, function, actuators = item.robot, item.control, Actuators([], np.zeros(0))
+    if isinstance(item.control, Actuators):
+        function, actuators = None, item.control
+    elif isinstance(item.control, DrivenActuators):
+        function, actuators = item.control.function, item.control.actuators
     return {
         "name": robot.name,
         "urdf": robot.text,
@@ -270,7 +287,10 @@ def _robot(item: RobotItem) -> dict[str, Any]:
         "locked": item.locked,
         "hulls_within": item.tolerance,
         "friction": dict(item.friction),
-        "control": None if item.control is None else _source(item.control),
+        "springs": [asdict(force) for force in item.springs],
+        "actuators": [asdict(force) for force in actuators.forces],
+        "ctrl": (actuators.ctrl if ctrl is None else ctrl).tolist(),
+        "control": None if function is None else _source(function),
         "shapes": [{**_plain(s.__dict__), "shape": _shape(s.shape)} for s in robot.shapes],
         "apart": sorted(robot.apart),
         "omitted": robot.omitted,
@@ -292,11 +312,23 @@ def _robot_back(data: dict[str, Any], control: Control | None) -> RobotItem:
     omitted = tuple(Omission(*one) for one in data["omitted"])
     robot = Robot(data["name"], data["urdf"], model, shapes, apart, omitted, pin.neutral(model), data.get("file", ""))
     start, locked = (_vector(data["q0"]), _vector(data["v0"])), tuple(data.get("locked", ()))
+    springs, actuators = (tuple(map(_force_back, data.get(kind, ()))) for kind in ("springs", "actuators"))
     if control is None and data["control"] is not None:
-        control = LostControl(str(data["control"]))
+        source = str(data["control"])
+        control = LostInputs(source, len(actuators)) if actuators else LostControl(source)
+    if actuators:
+        driven = Actuators(actuators, np.array(data["ctrl"]))
+        control = driven if control is None else DrivenActuators(driven, control)
     # older files have a tolerance, which was exact where it was null
     within = data["hulls_within"] if "hulls_within" in data else data.get("tolerance") or 0.0
-    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, within, data.get("friction", {}))
+    friction = data.get("friction", {})
+    return RobotItem(robot, data["base"], position, rotation, *start, control, locked, within, springs, friction)
+
+
+def _force_back(data: dict[str, Any]) -> JointForce:
+    pairs: dict[str, Any] = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
+    joints = {name: tuple(coefficients) for name, coefficients in data["joints"].items()}
+    return JointForce(**{**data, **pairs, "joints": joints})
 
 
 def _vector(values: list[float]) -> Array:

@@ -40,6 +40,18 @@ class LostSceneControl:
 
 
 @dataclass(frozen=True)
+class LostInputs:
+    """Placeholder of a function of actuators' inputs; see `LostControl`."""
+
+    source: str
+    count: int
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return inputs of zero."""
+        return np.zeros(self.count)
+
+
+@dataclass(frozen=True)
 class LostForce:
     """Placeholder of an external force; see `LostControl`. A force on a link receives its robot's q and v."""
 
@@ -51,7 +63,7 @@ class LostForce:
         return np.zeros(6 if self.on_link else v.shape)
 
 
-LOST = (LostControl, LostSceneControl, LostForce)
+LOST = (LostControl, LostInputs, LostSceneControl, LostForce)
 
 
 @dataclass

@@ -11,6 +11,7 @@ import pinocchio as pin
 from ...arguments import shown
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array, PlacedShape
+from ...system.actuators import Actuators, DrivenActuators
 from ..items import RobotItem, SceneItems
 from ..reductions import Omission
 from .robot import Robot
@@ -62,6 +63,9 @@ def without_still_joints(item: RobotItem, reduce: Sequence[str], counted: bool) 
     q0 = np.concatenate([_of(item.q0, model.idx_qs[j], model.nqs[j]) for j in kept])
     v0 = np.concatenate([_of(item.v0, model.idx_vs[j], model.nvs[j]) for j in kept])
     shapes = tuple(_moved(s, model, reduced, still) for s in item.robot.shapes)
+    held = {name: _of(item.q0, model.idx_qs[j], model.nqs[j]) for name, j in zip(reasons, still, strict=True)}
+    springs = tuple(f for f in (spring.holding(held) for spring in item.springs) if f.joints)
+    control = item.control.holding(held) if isinstance(item.control, Actuators | DrivenActuators) else item.control
     omitted = []
     for name, why in reasons.items():
         j = model.getJointId(name)
@@ -70,7 +74,8 @@ def without_still_joints(item: RobotItem, reduce: Sequence[str], counted: bool) 
         limits = int((bounds < 1e100).sum()) if len(where) == 1 else 0
         at = f", at {where[0]:.4g}" if len(where) == 1 else ""
         omitted.append(Omission(f"joint {item.robot.name}/{name}", why + at, dofs=model.nvs[j], rows=limits))
-    return replace(item, robot=replace(item.robot, model=reduced, shapes=shapes), q0=q0, v0=v0), omitted
+    robot = replace(item.robot, model=reduced, shapes=shapes)
+    return replace(item, robot=robot, q0=q0, v0=v0, springs=springs, control=control), omitted
 
 
 def _without_range(model: pin.Model, q: Array, v: Array) -> list[str]:

@@ -15,9 +15,11 @@ from ...compiled import held, plain_array
 from ...errors import InputError, ProjectionError
 from ...projection import TreeFreeMotion, TreeMetric, in_flight
 from ...projection.tree_factor import least_change
+from ..actuators import Actuators, DrivenActuators
 from ..controls import LoopControl
 from ..free.spinning import free_links, spin_effects
 from ..given import not_finite
+from ..joint_forces import JointForce, add_row_forces, force_rows, spring_energy
 from ..system import Array, Kinematics, System
 from .equalities import Equality, equalities_of, write_gaps, write_rows
 from .joint_tree import JointTree, joint_tree, place_joints, weigh_joints, write_effects
@@ -51,12 +53,13 @@ class ArticulatedSystem(System):
     equalities : sequence of PointRows or CoupledJoints
         c(q) = 0: closed loops and coupled joints. `metric` is then M on the velocities with J_e v = 0, free motions
         keep them, and the retraction returns to c(q) = 0 by least displacements.
+    springs : sequence of JointForce
+        Springs of the mechanism, which act beside the control.
 
     Notes
     -----
-    g(t, q, v) = tau - nle(q, v) - D v. Dry friction of joints, `upperDryFrictionLimit` of the model, is part of the
-    impact law: see `in_flight`. Effort and velocity limits are not modelled. Where D is
-    not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
+    g(t, q, v) = tau - nle(q, v) - D v; the springs are in tau. Dry friction of joints, `upperDryFrictionLimit` of the
+    model, is part of the impact law: see `in_flight`. Effort and velocity limits are not modelled. Where D is not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
     any usual step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
     """
 
@@ -64,10 +67,11 @@ class ArticulatedSystem(System):
 
     def __init__(
         self, model: pin.Model, name: str = "robot", control: Control | None = None,
-        equalities: Sequence[Equality] = (),
+        equalities: Sequence[Equality] = (), springs: Sequence[JointForce] = (),
     ) -> None:  # fmt: skip
         self.model: pin.Model = model
-        self.equalities = tuple(equalities)
+        self.equalities, self.springs = tuple(equalities), tuple(springs)
+        self.spring_rows = force_rows(self.springs, model)
         self.name = name
         self.nq, self.nv = int(model.nq), int(model.nv)
         # free bodies among the links
@@ -121,7 +125,7 @@ class ArticulatedSystem(System):
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a copy makes its own Data, because the arrays kept here lie in the memory of this one
-        return type(self), (self.model, self.name, self.control, self.equalities)
+        return type(self), (self.model, self.name, self.control, self.equalities, self.springs)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         new = pin.integrate(self.model, q, dv)
@@ -139,7 +143,7 @@ class ArticulatedSystem(System):
 
     def set_control(self, control: Control | None) -> None:
         """Replace the control."""
-        if isinstance(control, LoopControl):
+        if isinstance(control, LoopControl | DrivenActuators):
             control = control.fitted(self.model, self.name)
         self.control, self.controlled = control, control is not None
         # a control is called once in each step; torques of free bodies do not change with v
@@ -221,8 +225,15 @@ class ArticulatedSystem(System):
         return self._metric
 
     def torque(self, t: float, q: Array, v: Array) -> Array:
-        if self.control is None:
-            return self.applied
+        tau = self._zero if self.control is None else self._checked(t, q, v)
+        if self.springs:
+            tau = tau.copy()
+            add_row_forces(self.spring_rows, 0, plain_array(q), plain_array(v), tau)
+        return tau if self.applied is self._zero else tau + self.applied
+
+    def _checked(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torque of the control."""
+        assert self.control is not None
         tau = self.control(t, q, v)
         if type(tau) is not np.ndarray or not tau.flags.carray or tau.dtype != np.float64:
             tau = plain_array(returned(tau, f"the control of {self.name}"))
@@ -230,7 +241,7 @@ class ArticulatedSystem(System):
             raise InputError(f"the control returned shape {tau.shape} at t = {t:.6g} s; {self.name} has ({self.nv},)")
         if not all_finite(tau):
             raise not_finite(f"the control of {self.name}", tau, t, q, v)
-        return tau if self.applied is self._zero else tau + self.applied
+        return tau
 
     def force(self, t: float, q: Array, v: Array) -> Array:
         torque = self.torque(t, q, v)
@@ -305,7 +316,8 @@ class ArticulatedSystem(System):
         return counted + 0.5 * float(self._uncounted @ (v * v))
 
     def potential_energy(self, t: float, q: Array) -> float:
-        return float(pin.computePotentialEnergy(self.model, self._energy_data, q))
+        weight = float(pin.computePotentialEnergy(self.model, self._energy_data, q))
+        return weight + spring_energy(self.spring_rows, q) if self.springs else weight
 
     def placements(self, q: Array, bodies: Array) -> Array:
         if q is not self._current:
@@ -390,4 +402,7 @@ class ArticulatedSystem(System):
         base = {6: "free", 3: "planar"}.get(model.nvs[1], "fixed")
         joints = model.njoints - 1 - (base != "fixed")
         mass = sum(i.mass for i in list(model.inertias)[1:])
-        return f"{self.name}: {base} base, {joints} joints, {self.nv} degrees of freedom, {mass:.4g} kg moving"
+        acting = f", {len(self.springs)} springs" if self.springs else ""
+        if isinstance(self.control, Actuators | DrivenActuators):
+            acting += f", actuators {', '.join(self.control.names)}"
+        return f"{self.name}: {base} base, {joints} joints, {self.nv} degrees of freedom, {mass:.4g} kg moving{acting}"

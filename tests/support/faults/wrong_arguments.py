@@ -272,7 +272,8 @@ def mjcf() -> str:
     path.write_text(
         '<mujoco model="model"><worldbody><body><freejoint/><geom size=".1"/><body pos="0 0 .5"><joint name="hinge"/>'
         '<geom size=".1"/><body pos="0 0 .5"><joint name="slide" type="slide" range="-1 1"/><geom size=".1"/></body>'
-        '</body></body></worldbody><keyframe><key name="home"/></keyframe></mujoco>'
+        '</body></body></worldbody><actuator><motor name="drive" joint="hinge"/></actuator>'
+        '<keyframe><key name="home"/></keyframe></mujoco>'
     )
     return str(path)
 
@@ -448,8 +449,8 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.add_mjcf": _adds(
         "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
-        velocity={"hinge": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="model", locked=["slide"],
-        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home",
+        velocity={"hinge": 0.1}, control=None, name="model", locked=["slide"], tolerance=1e-3,
+        base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home", ctrl={"drive": 0.1},
     ),
     "Scene.add_sphere": _adds(
         "add_sphere", radius=0.1, mass=1.0, **{k: v for k, v in _BODY.items() if k in
@@ -552,7 +553,7 @@ CALLS: dict[str, Call] = {
         mbvi.rollout,
         lambda: {
             "problem": _hopper(), "q0": _hoppers()[0], "v0": _hoppers()[1], "steps": 2, "step": 1e-3,
-            "scheme": mbvi.Paoli(), "control": None, "threads": 2,
+            "scheme": mbvi.Paoli(), "control": None, "ctrl": None, "threads": 2,
         },
         lambda found: found.status,
     ),
