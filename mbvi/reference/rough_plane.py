@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Stretch(NamedTuple):
     speed: float
     acceleration: float
 
-    def __call__(self, t: Times) -> tuple[Times, Times]:
+    def __call__(self, t: Times) -> tuple[Any, Any]:
         """Return position and speed at time t, or at several [s]."""
         s = t - self.start
         return self.position + s * (self.speed + 0.5 * s * self.acceleration), self.speed + s * self.acceleration

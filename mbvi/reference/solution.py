@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Pieces:
         if np.ndim(t):
             return self._several(array(t, "t", ("m",)))
         # a float that is not finite is outside, too
-        t = t if type(t) is float else number(t, "t")
+        t = t if type(t) is float else number(cast("float", t), "t")
         self._check(t)
         return self._states[max(0, bisect_right(self._starts, t) - 1)](t)
 
