@@ -106,8 +106,20 @@ class Kernel:
         """Have Python run the kernel in this process from now on, without compiling it."""
         setattr(type(self), "__call__", staticmethod(self.loops))  # noqa: B010
 
-    def stamp(self) -> bytes:
-        """Return a hash of all that the machine code depends on: the code, the constants and kernels it names."""
+    def stamp(self, known: dict[Kernel, bytes] | None = None) -> bytes:
+        """Return a hash of all that the machine code depends on: the code, the constants and kernels it names.
+
+        Parameters
+        ----------
+        known : dict, optional
+            Hashes found by this call, by kernel; most kernels are called by several others.
+        """
+        known = {} if known is None else known
+        if self not in known:
+            known[self] = self._hash(known)
+        return known[self]
+
+    def _hash(self, known: dict[Kernel, bytes]) -> bytes:
         digest = sha256(f"{self.signature} {self._allocates()} {self.nogil} {self.apart}".encode())
         if self.__name__ != self.loops.__code__.co_name:
             digest.update(self.__name__.encode())
@@ -116,7 +128,7 @@ class Kernel:
         _add_code(digest, self.loops.__code__)
         for name, value in sorted(self._named().items()):
             digest.update(name.encode())
-            digest.update(value.stamp() if isinstance(value, Kernel) else _bytes_of(value))
+            digest.update(value.stamp(known) if isinstance(value, Kernel) else _bytes_of(value))
         return digest.digest()
 
     def callees(self) -> dict[str, Kernel]:

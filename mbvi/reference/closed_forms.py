@@ -11,7 +11,7 @@ from ..constraints import GapFunction
 from ..errors import InputError
 from ..problem import Problem
 from ..system import LagrangianSystem
-from .solution import Array, Pieces, Reference, State, checked, times
+from .solution import Pieces, Reference, State, Times, checked, column, times
 
 # speed of a bounce, relative to the first, below which it is rounding
 _SLOWEST = 1e-13
@@ -70,9 +70,9 @@ def bouncing_ball(e: float, height: float = 1.0, gravity: float = 9.81, duration
     return Reference("bouncing ball", problem, duration, at, impacts, source, times([rest], duration))
 
 
-def _thrown(start: float, height: float, speed: float, gravity: float, t: float) -> State:
-    s = t - start
-    return np.array([height + s * (speed - 0.5 * gravity * s)]), np.array([speed - gravity * s])
+def _thrown(start: float, height: float, speed: float, gravity: float, t: Times) -> State:
+    s = column(t - start)
+    return height + s * (speed - 0.5 * gravity * s), speed - gravity * s
 
 
 def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Reference:
@@ -99,9 +99,9 @@ def sliding_in_disc(e: float, speed: float = 1.0, duration: float = 3.0) -> Refe
     e, duration = checked(e, duration)
     speed = finite(speed, "speed")
 
-    def at(t: float) -> State:
-        q: Array = np.array([np.cos(speed * t), np.sin(speed * t)])
-        return q, speed * np.array([-q[1], q[0]])
+    def at(t: Times) -> State:
+        cos, sin = np.cos(speed * t), np.sin(speed * t)
+        return np.array([cos, sin]).T, speed * np.array([-sin, cos]).T
 
     problem = Problem(
         LagrangianSystem(lambda q: np.eye(2), lambda t, q, v: np.zeros(2), 2, lambda q: 0.0),

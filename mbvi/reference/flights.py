@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from ..errors import InputError
-from .solution import Array, Pieces, State, times
+from .solution import Array, Motion, Pieces, State, Times, column, times
 
 _MOST_IMPACTS, _MOST_ADVANCES = 5000, 100_000
 # impacts closer in time than this count as an accumulation [s]
@@ -39,12 +38,12 @@ class Flight:
         """Amplitude of the forced part [m]."""
         return 1 / (1 - self.frequency**2)
 
-    def __call__(self, t: float) -> State:
-        """Return (q, v) at time t [s]."""
+    def __call__(self, t: Times) -> State:
+        """Return (q, v) at time t, or at several [s]."""
         s, W = t - self.start, self.frequency
         q = self.a * np.cos(s) + self.b * np.sin(s) + self.c * np.cos(W * s + self.phase)
         v = -self.a * np.sin(s) + self.b * np.cos(s) - self.c * W * np.sin(W * s + self.phase)
-        return np.array([q]), np.array([v])
+        return column(q), column(v)
 
     def bound(self, order: int) -> float:
         """Return a bound of the derivative of that order, >= 1."""
@@ -111,7 +110,7 @@ class OscillatorMotion:
     ) -> None:
         self._e, self._frequency, self._phase, self._stop, self._end = e, frequency, phase, stop, duration
         self._starts: list[float] = []
-        self._states: list[Callable[[float], State]] = []
+        self._states: list[Motion] = []
         struck: list[float] = []
         released: list[float] = []
         monodromy, last = np.eye(2), 0.0
@@ -135,7 +134,7 @@ class OscillatorMotion:
         # the product over thousands of impacts may overflow
         self.amplification = float(np.linalg.norm(monodromy, 2)) if np.isfinite(monodromy).all() else np.inf
 
-    def _add(self, start: float, state: Callable[[float], State]) -> None:
+    def _add(self, start: float, state: Motion) -> None:
         self._starts.append(start)
         self._states.append(state)
 
@@ -170,5 +169,6 @@ def _rotation(s: float) -> Array:
     return np.array([[np.cos(s), np.sin(s)], [-np.sin(s), np.cos(s)]])
 
 
-def _at_rest(stop: float, t: float) -> State:
-    return np.array([float(stop)]), np.zeros(1)
+def _at_rest(stop: float, t: Times) -> State:
+    still = np.zeros_like(column(t))
+    return still + stop, still

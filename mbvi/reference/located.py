@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from .law import complementary, law
-from .solution import Array, Pieces, State, from_start, times
+from .solution import Array, Motion, Pieces, State, Times, from_start, times
 
 _RTOL, _ATOL = 1e-13, 1e-14
 # first step after an event, so short that a contact that opens cannot close again within it [s]
@@ -45,7 +45,7 @@ class Mechanism:
     rate : callable
         rate(q, v) -> dq/dt, shape (nq,).
     normalise : callable
-        normalise(q) -> q, with rounding off the manifold removed.
+        normalise(q) -> q, with rounding off the manifold removed, for one configuration or rows of them.
     """
 
     mass: Callable[[Array], Array]
@@ -121,7 +121,7 @@ def locate(
     nq = len(q0)
     t, y, closed = 0.0, np.concatenate([q0, v0]), list[int]()
     starts: list[float] = []
-    states: list[Callable[[float], State]] = []
+    states: list[Motion] = []
     struck: list[float] = []
     released: list[float] = []
     while t < duration:
@@ -216,6 +216,6 @@ def _contact_force(mechanism: Mechanism, closed: list[int], number: int, nq: int
     return float(mechanism.multipliers(t, y[:nq], y[nq:], closed)[closed.index(number)])
 
 
-def _state(mechanism: Mechanism, solution: Any, nq: int, t: float) -> State:
-    y = solution(t)
-    return mechanism.normalise(y[:nq]), y[nq:]
+def _state(mechanism: Mechanism, solution: Any, nq: int, t: Times) -> State:
+    y = solution(t).T
+    return mechanism.normalise(y[..., :nq]), y[..., nq:]

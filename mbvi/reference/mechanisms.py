@@ -192,7 +192,8 @@ def _free_box(size: Array, mass: float) -> Mechanism:
         return np.concatenate([v[:3], 0.5 * (s * spin + _cross(u, spin)), [-0.5 * (u @ spin)]])
 
     def normalise(q: Array) -> Array:
-        return np.concatenate([q[:3], q[3:] / np.sqrt(q[3:] @ q[3:])])
+        turn = q[..., 3:]
+        return np.concatenate([q[..., :3], turn / np.linalg.norm(turn, axis=-1, keepdims=True)], axis=-1)
 
     def gradient(q: Array) -> Array:
         rows = np.zeros((8, 6))

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..problem import Problem
 from ..system import LagrangianSystem
 from .law import law
-from .solution import Array, Pieces, Reference, State, checked
+from .solution import Array, Pieces, Reference, State, Times, checked, column
 
 _MOST_IMPACTS = 1000
 # gaps below the first, and speeds relative to the largest below the second, count as zero
@@ -166,5 +166,6 @@ def _fly(M: Array, N: Array, c: Array, q: Array, v: Array, e: float, duration: f
         impacts.append(t)
 
 
-def _straight(start: float, q: Array, v: Array, t: float) -> State:
-    return q + (t - start) * v, v.copy()
+def _straight(start: float, q: Array, v: Array, t: Times) -> State:
+    s = column(t - start)
+    return q + s * v, v + 0.0 * s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..geometry.rotations import compose
 from ..problem import Problem
 from ..scene import Scene
 from .rough_plane import G, Stretch, stretches
-from .solution import Array, Pieces, Reference, State, checked, times
+from .solution import Array, Motion, Pieces, Reference, State, Times, checked, column, stacked, times
 
 _RADIUS, _MASS = 0.1, 1.5
 # of a homogeneous ball: change of the slip at the contact per change of the centre's velocity, by a tangential force
@@ -157,23 +157,23 @@ def _with_ball(scene: Scene, state: State, e: float = 0.0) -> Problem:
     return Problem(problem.system, problem.constraints.constraints, *state, restitution=e, length=problem.length)
 
 
-def _rolling(line: Stretch, turn: Stretch, t: float) -> State:
+def _rolling(line: Stretch, turn: Stretch, t: Times) -> State:
     (x, speed), (angle, spin) = line(t), turn(t)
-    q = np.array([x, 0.0, _RADIUS, 0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)])
-    return q, np.array([speed, 0.0, 0.0, 0.0, spin, 0.0])
+    q = stacked(x, 0.0, _RADIUS, 0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle))
+    return q, stacked(speed, 0.0, 0.0, 0.0, spin, 0.0)
 
 
-def _flight(start: float, centre: Array, velocity: Array, turn: Rotation, spin: Array) -> Callable[[float], State]:
+def _flight(start: float, centre: Array, velocity: Array, turn: Rotation, spin: Array) -> Motion:
     """Return the motion of a ball that flies with constant spin, from a time on."""
     fall, rate = np.array([0.0, 0.0, -G]), float(np.linalg.norm(spin))
     # the spin is constant in the axes of the ball, too
     first, own = turn.as_quat(), turn.inv().apply(spin)
     quarter = compose(np.append(spin / rate, 0.0)[None], first[None])[0] if rate else first
 
-    def state(t: float) -> State:
-        s = t - start
+    def state(t: Times) -> State:
+        s = column(t - start)
         half = 0.5 * s * rate
-        q = np.concatenate([centre + s * (velocity + 0.5 * s * fall), np.cos(half) * first + np.sin(half) * quarter])
-        return q, np.concatenate([velocity + s * fall, own])
+        place, axes = centre + s * (velocity + 0.5 * s * fall), np.cos(half) * first + np.sin(half) * quarter
+        return np.concatenate([place, axes], axis=-1), np.concatenate([velocity + s * fall, own + 0.0 * s], axis=-1)
 
     return state

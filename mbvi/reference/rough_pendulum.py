@@ -14,7 +14,7 @@ from ..problem import Problem
 from ..system import LagrangianSystem
 from .rough_plane import G
 from .smooth import Smooth, integrated
-from .solution import Array, Pieces, Reference, State, checked, from_start, times
+from .solution import Array, Motion, Pieces, Reference, State, Times, checked, from_start, stacked, times
 
 _MOST_STRETCHES = 100
 
@@ -56,7 +56,7 @@ def wall_pendulum(mu: float = 0.4, angle: float = 1.2, rate: float = 0.0, durati
         return [y[1], -G / radius * np.sin(y[0]) - way * mu * press(y[0], y[1]) / radius]
 
     starts: list[float] = []
-    states: list[Callable[[float], State]] = []
+    states: list[Motion] = []
     t, y = 0.0, np.array([angle, rate])
     while t < end and len(starts) < _MOST_STRETCHES:
         load = -G * np.sin(y[0])
@@ -81,8 +81,8 @@ def wall_pendulum(mu: float = 0.4, angle: float = 1.2, rate: float = 0.0, durati
     return Reference(name, _pendulum_problem(mu, behind, q0, v0), end, at, np.zeros(0), source, times(starts[1:], end))
 
 
-def _still(y: Array, t: float) -> Array:
-    return y
+def _still(y: Array, t: Times) -> Array:
+    return np.multiply.outer(y, np.ones_like(t))
 
 
 def _speed(way: float, start: float, t: float, y: Array) -> float:
@@ -96,9 +96,9 @@ def _check_press(swing: Smooth, start: float, press: Callable[[float, float], fl
             raise InputError(f"the tip leaves the wall at {t:g} s: choose a smaller angle")
 
 
-def _on_wall(lean: float, motion: Callable[[float], Array], t: float) -> State:
+def _on_wall(lean: float, motion: Callable[[Times], Array], t: Times) -> State:
     theta, omega = motion(t)
-    return np.array([theta, lean]), np.array([omega, 0.0])
+    return stacked(theta, lean), stacked(omega, 0.0)
 
 
 def _pendulum_problem(mu: float, behind: float, q0: Array, v0: Array) -> Problem:

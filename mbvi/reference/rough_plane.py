@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..geometry.motion import Translation
 from ..scene import Scene
 from .smooth import integrated
-from .solution import Array, Pieces, Reference, State, checked, times
+from .solution import Array, Pieces, Reference, State, Times, checked, stacked, times
 
 G = 9.81
 # a low box, which does not tip, and a tall one [m]
@@ -28,8 +28,8 @@ class Stretch(NamedTuple):
     speed: float
     acceleration: float
 
-    def __call__(self, t: float) -> tuple[float, float]:
-        """Return position and speed at time t [s]."""
+    def __call__(self, t: Times) -> tuple[Any, Any]:
+        """Return position and speed at time t, or at several [s]."""
         s = t - self.start
         return self.position + s * (self.speed + 0.5 * s * self.acceleration), self.speed + s * self.acceleration
 
@@ -172,11 +172,11 @@ def tipping_box(mu: float = 0.9, slope: float = 0.6, duration: float = 0.4) -> R
 
     turn = integrated(lambda t, y: [y[1], acceleration(y[0])], 0.0, np.zeros(2), end).at
 
-    def at(t: float) -> State:
-        angle, rate = turn(t) if t > 0.0 else (0.0, 0.0)
+    def at(t: Times) -> State:
+        angle, rate = np.where(np.greater(t, 0.0), turn(t), 0.0)
         x, z = _turned(arm, angle)
-        q = np.array([0.5 * width + x, 0.0, z, 0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)])
-        return q, np.array([rate * z, 0.0, -rate * x, 0.0, rate, 0.0])
+        q = stacked(0.5 * width + x, 0.0, z, 0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle))
+        return q, stacked(rate * z, 0.0, -rate * x, 0.0, rate, 0.0)
 
     for t in np.linspace(0.0, end, 101):
         angle, rate = turn(t)
@@ -207,13 +207,13 @@ def _scene(mu: float, gravity: Sequence[float]) -> Scene:
     return scene
 
 
-def _along_x(motion: Stretch, belt: float, t: float) -> State:
+def _along_x(motion: Stretch, belt: float, t: Times) -> State:
     x, speed = motion(t)
-    q = np.array([x + belt * t, 0.0, 0.5 * _LOW[2], 0.0, 0.0, 0.0, 1.0])
-    return q, np.array([speed + belt, 0.0, 0.0, 0.0, 0.0, 0.0])
+    q = stacked(x + belt * t, 0.0, 0.5 * _LOW[2], 0.0, 0.0, 0.0, 1.0)
+    return q, stacked(speed + belt, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _turned(arm: Array, angle: float) -> Array:
+def _turned(arm: Array, angle: Times) -> Array:
     """Return (x, z) of an arm after a turn about y."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * arm[0] + s * arm[1], c * arm[1] - s * arm[0]])

@@ -11,7 +11,7 @@ from ..problem import Problem
 from ..system import LagrangianSystem
 from .rough_plane import G
 from .smooth import integrated
-from .solution import Array, Pieces, Reference, State, checked
+from .solution import Array, Pieces, Reference, State, Times, checked, column, stacked
 
 # half the length of the rod [m], and its masses for (x, z, angle) [kg, kg m^2]
 _HALF = 0.5
@@ -62,9 +62,9 @@ def painleve_rod(
     landing = float(np.sqrt(2.0 * drop / G))
     before = np.array([-speed, -G * landing, 0.0])
 
-    def motion(a: float) -> Array:
+    def motion(a: Times) -> Array:
         """Return the velocity of q at the unit rate of the angle while the contact sticks."""
-        return np.array([-_HALF * np.sin(a) - tip, _HALF * np.cos(a), 1.0])
+        return stacked(-_HALF * np.sin(a) - tip, _HALF * np.cos(a), 1.0)
 
     def acceleration(a: float, w: float) -> float:
         # Lagrange's equation in the angle
@@ -82,16 +82,16 @@ def painleve_rod(
         pull = bend * motion(a) - w**2 * _HALF * np.array([np.cos(a), np.sin(a), 0.0])
         _check_cone(pull[:2] + np.array([0.0, G]), mu, t)
 
-    def falling(t: float) -> State:
-        q = start + np.array([-speed * t, -0.5 * G * t * t, 0.0])
-        return q, before * [1.0, t / landing, 1.0]
+    def falling(t: Times) -> State:
+        q = start + stacked(-speed * t, -0.5 * G * t * t, 0.0)
+        return q, before * stacked(1.0, t / landing, 1.0)
 
     place = start[0] - speed * landing - _HALF * cos
 
-    def turning(t: float) -> State:
+    def turning(t: Times) -> State:
         a, w = turn.at(t)
-        q = np.array([place - tip * (a - angle) + _HALF * np.cos(a), tip + _HALF * np.sin(a), a])
-        return q, w * motion(a)
+        q = stacked(place - tip * (a - angle) + _HALF * np.cos(a), tip + _HALF * np.sin(a), a)
+        return q, column(w) * motion(a)
 
     problem = _rod_problem(mu, tip, *falling(0.0))
     source = "closed form until the impact, then DOP853 at relative tolerance 1e-13 for the angle"

@@ -13,9 +13,9 @@ from ..problem import Problem
 from ..system import LagrangianSystem
 from .rough_plane import G, Stretch, stretches
 from .smooth import integrated
-from .solution import Array, Pieces, Reference, State, checked, from_start, times
+from .solution import Array, Motion, Pieces, Reference, State, Times, checked, from_start, stacked, times
 
-Motions = tuple[list[float], list[Callable[[float], State]]]
+Motions = tuple[list[float], list[Motion]]
 # speed below which the rest of a motion that stops is taken as uniformly decelerated [m/s]
 _SLOW = 1e-7
 
@@ -94,9 +94,9 @@ def _spinning(grip: float, spin: float) -> Motions:
     """Return the starts and states of a motion that only spins, decelerated by grip [rad/s^2]."""
     found = stretches(spin, 0.0, grip)
 
-    def state(stretch: Stretch, t: float) -> State:
+    def state(stretch: Stretch, t: Times) -> State:
         angle, rate = stretch(t)
-        return np.array([0.0, 0.0, angle, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, rate, 0.0, 0.0, 0.0])
+        return stacked(0.0, 0.0, angle, 0.0, 0.0, 0.0), stacked(0.0, 0.0, rate, 0.0, 0.0, 0.0)
 
     return [s.start for s in found], [partial(state, s) for s in found]
 
@@ -109,16 +109,16 @@ def _sliding(flow: Callable[[float, Array], Array], speed: float, spin: float, r
 
     moving = integrated(flow, 0.0, np.array([0, 0, 0, speed, 0, spin]), end, lambda t, y: size(y) - _SLOW)
     starts = [0.0]
-    states: list[Callable[[float], State]] = [partial(_flat, moving.at)]
+    states: list[Motion] = [partial(_flat, moving.at)]
     if moving.end < end:
         last, rate = moving.last, flow(moving.end, moving.last)
         left = size(last) / size(np.append(np.zeros(3), rate[3:]))
         rest = np.append(last[:3] + 0.5 * left * last[3:], np.zeros(3))
         starts.append(moving.end + left)
-        states.append(partial(_flat, lambda t: rest))
+        states.append(partial(_flat, lambda t: np.multiply.outer(rest, np.ones_like(t))))
     return starts, states
 
 
-def _flat(motion: Callable[[float], Array], t: float) -> State:
+def _flat(motion: Callable[[Times], Array], t: Times) -> State:
     y = motion(t)
-    return np.append(y[:3], np.zeros(3)), np.append(y[3:], np.zeros(3))
+    return stacked(*y[:3], 0.0, 0.0, 0.0), stacked(*y[3:], 0.0, 0.0, 0.0)

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .solution import Array
+from .solution import Array, Times
 
 _RTOL, _ATOL, _LARGEST = 1e-13, 1e-14, 5e-3
 
 
 class Smooth(NamedTuple):
-    """A motion until its end: at(t) -> y, the end [s], and y there."""
+    """A motion until its end: at(t) -> y, shape (n,) or of several times (n, m), the end [s], and y there."""
 
-    at: Callable[[float], Array]
+    at: Callable[[Times], Array]
     end: float
     last: Array
 

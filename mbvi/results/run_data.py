@@ -154,14 +154,35 @@ class RunData:
         if not several:
             return self._at(number(cast("float", t), "t"))
         times = array(t, "t", ("m",))
-        states = [self._at(float(one)) for one in times]
-        q = np.reshape([state[0] for state in states], (len(times), self.q.shape[1]))
-        return q, np.reshape([state[1] for state in states], (len(times), self.v.shape[1]))
+        if self.record.dense is None:
+            return self._several(times)
+        q, v = zip(*(self._at(one) for one in times.tolist()), strict=True)
+        return np.array(q), np.array(v)
+
+    def _several(self, times: Array) -> tuple[Array, Array]:
+        """Return q and v at times of a run without dense output."""
+        for t in (times.min(), times.max()):
+            self._check(float(t))
+        i = np.searchsorted(self.t, times, side="right") - 1
+        later = np.minimum(i + 1, len(self.t) - 1)
+        part = np.divide(times - self.t[i], self.t[later] - self.t[i], out=np.zeros(len(i)), where=later > i)
+        q, v = self.q[i], self.v[np.where(part >= self.record.timing.jump, later, i)]
+        inside = np.flatnonzero(later > i)
+        before, after, share = q[inside], self.q[later[inside]], part[inside, None]
+        if self.problem is None:
+            q[inside] += share * (after - before)
+        elif len(inside):
+            system = self.problem.system
+            q[inside] = system.integrate_each(before, share * system.difference_each(before, after))
+        return q, v
+
+    def _check(self, t: float) -> None:
+        if not self.t[0] <= t <= self.t[-1]:
+            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
 
     def _at(self, t: float) -> tuple[Array, Array]:
         """Return q and v at one time."""
-        if not self.t[0] <= t <= self.t[-1]:
-            raise InputError(f"t = {t} lies outside the run, [{self.t[0]:g}, {self.t[-1]:g}] s")
+        self._check(t)
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         if i == len(self.t) - 1:
             return self.q[i].copy(), self.v[i].copy()

@@ -42,7 +42,7 @@ from .pairs.rules import PairRules
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .urdf.checks import check_mass_matrix
-from .urdf.joint_friction import with_joint_friction
+from .urdf.joint_friction import stated_friction, with_joint_friction
 from .urdf.mimic import on_their_own, unfollowed
 from .urdf.robot import load_robot, robot_name
 from .urdf.robot_names import description_file
@@ -178,7 +178,7 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         set_base_velocity(q0, v0, base, vector(base_velocity, "base_velocity", 6))
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
-        robot, friction = with_joint_friction(robot, joint_friction)
+        robot, friction = with_joint_friction(robot, joint_friction, stated_friction(robot.model))
         self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, friction=friction))
         self._couple_mimics(robot, still)
         left = unfollowed(robot.omitted, still)

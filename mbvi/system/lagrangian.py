@@ -69,6 +69,12 @@ class LagrangianSystem(System):
     def difference(self, q0: Array, q1: Array) -> Array:
         return q1 - q0
 
+    def integrate_each(self, q: Array, dv: Array) -> Array:
+        return q + dv
+
+    def difference_each(self, q0: Array, q1: Array) -> Array:
+        return q1 - q0
+
     def metric(self, q: Array) -> Metric:
         M, size = returned(self._mass(q), f"mass ({called(self._mass)})"), self.nv
         if M.shape != (size, size):

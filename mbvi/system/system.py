@@ -206,6 +206,14 @@ class System:
         """Return the tangent vector, shape (nv,), from q0 to q1."""
         raise NotImplementedError
 
+    def integrate_each(self, q: Array, dv: Array) -> Array:
+        """Return `integrate` of several configurations, shape (m, nq)."""
+        return np.array([self.integrate(*pair) for pair in zip(q, dv, strict=True)])
+
+    def difference_each(self, q0: Array, q1: Array) -> Array:
+        """Return `difference` of several pairs of configurations, shape (m, nv)."""
+        return np.array([self.difference(*pair) for pair in zip(q0, q1, strict=True)])
+
     def metric(self, q: Array) -> Metric:
         """Return M(q), factorised."""
         raise NotImplementedError

@@ -58,7 +58,7 @@ def errors(run: Trajectory, reference: Reference) -> Errors:
         Errors of configurations, of velocities, and of the graph of the velocity.
     """
     compared = _compared(run, reference)
-    return Errors(*_path_errors(run, reference, compared), _graph_error(run, reference, compared))
+    return Errors(*_path_errors(run, reference, compared), _graph_error(run, compared))
 
 
 def path_errors(run: Trajectory, reference: Reference) -> tuple[float, float]:
@@ -67,51 +67,49 @@ def path_errors(run: Trajectory, reference: Reference) -> tuple[float, float]:
 
 
 class _Compared(NamedTuple):
-    """Times at which a run is compared, the exact states there, and the times at which its velocity jumps."""
+    """Times at which a run is compared, and exact states: there, at nodes between them, and just before impacts."""
 
     times: Array
-    exact: list[tuple[Array, Array]]
+    q: Array
+    v: Array
+    at_nodes: list[Array]
+    impacts: Array
+    before: Array
+    # times at which the velocity of the run jumps
     turns: Array
 
 
 def _compared(run: Trajectory, reference: Reference) -> _Compared:
     turns = np.clip(run.t[1:] - (1.0 - run.record.timing.jump) * np.diff(run.t), run.t[:-1], run.t[1:])
-    times = np.union1d(np.union1d(run.t, turns), _jumps(run, reference))
-    return _Compared(times, [reference.at(t) for t in times.tolist()], turns)
-
-
-def _jumps(run: Trajectory, reference: Reference) -> Array:
-    """Return the times of the exact impacts during a run."""
-    return reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
+    impacts = reference.impacts[(reference.impacts > run.t[0]) & (reference.impacts <= run.t[-1])]
+    times = np.union1d(np.union1d(run.t, turns), impacts)
+    groups = [times, *(times[:-1] + node * np.diff(times) for node in _NODES), np.nextafter(impacts, -np.inf)]
+    q, v = reference.at(np.concatenate(groups))
+    at_times, *at_nodes, before = np.split(v, np.cumsum([len(group) for group in groups[:-1]]))
+    return _Compared(times, q[: len(times)], at_times, at_nodes, impacts, before, turns)
 
 
 def _path_errors(run: Trajectory, reference: Reference, compared: _Compared) -> tuple[float, float]:
-    difference, (times, exact, turns) = reference.problem.system.difference, compared
-    own = dict(zip(run.t.tolist(), run.q, strict=True))
-    own |= {t: run.at(t)[0] for t in np.setdiff1d(times, run.t).tolist()}
-    q = max(float(np.abs(difference(a, own[t])).max()) for t, (a, _) in zip(times.tolist(), exact, strict=True))
-    left, length = times[:-1], np.diff(times)
-    # index of the recorded velocity; times are sorted
-    index = np.searchsorted(turns, left, side="right")
-    v = 0.0
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        smooth = np.array([reference.at(float(t))[1] for t in left + node * length])
-        v += weight * float(length @ np.linalg.norm(smooth - run.v[index], axis=1))
-    return q, v
+    times = compared.times
+    recorded = np.searchsorted(run.t, times, side="right") - 1
+    own, between = run.q[recorded], run.t[recorded] < times
+    if between.any():
+        own[between] = run.at(times[between])[0]
+    q = float(np.abs(reference.problem.system.difference_each(compared.q, own)).max())
+    # times are sorted
+    known = run.v[np.searchsorted(compared.turns, times[:-1], side="right")]
+    off = [np.linalg.norm(exact - known, axis=1) for exact in compared.at_nodes]
+    return q, float(np.diff(times) @ (_WEIGHTS @ off))
 
 
-def _graph_error(run: Trajectory, reference: Reference, compared: _Compared) -> float:
-    times, exact, turns = compared
-    # velocities just before jumps
-    before = {float(t): reference.at(float(np.nextafter(t, -np.inf)))[1] for t in _jumps(run, reference)}
-    curve = []
-    for t, (_, velocity) in zip(times.tolist(), exact, strict=True):
-        curve += [(t, *before[t])] if t in before else []
-        curve.append((t, *velocity))
+def _graph_error(run: Trajectory, compared: _Compared) -> float:
+    before = np.column_stack([compared.impacts, compared.before])
+    curve = np.column_stack([compared.times, compared.v])
+    curve = np.insert(curve, np.searchsorted(compared.times, compared.impacts), before, axis=0)
     stairs = np.repeat(np.column_stack([run.t, run.v]), 2, axis=0)[:-1]
-    stairs[1::2, 0] = stairs[2::2, 0] = turns
+    stairs[1::2, 0] = stairs[2::2, 0] = compared.turns
     stairs = np.concatenate([stairs, [[run.t[-1], *run.v[-1]]]])
-    return graph_distance(stairs, np.array(curve))
+    return graph_distance(stairs, curve)
 
 
 def worst_errors(
@@ -175,16 +173,16 @@ def sampled_errors(
     samples : int
         Number of times that are compared, in addition to both sides of each jump.
     """
-    difference, start = reference.problem.system.difference, reference.problem.t0
-    end = start + reference.duration
+    start, end = reference.problem.t0, reference.problem.t0 + reference.duration
     sides = np.union1d(jumps, reference.impacts)
     sides = sides[(sides > start) & (sides <= end)]
     times = np.sort(np.concatenate([np.linspace(start, end, samples + 1), sides, np.nextafter(sides, -np.inf)]))
-    own, exact = [at(t) for t in times.tolist()], [reference.at(t) for t in times.tolist()]
-    q = max(float(np.abs(difference(a, b)).max()) for (a, _), (b, _) in zip(exact, own, strict=True))
-    v, w = (np.array([velocity for _, velocity in states]) for states in (own, exact))
+    own = [at(t) for t in times.tolist()]
+    p, v = np.array([q for q, _ in own]), np.array([v for _, v in own])
+    q, w = reference.at(times)
+    far = float(np.abs(reference.problem.system.difference_each(q, p)).max())
     off = np.linalg.norm(v - w, axis=1)
     integral = float(np.diff(times) @ (off[1:] + off[:-1])) / 2
     # both sides of a jump belong to one time
     line = np.where(np.isin(times, np.nextafter(sides, -np.inf)), np.nextafter(times, np.inf), times)
-    return Errors(q, integral, graph_distance(np.column_stack([line, v]), np.column_stack([line, w])))
+    return Errors(far, integral, graph_distance(np.column_stack([line, v]), np.column_stack([line, w])))

@@ -50,6 +50,24 @@ def test_it_starts_where_its_problem_starts(case):
     assert ((case.impacts > 0) & (case.impacts <= case.duration)).all()
 
 
+def states_at_once(case):
+    times = np.concatenate([np.linspace(0, case.duration, 150)[::-1], case.breakpoints, np.nextafter(case.impacts, 0)])
+    for many, each in zip(case.at(times), zip(*map(case.at, times.tolist()), strict=True), strict=True):
+        np.testing.assert_allclose(many, each, rtol=1e-14, atol=1e-14)
+    with pytest.raises(mbvi.InputError, match="known from 0 s"):
+        case.at([0.0, 1.1 * case.duration])
+
+
+@every_case
+def test_states_at_many_times_are_those_at_each(case):
+    states_at_once(case)
+
+
+@pytest.mark.parametrize("make", reference.ROUGH.values(), ids=reference.ROUGH)
+def test_states_with_friction_at_many_times_are_those_at_each(make):
+    states_at_once(make())
+
+
 @every_case
 def test_it_stays_in_k(case):
     gaps = [case.problem.constraints.gap(t, case.at(t)[0]) for t in np.linspace(0, case.duration, 400)]

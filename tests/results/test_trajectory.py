@@ -298,3 +298,18 @@ def test_states_at_many_times_are_those_at_each(run):
     for wrong in ([], [0.1, 0.6], [[0.1]], ["a"], [0.1, np.nan], None):
         with pytest.raises(mbvi.InputError):
             run.at(wrong)
+
+
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.MoreauJean(), mbvi.EventDriven()], ids=repr)
+@pytest.mark.parametrize("options", [{}, {"plane": "xz"}], ids=str)
+@pytest.mark.parametrize("shape", ["box", "sphere"])
+def test_many_states_of_free_bodies_are_those_at_each(shape, options, scheme):
+    scene = mbvi.Scene(restitution=0.5, **options)
+    for k in range(2):
+        spin = {"angular_velocity": (0.0, 2.0 + k, 0.0)} if shape == "box" else {}
+        size = (0.1, 0.2, 0.3) if shape == "box" else 0.1
+        getattr(scene, f"add_{shape}")(size, mass=1.0, position=(k, 0, 1), velocity=(0.3, 0, k), **spin)
+    run = mbvi.simulate(scene.build(), scheme, duration=0.1, **({} if "Event" in repr(scheme) else {"step": 0.01}))
+    times = np.linspace(0.0, 0.1, 38)[::-1]
+    for many, each in zip(run.at(times), zip(*map(run.at, times.tolist()), strict=True), strict=True):
+        np.testing.assert_array_equal(many, each)

@@ -39,7 +39,7 @@ from support.loop_arguments import (
     two_hoppers,
 )  # fmt: skip
 from support.paths import ROBOTS, real_robot
-from support.robot_problems import OWN, problem_of
+from support.robot_problems import OWN, built_once, problem_of
 
 # the package's `simulate` is the function
 SIMULATE = import_module("mbvi.run.simulate")
@@ -398,6 +398,7 @@ def test_a_thousand_steps_are_those_of_the_scheme(name, scheme):
 PUBLISHED = ["go2", "g1", "talos", "panda", "solo12", "anymal", "ur5"]
 
 
+@built_once
 def published(name):
     return problem_of("ur5", "fall", 0.0) if name == "ur5" else published_robot(name, 0.02)
 

@@ -9,6 +9,7 @@ import mbvi
 from mbvi.constraints import JointLimits
 from mbvi.run.accuracy import DEFAULT_DEPTH
 from support.paths import real_robot
+from support.robot_problems import built_once
 
 FILES = {
     "solo12": "solo_description/robots/solo12.urdf",
@@ -30,6 +31,7 @@ HEIGHT, DURATION = 0.1, 0.3
 POSTURES = (0, 1)
 
 
+@built_once
 def robot(name, friction):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mbvi.MbviWarning)

@@ -12,6 +12,7 @@ import mbvi
 from mbvi.constraints import JointLimits, SignedDistances
 from mbvi.run.recorder import Recorder
 from mbvi_studies.published_robots import PUBLISHED, published_robot
+from support.robot_problems import built_once
 
 STEP, STEPS = 1e-3, 1000
 # part of a step's displacement by which an impact can sink in. Paoli's scheme takes a whole step before the law acts.
@@ -38,11 +39,14 @@ class Fall(NamedTuple):
     part: float
 
 
+MADE = built_once(published_robot)
+
+
 # tests of one fall follow each other, so that it is computed once
 @pytest.fixture(scope="module", params=product(PUBLISHED, SINKS), ids="-".join)
 def fall(request):
     name, scheme = request.param
-    problem, (method, part), steps, record = published_robot(name, 0.02), SINKS[scheme], [], Recorder.step
+    problem, (method, part), steps, record = MADE(name, 0.02), SINKS[scheme], [], Recorder.step
 
     def noted(self, step, keep):
         steps.append(step)

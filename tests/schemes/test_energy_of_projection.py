@@ -10,7 +10,7 @@ import pytest
 import mbvi
 from mbvi.projection import Projector
 from mbvi.results.diagnosis.energies import energy_of_projection
-from support.robot_problems import OWN, REAL, path_of
+from support.robot_problems import OWN, REAL, built_once, path_of
 
 SCHEMES = {"default": mbvi.Centered(project_positions=True), "moreau_jean": mbvi.MoreauJean(project_positions=True)}
 H = 2e-3
@@ -20,16 +20,23 @@ CONTACT = 2e-5
 SUNK = 5e-3
 
 
-def dropped(name, mu, rng):
-    """A robot without restitution that falls from 5 cm over a floor, turning."""
+@built_once
+def resting(name, mu):
+    """A robot without restitution 5 cm over a floor."""
     scene = mbvi.Scene(friction=mu)
     scene.add_halfspace((0, 0, 1), name="floor")
     scene.add_urdf(path_of(name), position=(0, 0, 5.0))
     problem = scene.build()
-    rows, q, v = problem.constraints, problem.q0.copy(), problem.v0.copy()
+    rows, q = problem.constraints, problem.q0.copy()
     floor = [k for k in range(len(rows)) if rows.name(k).endswith("| floor")]
     q[2] += 0.05 - float(rows.gap(problem.t0, q)[floor].min())
-    return problem.at(q, v + 0.5 * rng.normal(size=len(v)))
+    return problem.at(q, problem.v0)
+
+
+def dropped(name, mu, rng):
+    """It falls, turning."""
+    problem = resting(name, mu)
+    return problem.at(problem.q0, problem.v0 + 0.5 * rng.normal(size=problem.system.nv))
 
 
 def energy(system, q, v):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mbvi
-from mbvi.compiled import Kernel
+from mbvi.compiled import Kernel, records
 from mbvi.constraints.mechanism.row_callback import RowCallback
 from mbvi.constraints.mechanism.state import row_buffer
 from mbvi.constraints.mechanism.tables import MOST_ROWS
@@ -35,15 +35,30 @@ class _Caught(Exception):
     """Ends a run at the call whose arguments it bears."""
 
 
-def interpreted(item, wanted, catch):
+def interpreted(item, wanted, catch, known=None):
     """Return what calls `catch` in place of a wanted kernel, and is run by Python down to there."""
+    known = {} if known is None else known
     if item.__name__ == wanted:
         return catch
-    others = {name: value for name, value in item._named().items() if isinstance(value, Kernel)}
-    down = {name: interpreted(value, wanted, catch) for name, value in others.items()}
-    if all(down[name] is others[name] for name in down):
-        return item
-    return FunctionType(item.loops.__code__, {**item.loops.__globals__, **down}, item.__name__)
+    if item not in known:
+        others = {name: value for name, value in item._named().items() if isinstance(value, Kernel)}
+        down = {name: interpreted(value, wanted, catch, known) for name, value in others.items()}
+        same = all(down[name] is others[name] for name in down)
+        namespace = {**item.loops.__globals__, **down}
+        known[item] = item if same else FunctionType(item.loops.__code__, namespace, item.__name__)
+    return known[item]
+
+
+def hold_once(hold):
+    """Return `hold` of records that it writes once each: Python gives the same ones to thousands of calls."""
+    known = {}
+
+    def held(record):
+        if id(record) not in known:
+            known[id(record)] = record, hold(record)
+        return known[id(record)][1]
+
+    return held
 
 
 def arguments_of_call(number, wanted, problem, scheme):
@@ -62,6 +77,7 @@ def arguments_of_call(number, wanted, problem, scheme):
         warnings.simplefilter("ignore", mbvi.MbviWarning)
         patched.setattr(compiled_loop, "LONG", 0)
         patched.setattr(compiled_loop, "held", lambda record: record)
+        patched.setattr(records, "hold", hold_once(records.hold))
         loop = loop_scope.loop_of(scheme)
         patched.setattr(compiled_loop, "loop_of", lambda _: interpreted(loop, wanted, catch))
         mbvi.simulate(problem, scheme, step=STEP, duration=DURATION, progress=False)

@@ -1,7 +1,9 @@
 """Robots of the project and published ones, each dropped onto a floor or moving at its joint limits."""
 
+import pickle
 import warnings
 import xml.etree.ElementTree as ElementTree
+from functools import cache, wraps
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +31,13 @@ def path_of(name):
     return ROBOTS / name / f"{name}.urdf" if name in OWN else real_robot(REAL[name][0])
 
 
+def built_once(make):
+    """Return copies of the problem that a function makes once of its arguments: a published robot takes seconds."""
+    pickled = cache(lambda *given: pickle.dumps(make(*given)))
+    return wraps(make)(lambda *given: pickle.loads(pickled(*given)))
+
+
+@built_once
 def problem_of(name, kind, e, mimic=True):
     """A robot one centimetre above a floor, or a fixed one; with `limits` four in ten joints run into one."""
     path, free = path_of(name), is_free(name)

@@ -30,9 +30,11 @@ def neighbours(triangles: Array, count: int) -> tuple[Array, Array]:
     first, neighbour : ndarray of int, shapes (count + 1,) and (e,)
         The neighbours of vertex k are `neighbour[first[k] : first[k + 1]]`, ascending.
     """
-    edges = np.concatenate([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
-    edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
-    return np.searchsorted(edges[:, 0], np.arange(count + 1)), np.ascontiguousarray(edges[:, 1])
+    a = triangles.astype(np.int64)
+    b = np.roll(a, -1, axis=1)
+    # edges as numbers, because to sort pairs takes ten times as long
+    vertex, other = np.divmod(np.unique(np.concatenate([a * count + b, b * count + a])), count)
+    return np.searchsorted(vertex, np.arange(count + 1)), other
 
 
 def stack_graphs(graphs: list[tuple[Array, Array]]) -> tuple[Array, Array]:

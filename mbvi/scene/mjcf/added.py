@@ -30,6 +30,7 @@ from ...system.mechanisms.articulated import Control
 from ..items import BodyItem, RobotItem, SceneItems
 from ..reductions import Omission
 from ..urdf.checks import check_mass_matrix
+from ..urdf.joint_friction import with_joint_friction
 from ..urdf.robot_names import description_file
 from ..urdf.start import initial_state, set_base_velocity
 from ..urdf.still_joints import checked_locked
@@ -62,6 +63,7 @@ class MjcfModels:
         base_velocity: Sequence[float] | Array = _STILL,
         keyframe: str | None = None,
         ctrl: Mapping[str, float] | Sequence[float] | Array | Ctrl | None = None,
+        joint_friction: bool | Mapping[str, float] = True,
     ) -> str:
         """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, equalities, and what touches what.
 
@@ -85,6 +87,8 @@ class MjcfModels:
             Inputs of the actuators that are modelled: of some by name, all in the file's order, or a function
             ctrl(t, q, v) of the robot's own q and v that returns all; by default those of the keyframe, or zero.
             `Problem.ctrl` sets them later.
+        joint_friction : bool or mapping of str to float
+            As `add_urdf`; by default joints have the dry friction of the file.
 
         Returns
         -------
@@ -132,7 +136,8 @@ class MjcfModels:
             robot = replace(robot, omitted=(*robot.omitted, Omission(what, "the scene's holds")))
             ignored.append(what)
         springs = tuple(found.forces.springs)
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, springs))
+        robot, friction = with_joint_friction(robot, joint_friction, found.forces.friction)
+        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, springs, friction))
         self._add_world(found)
         self._items.connections += found.equalities.connections
         self._items.couplings += found.equalities.couplings

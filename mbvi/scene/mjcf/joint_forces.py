@@ -27,22 +27,24 @@ class MjcfForces(NamedTuple):
         The others.
     inputs : list of int
         Of each actuator its place among the inputs of the file.
-    friction_loss : tuple of (str, float)
-        Joints with dry friction, which is not modelled, and its size [N, N m].
+    friction : dict of str to float
+        Largest torque or force of dry friction of joints that have some [N m, N].
     """
 
     springs: list[JointForce]
     actuators: list[JointForce]
     omitted: list[Omission]
     inputs: list[int]
-    friction_loss: tuple[tuple[str, float], ...]
+    friction: dict[str, float]
 
 
 def forces_of(m: Any, joints: Sequence[str]) -> MjcfForces:
     """Return the springs and actuators of an MjModel, given the names of its joints."""
-    lost = [(name, float(m.dof_frictionloss[m.jnt_dofadr[j]])) for j, name in enumerate(joints)]
-    found = MjcfForces([], [], [], [], tuple(one for one in lost if one[1]))
+    found = MjcfForces([], [], [], [], {})
     for j, name in enumerate(joints):
+        lost = float(m.dof_frictionloss[m.jnt_dofadr[j]])
+        if lost and m.jnt_type[j] not in (_FREE, _BALL) and not disabled(m, "FRICTIONLOSS"):
+            found.friction[name] = lost
         stiffness = float(m.jnt_stiffness[j])
         if is_linear_spring(m, j) and not disabled(m, "SPRING"):
             rest = 0.0 if m.jnt_type[j] == _BALL else float(m.qpos_spring[m.jnt_qposadr[j]])

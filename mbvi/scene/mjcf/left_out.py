@@ -32,11 +32,11 @@ _COUNTED = (
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 # flags that are honoured, or that act on nothing that is modelled: others are named
 _HONOURED = (
-    "CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY", "SPRING", "CLAMPCTRL",
+    "CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY", "FRICTIONLOSS", "SPRING", "CLAMPCTRL",
     "ACTUATION",
 )  # fmt: skip
 _NO_EFFECT = (
-    "FRICTIONLOSS", "PASSIVE", "SENSOR", "WARMSTART", "REFSAFE",
+    "PASSIVE", "SENSOR", "WARMSTART", "REFSAFE",
     "MIDPHASE", "NATIVECCD", "MULTICCD", "EULERDAMP", "AUTORESET", "ISLAND",
     "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE",
 )  # fmt: skip
@@ -81,9 +81,10 @@ def _of_joints(m: Any) -> Iterator[tuple[str, str]]:
         return [bool(np.any(values[dof])) for dof in dofs]
 
     springs = [bool(m.jnt_stiffness[j]) and not is_linear_spring(m, j) for j in range(m.njnt)]
+    several = np.array([width[int(k)] > 1 for k in m.jnt_type], dtype=bool)
     found = [
         ("springs", where(springs), "springs are linear, of hinges, slides and balls"),
-        ("dry friction", where(rows(m.dof_frictionloss)), "joints have none"),
+        ("dry friction", where(np.array(rows(m.dof_frictionloss)) & several), "only hinges and slides have some"),
         ("limits", where((m.jnt_type == _BALL) & (m.jnt_limited != 0)), "ball joints have none"),
         ("margins of limits", where((m.jnt_margin != 0.0) & (m.jnt_limited != 0)), "limits bear at their values"),
         ("armature", where((m.jnt_type == _FREE) & np.array(rows(m.dof_armature))), "free joints have none"),

@@ -34,9 +34,6 @@ from .checks import (
 from .mimic import Mimic, mimics_of
 from .self_pairs import disabled_pairs, pairs_left_out
 
-# how the omission of dry friction of joints begins
-DRY = "dry friction"
-
 
 @dataclass(frozen=True)
 class Robot:
@@ -124,7 +121,7 @@ def load_robot(
     check_inertias(model, file)
     reference, moved = _reference(model)
     mimics, unfollowed = mimics_of(model, root)
-    omitted += _unmodelled(model, root) + unfollowed
+    omitted += _unmodelled(root) + unfollowed
     omitted += moved
     apart, dropped = pairs_left_out(model, shapes, reference, disabled_pairs(srdf, name))
     omitted += dropped
@@ -288,21 +285,9 @@ def _reference(model: pin.Model) -> tuple[Array, list[Omission]]:
     return q, moved
 
 
-def stated_friction(model: pin.Model) -> dict[str, float]:
-    """Return the largest torque or force of dry friction of each joint of a URDF that has some [N m, N]."""
-    found = {}
-    for joint in range(1, model.njoints):
-        largest = model.upperDryFrictionLimit[model.idx_vs[joint]] if model.nvs[joint] == 1 else 0.0
-        if largest > 0.0:
-            found[str(model.names[joint])] = float(largest)
-    return found
-
-
-def _unmodelled(model: pin.Model, root: ElementTree.Element) -> list[Omission]:
-    """Return the omitted parts of the URDF: dry friction, effort and velocity limits."""
-    found, dry = [], stated_friction(model)
-    if dry:
-        found.append(Omission(f"{DRY} of {', '.join(dry)}", "take it in by joint_friction=True"))
+def _unmodelled(root: ElementTree.Element) -> list[Omission]:
+    """Return the omitted parts of the URDF: effort and velocity limits."""
+    found = []
     if root.find("joint/limit") is not None:
         found.append(Omission("effort and velocity limits", "they bound motors; clip in your control"))
     return found

@@ -167,6 +167,15 @@ class FreeBodies(System):
         integrate(plain_array(q), plain_array(dv), new)
         return new
 
+    # bodies of several configurations are as many bodies
+    def integrate_each(self, q: Array, dv: Array) -> Array:
+        new = np.empty(q.size)
+        integrate(plain_array(q.ravel()), plain_array(dv.ravel()), new)
+        return new.reshape(q.shape)
+
+    def difference_each(self, q0: Array, q1: Array) -> Array:
+        return self.difference(q0, q1).reshape(len(q0), self.nv)
+
     def difference(self, q0: Array, q1: Array) -> Array:
         old, new = q0.reshape(-1, 7), q1.reshape(-1, 7)
         dv = np.empty((len(old), 6))

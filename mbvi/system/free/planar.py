@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from ...compiled import plain_array
 from ...projection import DiagonalMetric
-from ..system import Array
+from ..system import Array, System
 from .bodies import FreeBodies, Spheres
 from .sparse_rows import MOST_DENSE, rows_of_two
 from .turning import planar_separation_rows
@@ -99,6 +99,8 @@ class PlanarBodies(FreeBodies):
 
     def integrate(self, q: Array, dv: Array) -> Array:
         return super().integrate(q, self._in_space(dv))
+
+    integrate_each, difference_each = System.integrate_each, System.difference_each
 
     def _in_space(self, v: Array) -> Array:
         """Return the velocities of bodies in space."""
