@@ -179,7 +179,9 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         still = checked_locked(robot, base, q0, v0, still)
         check_mass_matrix(robot.model, q0, still, file)
         robot, friction = with_joint_friction(robot, joint_friction, stated_friction(robot.model))
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, friction=friction))
+        self._items.robots.append(
+            RobotItem(robot, base, place, turn, q0, v0, control, still, within, friction=friction)
+        )
         self._couple_mimics(robot, still)
         left = unfollowed(robot.omitted, still)
         if left:

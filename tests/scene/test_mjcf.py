@@ -225,7 +225,7 @@ REST = """<mujoco model="rest"><option density="1.2"><flag gravity="disable"/></
   <worldbody><geom type="hfield" hfield="hills"/><site name="s"/><light/><camera name="c"/>
     <body name="a" gravcomp="1"><joint name="j" stiffness="3" frictionloss=".1"/>
       <geom name="g" size=".1" margin=".01" solref=".01 1"/>
-      <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true"/>
+      <body name="b" pos="1 0 0"><joint name="k" type="ball" range="0 1" limited="true" frictionloss=".1"/>
         <geom size=".1" condim="6"/></body>
     </body>
     <body pos="9 0 0"><joint name="f" type="free" stiffness="2"/><geom size=".1"/></body>
@@ -244,7 +244,7 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     (warning,) = caught
     report = scene.build().report()
     moving = (
-        "limits of tendon t", "actuator f", "1 mocap bodies", "springs of f", "dry friction of j",
+        "limits of tendon t", "actuator f", "1 mocap bodies", "springs of f", "dry friction of k",
         "limits of k", "gravity compensation of a", "margin of g", "torsional and rolling friction of a geom of b",
         "density", "height field", "gravity [0.0, 0.0, 0.0] of the file",
     )  # fmt: skip

@@ -21,7 +21,6 @@ NAMED = {
     "geom surfacevel": ("g", 'surfacevel="1 0 0 0 0 0"', "surface velocity (surfacevel) of g"),
     "joint stiffness": ("j", 'stiffness="2 1"', "springs of j"),
     "joint springyield": ("j", 'stiffness="2" springyield="1"', "springs of j"),
-    "joint frictionloss": ("j", 'frictionloss=".1"', "dry friction of j"),
     "joint margin": ("j", 'margin=".1" range="-1 1" limited="true"', "margins of limits of j"),
     "joint ref": ("j", 'ref="2" range="-57.2 57.2" limited="true"', ""),
     "body gravcomp": ("b", 'gravcomp="1"', "gravity compensation of b"),

@@ -137,7 +137,9 @@ class MjcfModels:
             ignored.append(what)
         springs = tuple(found.forces.springs)
         robot, friction = with_joint_friction(robot, joint_friction, found.forces.friction)
-        self._items.robots.append(RobotItem(robot, base, place, turn, q0, v0, control, still, within, springs, friction))
+        self._items.robots.append(
+            RobotItem(robot, base, place, turn, q0, v0, control, still, within, springs, friction)
+        )
         self._add_world(found)
         self._items.connections += found.equalities.connections
         self._items.couplings += found.equalities.couplings

@@ -32,8 +32,8 @@ _COUNTED = (
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 # flags that are honoured, or that act on nothing that is modelled: others are named
 _HONOURED = (
-    "CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY", "FRICTIONLOSS", "SPRING", "CLAMPCTRL",
-    "ACTUATION",
+    "CONTACT", "LIMIT", "CONSTRAINT", "DAMPER", "GRAVITY", "FILTERPARENT", "EQUALITY", "SPRING", "CLAMPCTRL",
+    "ACTUATION", "FRICTIONLOSS",
 )  # fmt: skip
 _NO_EFFECT = (
     "PASSIVE", "SENSOR", "WARMSTART", "REFSAFE",

@@ -59,8 +59,9 @@ class ArticulatedSystem(System):
     Notes
     -----
     g(t, q, v) = tau - nle(q, v) - D v; the springs are in tau. Dry friction of joints, `upperDryFrictionLimit` of the
-    model, is part of the impact law: see `in_flight`. Effort and velocity limits are not modelled. Where D is not zero the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at
-    any usual step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
+    model, is part of the impact law: see `in_flight`. Effort and velocity limits are not modelled. Where D is not zero
+    the step to the free velocity is implicit in D v, because explicit damping of light links is unstable at any usual
+    step; with D = 0 it is (11) exactly. `Centered` takes D at order 2; see `advance_by`.
     """
 
     single_mechanism = True

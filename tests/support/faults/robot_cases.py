@@ -207,6 +207,8 @@ def mjcf(seed: int) -> str:
         assert run.q.max() > 1.0, kind
     elif kind == "flag damper":
         assert not problem.system.damping.any(), kind
+    elif kind in ("spring", "dry friction"):
+        assert problem.system.springs if kind == "spring" else problem.system.rubs, kind
     else:
         assert word in said.lower(), f"{kind}: nothing is said of it"
     return kind
