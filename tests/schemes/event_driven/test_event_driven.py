@@ -322,6 +322,21 @@ def test_a_robot_falls_into_its_limits_and_onto_a_plane(make, impacts, tolerance
     assert run.loop_gap().max() <= 1e-12
 
 
+@pytest.mark.parametrize("joined", [False, True])
+def test_coupled_fingers_rest_at_their_limits_beside_other_bodies(joined):
+    """No force presses them there: their limits open and close at no instant, whatever holds them."""
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_urdf(real_robot("panda_description/urdf/panda.urdf"), base="fixed")
+    ball = scene.add_sphere(0.1, position=(2.0, 0.0, 1.0))
+    scene.add_force(ball, lambda t, q, v: np.array([0.0, 0.0, 3.0 * np.sin(20.0 * t)]))
+    if joined:
+        scene.add_urdf(ROBOTS / "double_pendulum/double_pendulum.urdf", base="fixed", position=(3.0, 0.0, 2.0))
+        scene.couple("double_pendulum/elbow", "panda/panda_joint7", ratio=-2.0)
+    run = mbvi.simulate(scene.build(), mbvi.EventDriven(1e-8), duration=0.1)
+    assert len(run.t) < 30 and not run.notes
+    assert run.loop_gap().max() <= 1e-12
+
+
 def test_forces_that_vary_behind_a_closed_contact_let_it_go_in_time():
     """A bead on a table is pulled up for a twentieth of each period: it leaves when the pull passes its weight."""
     system = mbvi.LagrangianSystem(
