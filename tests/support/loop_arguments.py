@@ -300,7 +300,7 @@ CALLS = {
     "moreau_jean_step": [(MOREAU, hopper, BOUNCY, 41), (MOREAU, quadruped, RIGID, 70), (MOREAU, hopper, ROUGH, 42)],
     "centered_step": [(DEFAULT, hopper, RIGID, 41), (DEFAULT, quadruped, ROUGH, 70), (CENTERED, hopper, MIXED, 41)],
     "act": [(PAOLI, hopper, BOUNCY, 5), (DEFAULT, struck, RIGID, 5), (CENTERED, swaying, RIGID, 5)],
-    "fly": [(PAOLI, hopper, BOUNCY, 5), (PILES, swaying, RIGID, 5), (PAOLI, quadruped, RIGID, 5)],
+    "fly": [(PAOLI, hopper, BOUNCY, 5), (MOREAU, swaying, RIGID, 5), (PAOLI, quadruped, RIGID, 5)],
     "evaluate_forces": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
     "evaluate_effects": [(PAOLI, one_body, BOUNCY, 2), (PILES, one_body, ROUGH, 9), (DEFAULT, quadruped, RIGID, 5)],
     "move_freely": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],

@@ -39,12 +39,9 @@ def write_wide(rows: RowBuffer, friction: Array, h: float, wide: Array, mu: Arra
     h : float
         Time step [s].
     wide, mu : ndarray, shapes (3 (k + d), nv) and (k + d,)
-        Receive the rows, and the coefficients of `coulomb_law`.
+        Zeros; receive the rows, and the coefficients of `coulomb_law`.
     """
     a, nv = rows.size[0], wide.shape[1]
-    for i in range(len(wide)):
-        for k in range(nv):
-            wide[i, k] = 0.0
     for i in range(a):
         mu[i] = rows.mu[i] if len(rows.T) > 0 else 0.0
         for k in range(nv):
@@ -85,10 +82,10 @@ def bounded_coulomb(
     n = k + rough
     if n > MOST_ROWS or (rough == 0 and k > MOST_CONTACTS):
         return UNSOLVED
-    wide, W, A, mu = np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.empty(n)
+    wide, W, A, mu = np.zeros((3 * n, nv)), np.empty((3 * n, nv)), np.empty((3 * n, nv)), np.zeros(n)
     write_wide(rows, m.friction, h, wide, mu)
     solve(s.room.L, m.parent, wide, W, A)
-    bounds, table, case, known, first = np.zeros(3 * n), np.zeros((3, 3 * n)), np.empty(n, np.int64), NOTHING, w[:0]
+    bounds, table, case, known = np.zeros(3 * n), np.zeros((3, 3 * n)), np.empty(n, np.int64), NOTHING
     first, start = np.zeros(3 * n), memory.start[: 3 * n]
     if memory.size[1] == 3 * n:
         known = UNIQUE if memory.size[2] else COMPLIANT
