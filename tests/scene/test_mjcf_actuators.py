@@ -122,7 +122,7 @@ def test_the_torque_is_the_law_with_both_limits(tmp_path):
     np.testing.assert_array_equal(problem.ctrl[1:], [0.7, 0.0])
     assert "actuators hold, t, w" in problem.report() and "1 springs" in problem.report()
     found = load_mjcf(tmp_path / "model.xml", pin.SE3.Identity(), name)
-    assert found.forces.friction_loss == ()
+    assert found.forces.friction == {}
 
 
 def test_inputs_are_given_by_keyframe_name_array_and_function(tmp_path):

@@ -273,6 +273,35 @@ def test_files_state_it_and_it_is_taken_in_where_asked(tmp_path):
     assert frictions == [[0.0, 0.0], [0.4, 0.0], [0.0, 0.3]]
 
 
+MODEL = """<mujoco><option gravity="1 0 0"/>{}
+  <worldbody><body><joint name="j" type="slide" axis="1 0 0" frictionloss="1.5"/>
+  <geom name="g" size=".1" mass="2"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("given", "flag", "friction"),
+    [
+        (True, "", 1.5),
+        (False, "", 0.0),
+        ({"j": 0.5}, "", 0.5),
+        (True, '<option><flag frictionloss="disable"/></option>', 0.0),
+    ],
+    ids=["of the file", "left out", "given", "disabled"],
+)
+def test_models_of_mujoco_have_it_by_default(tmp_path, given, flag, friction):
+    """A weight of 2 N pulls."""
+    pytest.importorskip("mujoco")
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL.format(flag))
+    scene = mbvi.Scene(gravity=(1, 0, 0))
+    scene.add_mjcf(path, joint_friction=given)
+    problem = scene.build()
+    assert problem.system.friction.tolist() == [friction]
+    assert ("dry friction of j" in problem.report()) == (given is False)
+    run = mbvi.simulate(problem, mbvi.Centered(), step=1e-3, duration=1.0, progress=False)
+    assert run.v[-1, 0] == pytest.approx((2.0 - friction) / 2.0, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
