@@ -82,7 +82,7 @@ def drawn_model(rng):
     )
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(st.integers(0, 2**31))
 def test_accelerations_are_mujocos(tmp_path_factory, seed):
     rng = np.random.default_rng(seed)
