@@ -445,12 +445,12 @@ CALLS: dict[str, Call] = {
     "Scene.add_urdf": _adds(
         "add_urdf", path=HOPPER, base="free", position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"knee": 0.4},
         velocity={"hip": 0.1}, control=lambda t, q, v: np.zeros(len(v)), name="hopper", srdf=srdf(), locked=["knee"],
-        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), mimic=True,
+        tolerance=1e-3, base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), mimic=True, joint_friction={"knee": 0.1},
     ),
     "Scene.add_mjcf": _adds(
         "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
         velocity={"hinge": 0.1}, control=None, name="model", locked=["slide"], tolerance=1e-3,
-        base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home", ctrl={"drive": 0.1},
+        base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home", ctrl={"drive": 0.1}, joint_friction=True,
     ),
     "Scene.add_sphere": _adds(
         "add_sphere", radius=0.1, mass=1.0, **{k: v for k, v in _BODY.items() if k in
