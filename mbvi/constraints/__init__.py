@@ -4,6 +4,7 @@ from .admissible_set import AdmissibleSet
 from .families.broad_phase import BroadPhasePairs
 from .families.gap_function import GapFunction
 from .families.half_space import HalfSpaceContacts
+from .families.hinge_limit import HingeLimits
 from .families.joint_limit import JointLimits
 from .families.moving import MovingFrame, MovingWalls
 from .families.signed_distance import SignedDistances
@@ -21,6 +22,7 @@ __all__ = [
     "ConstraintFamily",
     "GapFunction",
     "HalfSpaceContacts",
+    "HingeLimits",
     "JointLimits",
     "MovingFrame",
     "MovingWalls",

@@ -14,6 +14,7 @@ from .contact_forces import ContactNames, durations, force_on, forces_between, r
 from .diagnosis.diagnose import diagnose
 from .diagnosis.energies import energies_of_run, projection_energies
 from .files.hdf5 import save
+from .loop_forces import loop_forces
 from .outputs import Outputs
 from .run_data import Array
 from .summary import notebook, summary
@@ -122,6 +123,31 @@ class Trajectory(Outputs):
             raise InputError("this file holds no problem, whose loops could be measured")
         system = self.problem.system
         return np.array([np.abs(system.gaps(q)).max(initial=0.0) for q in self.q])
+
+    def loop_forces(self, name: str) -> Array:
+        """Return the forces of a connection or a coupling in each step; zero at the start.
+
+        Means over the step that led to each state, impacts included, from the balance of its percussions. Where rows
+        depend on each other they are not unique: the least ones are returned. Where joints have dry friction, so do
+        its torques count.
+
+        Parameters
+        ----------
+        name : str
+            What `Scene.connect`, `hinge`, `weld` or `couple` returned, or "robot_joint" of a mimic joint.
+
+        Returns
+        -------
+        ndarray, shape (n + 1, 6) or (n + 1,)
+            Of a connection force and moment on the second body in the world, about the point that both share
+            [N, N m]; of a coupling the torque or force on the first joint [N m, N]. NaN where a step was retaken.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name, the run is one of `EventDriven`, or came from a file without its problem.
+        """
+        return loop_forces(self, name)
 
     def contacts(self, t: float) -> tuple[Contact, ...]:
         """Return the contacts between the recorded states before and after t, joint limits among them.

@@ -28,7 +28,7 @@ from ..problem import Problem
 from ..system import BlockSystem, ConnectedSystem, System
 from ..system.mechanisms.equalities import Equality
 from .blocks import Blocks, blocks_of
-from .connected.equalities import equalities_between
+from .connected.equalities import equalities_between, hinge_limits
 from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
@@ -313,6 +313,8 @@ def assemble(
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
+    limits = hinge_limits(items, system, blocks.frames, blocks.shapes, q0, blocks.length)
+    constraints += [] if limits is None else [limits]
     omitted = (
         *passing_robots(items),
         *(Omission(f"pairs of {pair[0]} and {pair[-1]}", "excluded") for pair in sorted(map(sorted, items.excluded))),

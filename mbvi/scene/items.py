@@ -129,6 +129,8 @@ class ConnectionItem:
     frames : (ndarray, ndarray) or None
         Of what a file describes the frame of the connection in each side's own frame, shape (4, 3): the columns of its
         rotation, then its origin [m]. A hinge turns about its third axis. Such a connection may be open at the start.
+    limits : (float, float) or None
+        Of a hinge: the least and the largest angle of the second body about the axis, zero at the start [rad].
     """
 
     name: str
@@ -138,6 +140,7 @@ class ConnectionItem:
     at: Array | None = None
     axis: Array | None = None
     frames: tuple[Array, Array] | None = None
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

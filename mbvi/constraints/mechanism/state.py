@@ -11,6 +11,7 @@ from ...geometry.shapes.shape_table import Shapes, ShapeTable
 from ..admissible_set import AdmissibleSet
 from ..families.given import GivenConstraint, GivenRows
 from ..families.half_space import HalfSpaceContacts
+from ..families.hinge_limit import HingeLimits
 from ..families.joint_limit import JointLimits
 from ..families.signed_distance import SignedDistances
 from ..families.spheres import SphereContacts
@@ -23,7 +24,7 @@ from .tables import BALLS, GIVEN, HALF_SPACES, LIMITS, MOST_ROWS, PAIRS, Clearan
 
 _KINDS: dict[type, int] = {
     JointLimits: LIMITS, HalfSpaceContacts: HALF_SPACES, SignedDistances: PAIRS, SphereContacts: BALLS,
-    GivenConstraint: GIVEN, GivenRows: GIVEN,
+    GivenConstraint: GIVEN, GivenRows: GIVEN, HingeLimits: GIVEN,
 }  # fmt: skip
 
 

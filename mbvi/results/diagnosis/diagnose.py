@@ -44,7 +44,7 @@ _MOST_AT_ONCE = 32
 _VANISHING = 1e-12
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """A state of a run, the velocity before it, and the step that led there.
 
     `step` is None, and q the state's own, where the law acts at the end of a step; else q is where it acted. `again`
@@ -71,7 +71,7 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     found, jumps = _Instants(problem, tolerance), Jumps(problem)
     variation = energy = excess = raised = 0.0
     vanishing: dict[str, None] = {}
-    for state in _states(run):
+    for state in states(run):
         t, q, before, v, h, step, again = state
         metric = system.metric(q)
         if again is not None and problem.constraints.frictional:
@@ -169,7 +169,7 @@ def _stepping_scheme(run: RunData) -> Scheme | None:
     return cast("Scheme", run.record.scheme)
 
 
-def _states(run: RunData) -> Iterator[_State]:
+def states(run: RunData) -> Iterator[State]:
     """Yield every state of a run; states that a thinned run did not record are computed again from the last recorded.
 
     So is every state of a scheme that applies the law within its steps or projects positions. Where a file names an
@@ -186,13 +186,13 @@ def _states(run: RunData) -> Iterator[_State]:
         jump < 1.0 or scheme.project_positions or problem.constraints.moving or observe is not None
     )
     problem.system.start()
-    yield _State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
+    yield State(float(run.t[0]), run.q[0], problem.v0, run.v[0], 0.0)
     for i in watched(range(1, len(run.t)), "diagnosis"):
         t, q, v, end = float(run.t[i - 1]), run.q[i - 1], run.v[i - 1], float(run.t[i])
         while scheme is not None and end - t > (1.0 + _INSTANT) * run.step:
             step = scheme.step(problem, t, q, v, run.step, projector)
             acted = problem.system.integrate(q, jump * run.step * v) if again else step.q
-            yield _State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
+            yield State(step.t, acted, v, step.v, run.step, step if again else None, partial(_as_it_is, step))
             if observe is not None:
                 observe(step, run.step)
             t, q, v = step.t, step.q, step.v
@@ -200,7 +200,7 @@ def _states(run: RunData) -> Iterator[_State]:
         acted = problem.system.integrate(q, jump * h * v) if jump < 1.0 or again else run.q[i]
         take = None if scheme is None else partial(_taken, scheme, problem, t, q, v, h, projector)
         last = take() if again and take is not None else None
-        yield _State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
+        yield State(end, acted, v, run.v[i], h, last, take if last is None else partial(_as_it_is, last))
         if observe is not None and last is not None:
             observe(last, h)
 
@@ -233,7 +233,7 @@ class _Instants:
             self.instants.append(self._stretch[1])
             self._stretch = None
 
-    def add(self, state: _State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
+    def add(self, state: State, active: Rows, metric: Metric, gained: float, impact: bool) -> None:
         """Add an instant with several active rows."""
         columns, _ = unit_gradients(metric, active.jacobian)
         cosines, e = cosines_between(columns), active.restitution

@@ -12,6 +12,8 @@ from ...geometry.shapes.shapes import Array
 from ..items import ConnectionItem, CouplingItem, SceneItems
 from ..urdf.robot import Robot
 
+# largest angle of a hinge with limits, so that one beyond them is known [rad]
+_WIDEST = 3.1
 # most names that an error lists
 _MOST_NAMED = 50
 
@@ -57,16 +59,20 @@ class Connections:
         at: Sequence[float] | Array,
         axis: Sequence[float] | Array,
         name: str | None = None,
+        limits: Sequence[float] | Array | None = None,
     ) -> str:
         """Let two bodies share a point and an axis through it, about which they turn; the rest as `connect`.
 
-        `axis`, shape (3,), is its direction in the world where the scene starts.
+        `axis`, shape (3,), is its direction in the world where the scene starts. `limits`, shape (2,), are the
+        least and the largest angle of the second body about it, counted from the start, within -3.1 and 3.1 rad. They
+        have the scene's restitution, as limits of joints.
         """
         direction = vector(axis, "axis")
         length = float(np.linalg.norm(direction))
         if not length > 0.0:
             raise InputError("axis is zero; it must have a direction")
-        return self._add_connection("hinge", first, second, name, "hinge", vector(at, "at"), direction / length)
+        bounds = None if limits is None else _checked_limits(vector(limits, "limits", 2))
+        return self._add_connection("hinge", first, second, name, "hinge", vector(at, "at"), direction / length, bounds)
 
     def weld(self, first: str, second: str, name: str | None = None) -> str:
         """Keep two bodies as they are to each other where the scene starts; the rest as `connect`."""
@@ -115,14 +121,15 @@ class Connections:
                 items.couplings.append(CouplingItem(name, f"{own}/{one.joint}", leader, one.ratio, one.offset))
 
     def _add_connection(
-        self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None
-    ) -> str:
+        self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None,
+        limits: tuple[float, float] | None = None,
+    ) -> str:  # fmt: skip
         moves = [self._checked_side(side) for side in (first, second)]
         if first == second or not any(moves):
             why = "is one body" if first == second else "do not move"
             raise InputError(f"{first} and {second} {why}: there is nothing to connect")
         own = self._items.new_name(name, default)
-        self._items.connections.append(ConnectionItem(own, kind, first, second, at, axis))
+        self._items.connections.append(ConnectionItem(own, kind, first, second, at, axis, limits=limits))
         if "world" not in (first, second):
             self._items.leave_out(first, second)
         return own
@@ -150,3 +157,11 @@ class Connections:
             known = ", ".join(f"{owner}/{name}" for name in names) or f"of the robots {', '.join(robots) or 'none'}"
             raise InputError(f"{shown(joint)} is no joint with one degree of freedom; known are {known}")
         return int(model.nqs[model.getJointId(own)])
+
+
+def _checked_limits(limits: Array) -> tuple[float, float]:
+    lower, upper = map(float, limits)
+    if not -_WIDEST <= lower <= 0.0 <= upper <= _WIDEST:
+        within = f"-{_WIDEST} and {_WIDEST} rad"
+        raise InputError(f"limits must hold the start, angle 0, within {within}; got {lower:g} and {upper:g}")
+    return lower, upper

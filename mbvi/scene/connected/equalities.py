@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...constraints import HingeLimits
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array, PlacedShape
 from ...system import System, located_parts
@@ -45,19 +46,49 @@ def point_rows(item: ConnectionItem, first: Side, second: Side) -> PointRows:
     InputError
         If nothing is known of where the connection is; see `ConnectionItem`.
     """
-    if item.frames is not None:
-        frames = [_composed(side.frame, frame) for side, frame in zip((first, second), item.frames, strict=True)]
-    else:
-        origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
-        common = np.vstack([_axes(item.axis), origin])
-        frames = [_seen_from(side.pose, common) for side in (first, second)]
-    points, normals = [], []
+    frames, points, normals = frames_of(item, first, second), [], []
     for place, axes in _ROWS[item.kind]:
         ends = [frame[3] + np.array(place) @ frame[:3] for frame in frames]
         for k in axes:
             points.append(np.concatenate(ends))
             normals.append(frames[0][k])
     return PointRows(item.name, first.body, second.body, np.array(points), np.array(normals))
+
+
+def frames_of(item: ConnectionItem, first: Side, second: Side) -> list[Array]:
+    """Return the frame of a connection in each of its bodies, shapes (4, 3)."""
+    if item.frames is not None:
+        return [_composed(side.frame, frame) for side, frame in zip((first, second), item.frames, strict=True)]
+    origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
+    common = np.vstack([_axes(item.axis), origin])
+    return [_seen_from(side.pose, common) for side in (first, second)]
+
+
+def hinge_limits(
+    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array,
+    lever: float,
+) -> HingeLimits | None:  # fmt: skip
+    """Return the limits of the hinges of a scene, None if none has some.
+
+    The other arguments are those of `equalities_between`; `lever` makes a length of an angle [m/rad].
+    """
+    limited = [(one, one.limits) for one in items.connections if one.limits is not None]
+    if not limited:
+        return None
+    sides = _sides_at(items, system, frames, shapes, q)
+    pairs = [(sides[one.first], sides[one.second]) for one, _ in limited]
+    found = np.array([frames_of(one, *pair) for (one, _), pair in zip(limited, pairs, strict=True)])
+    bodies = np.array([[side.body for side in pair] for pair in pairs], dtype=np.int64).T.copy()
+    limits, names = np.array([bounds for _, bounds in limited]).T, [one.name for one, _ in limited]
+    return HingeLimits(system, bodies, found.transpose(1, 0, 2, 3).copy(), limits, names, items.restitution, lever)
+
+
+def _sides_at(
+    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
+) -> dict[str, Side]:
+    """Return `sides_of` a scene where it starts."""
+    world, bodies = np.vstack([np.eye(3), np.zeros(3)])[None], np.arange(1, len(system.bodies))
+    return sides_of(items, frames, shapes, np.concatenate([world, system.placements(q, bodies)]))
 
 
 def _composed(pose: Array, frame: Array) -> Array:
@@ -161,9 +192,7 @@ def equalities_between(
     q : ndarray, shape (nq,)
         Where the scene starts.
     """
-    parts, bodies = located_parts(system), np.arange(1, len(system.bodies))
-    world = np.vstack([np.eye(3), np.zeros(3)])[None]
-    sides = sides_of(items, frames, shapes, np.concatenate([world, system.placements(q, bodies)]))
+    parts, sides = located_parts(system), _sides_at(items, system, frames, shapes, q)
     check_spheres(items, sides)
     points = [point_rows(one, sides[one.first], sides[one.second]) for one in items.connections]
     first_body, first_velocity = [p.body for p in parts], [p.v for p in parts]

@@ -128,7 +128,8 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     items.controls += given.scene or [LostSceneControl(str(source)) for source in sources]
     for one in data.get("connections", ()):
         frames = one["frames"] and tuple(np.array(frame) for frame in one["frames"])
-        items.connections.append(ConnectionItem(**{**_arrays(one), "frames": frames}))
+        limits = one.get("limits") and tuple(one["limits"])
+        items.connections.append(ConnectionItem(**{**_arrays(one), "frames": frames, "limits": limits}))
     items.couplings += [CouplingItem(**one) for one in data.get("couplings", ())]
     forces = {name: list(functions) for name, functions in given.forces.items()}
     for one in data.get("forces", ()):

@@ -1,0 +1,116 @@
+"""Forces of connections and couplings, from the balance of percussions of each step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..schemes import Centered
+from ..schemes.step import Step
+from ..system import ActuatedSystem, ArticulatedSystem, BlockSystem, ConnectedSystem, System
+from ..system.mechanisms.equalities import Equality, PointRows
+from .diagnosis.diagnose import State, states
+from .run_data import Array, RunData
+
+
+class _Place(NamedTuple):
+    """An equality: what it belongs to, where that begins in q and v, and where its rows begin there."""
+
+    system: System
+    q: int
+    v: int
+    begin: int
+    equality: Equality
+
+
+def loop_forces(run: RunData, name: str) -> Array:
+    """Return the forces of a connection or a coupling; see `Trajectory.loop_forces`."""
+    if run.problem is None:
+        raise InputError("this file holds no problem, whose loops could be asked")
+    if run.step <= 0.0:
+        raise InputError("EventDriven takes no steps of one length, whose percussions could be balanced: take Centered")
+    places = {place.equality.name: place for place in _places(run.problem.system)}
+    if name not in places:
+        raise InputError(f"{name!r} is no connection or coupling of this run; known are {', '.join(places) or 'none'}")
+    place = places[name]
+    bare, several = _without_equalities(run.problem.system), isinstance(place.equality, PointRows)
+    found = np.zeros((len(run.t), 6 if several else 1))
+    i, since = 0, float(run.t[0])
+    for state in states(run):
+        if state.h > 0.0:
+            found[i + 1] += _percussions(run, bare, state, place)
+            if state.t >= run.t[i + 1] - 1e-9 * run.step:
+                found[i + 1] /= state.t - since
+                i, since = i + 1, state.t
+    return found if several else found[:, 0]
+
+
+def _places(system: System) -> Iterator[_Place]:
+    """Yield all equalities of a system, in the order of their rows."""
+    parts = (
+        [(system.whole, 0, 0)] if system.whole is not None else [(p.system, p.q, p.v) for p in system.located_parts()]
+    )
+    for part, q, v in parts:
+        begin = 0
+        for points in (True, False):
+            for one in part.equalities:
+                if isinstance(one, PointRows) == points:
+                    yield _Place(part, q, v, begin, one)
+                    begin += len(one.normals) if isinstance(one, PointRows) else 1
+
+
+def _without_equalities(system: System) -> System:
+    """Return the same system without its equalities."""
+    if isinstance(system, ConnectedSystem):
+        return _without_equalities(system.inner)
+    if isinstance(system, ActuatedSystem):
+        return ActuatedSystem(_without_equalities(system.inner), system.loads, system.observe is not None)
+    if isinstance(system, BlockSystem):
+        return BlockSystem([_without_equalities(part) for part in system.parts])
+    if isinstance(system, ArticulatedSystem):
+        return ArticulatedSystem(system.model, system.name, system.control, (), system.springs)
+    return system
+
+
+def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Array:
+    """Return the percussions of an equality in one step: of points force and moment on the second body in the world."""
+    assert run.problem is not None
+    system, q, h = run.problem.system, state.q, state.h
+    t = state.t - (1.0 - run.record.timing.jump) * h
+    step = state.step if state.step is not None or state.again is None else state.again()
+    if step is None:
+        return np.full(6 if isinstance(place.equality, PointRows) else 1, np.nan)
+    if isinstance(run.record.scheme, Centered):
+        at = system.force_velocity(t, q, state.before, 0.5 * h)
+        motion = bare.centered_motion(t, q, state.before, h, at)
+    else:
+        motion = bare.free_motion(t, q, state.before, h)
+    reaction = bare.metric(q).apply(step.v - motion.free) - _of_contacts(step)
+    part, nq, nv = place.system, place.system.nq, place.system.nv
+    own = q[place.q : place.q + nq]
+    rows = part.equality_gradients(own)
+    if part.rubs:
+        # percussions of dry friction are not known: the least of all that balance
+        rough = np.eye(nv)[np.flatnonzero(part.friction)]
+        rows = np.concatenate([rows, rough])
+    percussions = np.linalg.lstsq(rows.T, reaction[place.v : place.v + nv])[0]
+    one, end = place.equality, place.begin
+    if not isinstance(one, PointRows):
+        return percussions[end : end + 1]
+    percussions = percussions[end : end + len(one.normals)]
+    poses = part.kinematics(own).poses
+    normals = one.normals @ poses[one.first, :3]
+    points = one.points[:, 3:] @ poses[one.second, :3] + poses[one.second, 3]
+    pushes = percussions[:, None] * normals
+    return np.concatenate([pushes.sum(axis=0), np.cross(points - points[0], pushes).sum(axis=0)])
+
+
+def _of_contacts(step: Step) -> Array:
+    """Return the percussions of contacts and limits in a step, shape (nv,)."""
+    total = step.active.jacobian.T @ step.percussion
+    if step.slip is not None and step.active.tangents is not None:
+        total = total + step.active.tangents.jacobian.T @ step.slip[0].ravel()
+    return np.asarray(total)
