@@ -2,11 +2,11 @@
 
 from .acceptance import Acceptance, AcceptedDepth, StatedDepth
 from .coulomb.friction_sparse import project_frictional_sparse
-from .coulomb.joint_friction import in_flight, joint_rows, without_friction
 from .dense.dual_active_set import DualActiveSet
 from .dense.proxqp import ProxQP
 from .dense.scaled_qp import Projection
 from .free_motion import FreeMotion
+from .joint_friction import in_flight, joint_rows, without_friction
 from .metric import BlockMetric, BodiesMetric, DenseMetric, DiagonalMetric, Metric, as_metric
 from .project import impact, project
 from .projector import ChosenSolver, Projector, checked_solver

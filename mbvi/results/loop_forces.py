@@ -89,10 +89,11 @@ def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Arr
     else:
         motion = bare.free_motion(t, q, state.before, h)
     reaction = bare.metric(q).apply(step.v - motion.free) - _of_contacts(step)
-    part, nq, nv = place.system, place.system.nq, place.system.nv
+    part = place.system
+    nq, nv = part.nq, part.nv
     own = q[place.q : place.q + nq]
     rows = part.equality_gradients(own)
-    if part.rubs:
+    if isinstance(part, ArticulatedSystem) and part.rubs:
         # percussions of dry friction are not known: the least of all that balance
         rough = np.eye(nv)[np.flatnonzero(part.friction)]
         rows = np.concatenate([rows, rough])

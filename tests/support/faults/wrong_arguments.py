@@ -496,7 +496,10 @@ CALLS: dict[str, Call] = {
     ),
     "Scene.hinge": Call(
         lambda **given: _controlled().hinge(**given),
-        lambda: {"first": "world", "second": "hopper/trunk", "at": (0, 0, 1), "axis": (0, 1, 0), "name": "door", "limits": (-1, 1)},
+        lambda: {
+            "first": "world", "second": "hopper/trunk", "at": (0, 0, 1), "axis": (0, 1, 0), "name": "door",
+            "limits": (-1, 1),
+        },
     ),
     "Scene.weld": Call(
         lambda **given: _controlled().weld(**given),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..free_motion import FreeMotion
-from ..metric import Array, BlockMetric, Metric
-from ..tree import TreeFreeMotion, TreeMetric
-from .friction import project_frictional
+from .coulomb.friction import project_frictional
+from .free_motion import FreeMotion
+from .metric import Array, BlockMetric, Metric
+from .tree import TreeFreeMotion, TreeMetric
 
 
 def joint_rows(friction: Array) -> tuple[Array, Array, Array]:
