@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import printable, shown
 from ..errors import InputError
 from ..schemes import Centered
 from ..schemes.step import Step
@@ -33,8 +34,10 @@ def loop_forces(run: RunData, name: str) -> Array:
     if run.step <= 0.0:
         raise InputError("EventDriven takes no steps of one length, whose percussions could be balanced: take Centered")
     places = {place.equality.name: place for place in _places(run.problem.system)}
-    if name not in places:
-        raise InputError(f"{name!r} is no connection or coupling of this run; known are {', '.join(places) or 'none'}")
+    if printable(name, "name") not in places:
+        raise InputError(
+            f"{shown(name)} is no connection or coupling of this run; known are {', '.join(places) or 'none'}"
+        )
     place = places[name]
     bare, several = _without_equalities(run.problem.system), isinstance(place.equality, PointRows)
     found = np.zeros((len(run.t), 6 if several else 1))

@@ -177,6 +177,16 @@ def scene() -> mbvi.Scene:
 
 
 @functools.cache
+def connected_run() -> mbvi.Trajectory:
+    """Return a run of two spheres that are connected."""
+    made = mbvi.Scene(friction=0.1)
+    for name, x in (("a", 0.0), ("b", 0.3)):
+        made.add_sphere(0.1, 1.0, position=(x, 0.0, 0.0), name=name)
+    made.connect("a", "b", at=(0.15, 0.0, 0.0), name="rod")
+    return mbvi.simulate(made.build(), mbvi.Paoli(), step=1e-3, duration=0.01, progress=False)
+
+
+@functools.cache
 def run() -> mbvi.Trajectory:
     """Return a short run."""
     made = _controlled(lambda t, q, v: np.zeros(8))
@@ -641,6 +651,7 @@ CALLS: dict[str, Call] = {
         _replay_video, lambda: {"path": "run", "t": (0.0, 0.01), "speed": 1.0, "shapes": "visual"}
     ),
     "Trajectory.contacts": Call(lambda **given: run().contacts(**given), lambda: {"t": 0.015}),
+    "Trajectory.loop_forces": Call(lambda **given: connected_run().loop_forces(**given), lambda: {"name": "rod"}),
     "Trajectory.contact_forces": Call(lambda **given: run().contact_forces(**given), lambda: {"name": "ball"}),
     "Trajectory.impact_table": Call(lambda **given: run().impact_table(**given), lambda: {"most": 3}),
     "motion.Translation": Call(mbvi.motion.Translation, lambda: {"velocity": (1.0, 0.0, 0.0)}, _driven),
