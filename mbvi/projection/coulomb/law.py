@@ -230,6 +230,10 @@ def coulomb_law(
             p[i] = -b[i]
         soft[i] = p[i]
     unique = solve_scaled(G, b, cone, known, limit, soft, p)
+    for a in range(m):
+        # known: the residual shall be that of the percussion which bounds the joint's
+        if mu[a] < 0.0:
+            p[3 * a] = -b[3 * a]
     residual = apply_percussions(J, A, x, lower, cone, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
     find_cases(u, p, cone, tangential, case)
