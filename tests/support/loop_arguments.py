@@ -7,7 +7,7 @@ hold addresses, so that they cannot be copied: arguments that are wanted twice a
 import ctypes
 import pickle
 import warnings
-from functools import cache
+from functools import cache, wraps
 from types import FunctionType
 
 import numpy as np
@@ -53,6 +53,8 @@ def hold_once(hold):
     """Return `hold` of records that it writes once each: Python gives the same ones to thousands of calls."""
     known = {}
 
+    # kernels that are compiled meanwhile call it by its name
+    @wraps(hold)
     def held(record):
         if id(record) not in known:
             known[id(record)] = record, hold(record)
