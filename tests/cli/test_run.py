@@ -107,5 +107,5 @@ def test_what_a_mjcf_loses_is_a_note(command, tmp_path):
     for name in ("simulate", "inspect"):
         code, out, err = command(name, "ball.xml", *(("--duration", "0.01") if name == "simulate" else ()))
         assert (code, err) == (0, "") and out.count(
-            "note         ball.xml: the file also holds what is not modelled: 1 actuators"
+            "note         ball.xml: the file also holds what is not modelled: actuator 0"
         ) == 1

@@ -33,8 +33,8 @@ def path_of(name):
 
 def built_once(make):
     """Return copies of the problem that a function makes once of its arguments: a published robot takes seconds."""
-    pickled = cache(lambda *given: pickle.dumps(make(*given)))
-    return wraps(make)(lambda *given: pickle.loads(pickled(*given)))
+    pickled = cache(lambda *given, **named: pickle.dumps(make(*given, **named)))
+    return wraps(make)(lambda *given, **named: pickle.loads(pickled(*given, **named)))
 
 
 @built_once
