@@ -18,3 +18,8 @@ class FreeMotion(NamedTuple):
 
     free: Array
     metric: Metric
+
+    @property
+    def friction(self) -> Array | None:
+        """The largest percussions of dry friction of joints; see `Metric`."""
+        return self.metric.friction

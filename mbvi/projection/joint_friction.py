@@ -10,8 +10,8 @@ from .metric import Array, BlockMetric, Metric
 from .tree import TreeFreeMotion, TreeMetric
 
 
-def joint_rows(friction: Array) -> tuple[Array, Array, Array]:
-    """Return the rows of the joints with dry friction, the tangents of each, and their coefficients.
+def joint_rows(friction: Array) -> tuple[Array, Array]:
+    """Return the tangents of the joints with dry friction, and their coefficients; their normals are zero.
 
     Parameters
     ----------
@@ -20,22 +20,22 @@ def joint_rows(friction: Array) -> tuple[Array, Array, Array]:
 
     Returns
     -------
-    normals, tangents : ndarray, shapes (d, nv) and (2 d, nv)
-        The gradients; normals and second tangents are zero.
+    tangents : ndarray, shape (2 d, nv)
+        Two of each joint, of which the second is zero.
     mu : ndarray, shape (d,)
         See `coulomb_law`.
     """
-    rough = np.flatnonzero(friction > 0.0)
-    tangents = np.zeros((2 * len(rough), len(friction)))
-    tangents[2 * np.arange(len(rough)), rough] = 1.0
-    return np.zeros((len(rough), len(friction))), tangents, -friction[rough]
+    joints = np.flatnonzero(friction > 0.0)
+    tangents = np.zeros((2 * len(joints), len(friction)))
+    tangents[2 * np.arange(len(joints)), joints] = 1.0
+    return tangents, -friction[joints]
 
 
 def without_friction(metric: Metric) -> Metric:
     """Return the metric without dry friction of joints."""
     if isinstance(metric, BlockMetric):
         return BlockMetric([without_friction(part) for part in metric.parts], metric.slices)
-    return metric.rubbed(None) if isinstance(metric, TreeMetric) else metric
+    return metric.with_friction(None) if isinstance(metric, TreeMetric) else metric
 
 
 def in_flight(motion: FreeMotion | TreeFreeMotion, residual: float = 1e-9) -> Array:
@@ -46,11 +46,9 @@ def in_flight(motion: FreeMotion | TreeFreeMotion, residual: float = 1e-9) -> Ar
     ProjectionError
         If the law is not solved.
     """
-    metric = motion.metric
-    if metric.friction is None:
+    if motion.friction is None:
         return motion.free
-    normals, tangents, mu = joint_rows(metric.friction)
-    wide = np.zeros((len(mu), 3, len(metric.friction)))
-    wide[:, 0], wide[:, 1:] = normals, tangents.reshape(len(mu), 2, -1)
-    rows = wide.reshape(-1, len(metric.friction))
-    return project_frictional(motion.free, metric, rows, np.zeros(len(mu)), mu, residual).velocity
+    tangents, mu = joint_rows(motion.friction)
+    wide = np.zeros((3 * len(mu), tangents.shape[1]))
+    wide[1::3] = tangents[::2]
+    return project_frictional(motion.free, motion.metric, wide, np.zeros(len(mu)), mu, residual).velocity

@@ -211,6 +211,11 @@ class TreeFreeMotion:
         See `advance_by`.
     friction : ndarray, shape (nv,), optional
         Largest torques of the dry friction of joints, which the free motion leaves out [N, N m].
+
+    Attributes
+    ----------
+    friction : ndarray, shape (nv,), or None
+        Their largest percussions; see `Metric`.
     """
 
     __slots__ = ("friction", "kernel_arguments")
@@ -220,7 +225,7 @@ class TreeFreeMotion:
         twice: bool = False, friction: Array | None = None,
     ) -> None:  # fmt: skip
         self.kernel_arguments = mass, damping, parent, v, h, torque, effects, twice
-        self.friction = friction
+        self.friction = None if friction is None else h * friction
 
     @property
     def free(self) -> Array:
@@ -230,8 +235,8 @@ class TreeFreeMotion:
     @property
     def metric(self) -> TreeMetric:
         """M."""
-        mass, _, parent, _, h, *_ = self.kernel_arguments
-        return TreeMetric(mass, parent, None if self.friction is None else h * self.friction)
+        mass, _, parent, *_ = self.kernel_arguments
+        return TreeMetric(mass, parent, self.friction)
 
 
 class TreeMetric:
@@ -266,7 +271,7 @@ class TreeMetric:
         # the factor itself, and the basis of the equalities
         self._factor, self._basis = self.lower[: len(parent)], self.lower[len(parent) :]
 
-    def rubbed(self, friction: Array | None) -> TreeMetric:
+    def with_friction(self, friction: Array | None) -> TreeMetric:
         """Return the metric with other percussions of dry friction."""
         other = copy(self)
         other.friction = friction

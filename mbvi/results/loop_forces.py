@@ -96,7 +96,7 @@ def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Arr
     nq, nv = part.nq, part.nv
     own = q[place.q : place.q + nq]
     rows = part.equality_gradients(own)
-    if isinstance(part, ArticulatedSystem) and part.rubs:
+    if isinstance(part, ArticulatedSystem) and part.has_joint_friction:
         # percussions of dry friction are not known: the least of all that balance
         rough = np.eye(nv)[np.flatnonzero(part.friction)]
         rows = np.concatenate([rows, rough])

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..constraints import Rows
+from ..constraints.rows import concatenate
 from ..constraints.tangents import Tangents
 from ..projection import Metric, Projector, joint_rows
-from ..system.free.sparse_rows import stack_rows
 from ..system.system import Array
 
 
@@ -54,8 +54,11 @@ def project_rows(
     h : float, optional
         See `Projector.project`.
     """
-    if metric.friction is not None:
-        found = projector.frictional(x, metric, with_joints(rows, metric.friction), _padded(lower, metric.friction), h)
+    friction = metric.friction
+    if friction is not None:
+        wide = with_joints(rows, friction)
+        padded = np.concatenate([lower, np.zeros(len(wide.gap) - len(lower))])
+        found = projector.frictional(x, metric, wide, padded, h)
         each = found.percussion.reshape(-1, 3)[: len(lower)]
         return RowProjection(found.velocity, each[:, 0].copy(), found.residual, each[:, 1:])
     if rows.tangents is None or not rows.tangents.friction.any():
@@ -71,29 +74,14 @@ def with_joints(rows: Rows, friction: Array) -> Rows:
 
     `friction`, shape (nv,), are the largest percussions of joints.
     """
-    k, nowhere = len(rows.gap), np.full((len(friction), 3), np.nan)
-    normals, along, mu = joint_rows(friction)
-    d = len(mu)
-    axes, none = np.zeros((k + d, 2, 3)), np.zeros(d)
+    tangents, mu = joint_rows(friction)
+    k, d, nv = len(rows.gap), len(mu), len(friction)
     if rows.tangents is None:
-        tangents, coefficients, rate = np.zeros((2 * k, len(friction))), np.zeros(k), None
-    else:
-        coefficients, axes[:k], tangents, rate = rows.tangents
-    number = -np.ones(d, np.int64)
-    return Rows(
-        np.concatenate([rows.constraint, number]), np.concatenate([rows.gap, none]),
-        stack_rows([rows.jacobian, normals]), np.concatenate([rows.restitution, none]),
-        np.concatenate([rows.point, nowhere[:d]]), np.concatenate([rows.normal, nowhere[:d]]),
-        None if rows.rate is None else np.concatenate([rows.rate, none]),
-        Tangents(
-            np.concatenate([coefficients, mu]), axes, stack_rows([tangents, along]),
-            None if rate is None else np.concatenate([rate, none, none]),
-        ),
-    )  # fmt: skip
-
-
-def _padded(lower: Array, friction: Array) -> Array:
-    return np.concatenate([lower, np.zeros(np.count_nonzero(friction))])
+        rows = rows._replace(tangents=Tangents(np.zeros(k), np.zeros((k, 2, 3)), np.zeros((2 * k, nv)), None))
+    none, nowhere = np.zeros(d), np.full((d, 3), np.nan)
+    along = Tangents(mu, np.zeros((d, 2, 3)), tangents, None)
+    joints = Rows(np.full(d, -1), none, np.zeros((d, nv)), none, nowhere, nowhere, None, along)
+    return concatenate([rows, joints])
 
 
 def slip_rates(rows: Rows, tangential: Array | None, free: Array, after: Array, before: Array) -> Array | None:

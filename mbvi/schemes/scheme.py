@@ -114,7 +114,7 @@ class Scheme(SchemeBase, ABC):
 
 def refuse_friction(problem: Problem, scheme: SchemeBase, why: str) -> None:
     """Raise `UnsuitableError` if a problem has friction, for a scheme that has no law of friction."""
-    if problem.system.rubs:
+    if problem.system.has_joint_friction:
         raise UnsuitableError(
             f"{scheme!r} has no dry friction of joints: take Centered(project_positions=True), StewartTrinkle, "
             "MoreauJean or Paoli, or leave it out by joint_friction=False"

@@ -120,11 +120,11 @@ def law(
     opened : ndarray, shape (k,), optional
         Speeds at which rows that are open may close; see `closing_speeds`.
     """
-    rubs = free_motion.metric.friction is not None
-    if rows.rate is None and rows.tangents is None and not rubs:
+    joints = free_motion.friction is not None
+    if rows.rate is None and rows.tangents is None and not joints:
         found = projector.law(v, free_motion, rows.jacobian, rows.restitution, rows.constraint, opened)
         return AppliedLaw(*found, None, rows)
-    rough = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None and not rubs else None
+    rough = projector.friction.law(free_motion, rows, opened) if rows.tangents is not None and not joints else None
     if rough is not None:
         return AppliedLaw(*rough, rows)
     x, before = free_motion.free, rows.speeds(v)
@@ -135,8 +135,7 @@ def law(
         rows = rows._replace(restitution=e)
     lower = bounds(rows, before, opened)
     w, percussion, residual, tangential = project_rows(projector, x, free_motion.metric, rows, lower)
-    yielding = projector.friction.yielding
-    e_of = rows.restitution
+    yielding, e_of = projector.friction.yielding, rows.restitution
     if yielding is not None and rows.tangents is not None and rows.tangents.friction.any():
         rows = rows._replace(restitution=np.where(yielding[: len(e_of)], 0.0, e_of))
     rates = np.array([percussion, rows.speeds(x), rows.speeds(w), before])

@@ -56,7 +56,7 @@ class ActuatedSystem(System):
         self.inner, self.loads = inner, tuple(loads)
         self.nq, self.nv, self.bodies = inner.nq, inner.nv, inner.bodies
         self.parts, self.sparse = parts_of(inner), inner.sparse
-        self.controlled, self.rubs = controlled or inner.controlled, inner.rubs
+        self.controlled, self.has_joint_friction = controlled or inner.controlled, inner.has_joint_friction
         # a control is called once a step
         self.velocity_dependent = not self.controlled and (inner.velocity_dependent or not controlled)
         # parts that add forces from outside themselves, and the others

@@ -40,7 +40,7 @@ class BlockSystem(System):
         self.nq, self.nv = q, v
         self.controlled = any(part.controlled for part in parts)
         self.velocity_dependent = any(part.velocity_dependent for part in parts)
-        self.rubs = any(part.rubs for part in parts)
+        self.has_joint_friction = any(part.has_joint_friction for part in parts)
         self.bodies = tuple(names)
         self.blocks = tuple(blocks)
         self._slices = [b.v for b in blocks]

@@ -53,7 +53,7 @@ class ConnectedSystem(System):
         self.controlled, self.loaded, self.observe = inner.controlled, inner.loaded, inner.observe
         self.velocity_dependent = inner.velocity_dependent
         self.whole = joined(inner, self.equalities)
-        self.rubs = self.whole.rubs
+        self.has_joint_friction = self.whole.has_joint_friction
         for name in _THEIRS:
             setattr(self, name, getattr(inner, name))
 
@@ -85,22 +85,22 @@ class ConnectedSystem(System):
         return self.whole.metric(q)
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        if self.rubs:
+        if self.has_joint_friction:
             return in_flight(self.free_motion(t, q, v, h))
         return self.metric(q).tangent(self.inner.free_velocity(t, q, v, h))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
         motion, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
-        return FreeMotion(metric.tangent(motion.free), self._rubbed(metric, h))
+        return FreeMotion(metric.tangent(motion.free), self._with_friction(metric, h))
 
-    def _rubbed(self, metric: TreeMetric, h: float) -> TreeMetric:
+    def _with_friction(self, metric: TreeMetric, h: float) -> TreeMetric:
         """Return the metric with the dry friction of joints in a step."""
-        return metric.rubbed(h * self.whole.friction) if self.rubs else metric
+        return metric.with_friction(h * self.whole.friction) if self.has_joint_friction else metric
 
     def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
         motion, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
         # the mean velocity of the step keeps the equalities
-        return FreeMotion(metric.tangent(motion.free + v) - v, self._rubbed(metric, h))
+        return FreeMotion(metric.tangent(motion.free + v) - v, self._with_friction(metric, h))
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.held_acceleration(q, v, self.inner.acceleration(t, q, v))

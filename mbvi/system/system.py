@@ -80,7 +80,7 @@ class System:
         Generalised force from outside that the system adds to its own; None where it cannot.
     damping : ndarray, shape (nv,), or None
         Coefficients of joint damping that steps treat implicitly; None where there are none.
-    rubs : bool
+    has_joint_friction : bool
         Whether joints have dry friction.
     single_mechanism : bool
         Whether the system is one mechanism, which has `kinematics`.
@@ -113,7 +113,7 @@ class System:
     can_be_sparse: bool = False
     applied: Array | None = None
     damping: Array | None = None
-    rubs: bool = False
+    has_joint_friction: bool = False
     single_mechanism: bool = False
     whole: System | None = None
     equalities: tuple[Any, ...] = ()

@@ -47,7 +47,7 @@ def test_the_report_names_what_was_left_out_and_why(tmp_path):
     scene.add_urdf(urdf(tmp_path), base="fixed", name="swing")
     scene.add_sphere(0.1, position=(3, 0, 0))
     report = scene.build().report()
-    assert "dry friction of shoulder: take it in by joint_friction=True" in report
+    assert "dry friction of shoulder: joint_friction=True models it" in report
     assert "pair swing/upper | swing/lower: adjacent links" in report
     assert "rotation of 1 sphere: no friction can turn them" in report
     assert "effort and velocity limits" in report

@@ -250,6 +250,29 @@ def test_rollouts_and_a_simulator_have_it_too(tmp_path):
     assert np.array_equal(simulator.q, run.q[-1])
 
 
+@pytest.mark.parametrize("scheme", [mbvi.Paoli(), mbvi.Centered(project_positions=True)], ids=["paoli", "projecting"])
+def test_what_jams_beside_a_robot_has_no_restitution(tmp_path, scheme):
+    """A wedge that is driven between two walls; an arm with dry friction hangs far away, and a ball keeps its e."""
+    c, s = np.cos(0.15), np.sin(0.15)
+    scene = mbvi.Scene(friction=0.5, restitution=0.5)
+    for side in (c, -c):
+        scene.add_halfspace((side, 0, s))
+    scene.add_urdf(
+        chain(tmp_path, [("continuous", "0 1 0", dynamics(0.4))]), "fixed", position=(0, 3, 5), joints={"joint 0": 1.0},
+        joint_friction=True,
+    )  # fmt: skip
+    corners = [(sign * z * s / c, y, z) for z in (0.2, 0.4) for sign in (-1.0, 1.0) for y in (-0.1, 0.1)]
+    scene.add_convex(np.array(corners), np.array([[0.0, 0.0, 0.05]]), 1.0)
+    scene.add_box((0.04, 0.04, 0.04), position=(0, 1.0, 0.28), fixed=True)
+    scene.add_sphere(0.02, 0.1, (0, 1.0, 0.37))
+    run = mbvi.simulate(scene.build(), scheme, step=1e-3, duration=0.11, progress=False)
+    assert any("jammed" in note for note in run.notes)
+    assert np.abs(run.v[-1, 1:7]).max() < 0.1
+    fall = np.sqrt(2.0 * 9.81 * 0.05)
+    assert run.v[-1, 9] == pytest.approx(0.5 * fall - 9.81 * (0.11 - fall / 9.81), abs=0.03)
+    assert run.v[-1, 0] != 0.0
+
+
 def test_it_is_kept_in_files(tmp_path):
     problem = arm(tmp_path)
     run = mbvi.simulate(problem, mbvi.Centered(), step=1e-3, duration=0.3, progress=False)

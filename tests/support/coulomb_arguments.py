@@ -14,11 +14,11 @@ def law(rng, most=3):
     scale = np.repeat(1.0 / np.sqrt(np.diagonal(G)[::3]), 3)
     G, b, mu = np.ascontiguousarray(G * scale[:, None] * scale), b * scale, rng.choice([0.0, 0.2, 0.8], size=m)
     if rng.random() < 0.4:
-        rub_joint(G, b, mu, m - 1)
+        make_joint_friction(G, b, mu, m - 1)
     return G, b, mu
 
 
-def rub_joint(G, b, mu, a):
+def make_joint_friction(G, b, mu, a):
     """Make the dry friction of a joint of a contact."""
     for i in (3 * a, 3 * a + 2):
         G[i], G[:, i], b[i] = 0.0, 0.0, 0.0

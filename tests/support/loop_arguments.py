@@ -143,7 +143,7 @@ def quadruped(e, mu):
     return scene.build()
 
 
-def rubbing(e, mu):
+def braked(e, mu):
     """A quadruped whose joints have dry friction lands; some of them turn, the others stick."""
     scene = mbvi.Scene(restitution=e, friction=mu)
     scene.add_halfspace((0, 0, 1), name="floor")
@@ -308,10 +308,12 @@ CALLS = {
     "move_freely": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, ROUGH, 9), (CENTERED, quadruped, RIGID, 5)],
     "centered_forces": [(CENTERED, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (DEFAULT, on_block, RIGID, 5)],
     **{
-        name: [(PAOLI, rubbing, BOUNCY, 65), (CENTERED, rubbing, RIGID, 40), (DEFAULT, rubbing, MIXED, 90)]
-        for name in ("rough_joints", "write_wide", "bounded_coulomb", "rub")
+        name: [(PAOLI, braked, BOUNCY, 65), (CENTERED, braked, RIGID, 40), (DEFAULT, braked, MIXED, 90)]
+        for name in (
+            "joints_with_friction", "write_wide", "bounded_coulomb", "apply_joint_friction", "factor_mass_again",
+        )
     },
-    "apply_law_with_joints": [(PAOLI, rubbing, BOUNCY, 9), (CENTERED, rubbing, RIGID, 4), (DEFAULT, rubbing, MIXED, 9)],
+    "apply_law_with_joints": [(PAOLI, braked, BOUNCY, 9), (CENTERED, braked, RIGID, 4), (DEFAULT, braked, MIXED, 9)],
     "apply_law": [(PAOLI, hopper, BOUNCY, 2), (DEFAULT, quadruped, ROUGH, 9), (PAOLI, quadruped, ROUGH, 5)],
     "active_rows": [(PAOLI, hopper, BOUNCY, 25), (DEFAULT, quadruped, RIGID, 70), (CENTERED, hopper, ROUGH, 50)],
     "limit_rows": [(PAOLI, hopper, BOUNCY, 1), (DEFAULT, quadruped, RIGID, 20), (CENTERED, hopper, ROUGH, 5)],

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...system import System
+from ...system.free.sparse_rows import dense
 from ..family import ConstraintFamily
 from ..rows import Array
 
@@ -55,7 +56,7 @@ class HingeLimits(ConstraintFamily):
         # the rate of a point on one axis along the next one, less that of the origin, is the angular velocity
         (x, y, _, origin), _ = self._axes(q)
         first, second = self._bodies
-        rows = [np.asarray(_dense(self._system.separation_rows(q, first, second, p, y))) for p in (origin + x, origin)]
+        rows = [dense(self._system.separation_rows(q, first, second, p, y)) for p in (origin + x, origin)]
         turning = rows[0] - rows[1]
         return np.concatenate([turning, -turning])
 
@@ -75,7 +76,3 @@ class HingeLimits(ConstraintFamily):
             origin = np.einsum("ij,ijk->ik", frames[:, 3], poses[:, :3]) + poses[:, 3]
             found.append((*axes.transpose(1, 0, 2), origin))
         return found[0], found[1]
-
-
-def _dense(rows: Array) -> Array:
-    return rows if isinstance(rows, np.ndarray) else rows.toarray()

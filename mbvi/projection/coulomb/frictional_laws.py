@@ -130,8 +130,7 @@ class FrictionalLaws:
         except ProjectionError:
             still = np.zeros(len(lower)) if rows.rate is None else -rows.rate
             parting = lower > still
-            # joints with dry friction couple all bodies of their robot
-            if not parting.any() or _has_joints(rows):
+            if not parting.any():
                 raise
             self.yielding, self.jams = parting & self._jammed(x, metric, rows, lower, residual, rate), self.jams + 1
             return self._project(x, metric, rows, np.where(self.yielding, still, lower), residual, rate)
@@ -143,17 +142,23 @@ class FrictionalLaws:
         assert rows.tangents is not None
         J = _contact_rows(rows)
         W = abs(metric.whiten_rows(J))
-        count, label = connected_components(W @ W.T, directed=False)
+        _, label = connected_components(W @ W.T, directed=False)
         bounds, mu, fine = _bounds(rows, lower), rows.tangents.friction, self._fine_rows(J, rows.constraint)
-        jammed = np.full(len(lower), count == 1)
-        for island in range(count if count > 1 else 0):
-            some = label[::3] == island
+        # normals of joints are zero
+        label = np.where(mu < 0.0, label[1::3], label[::3])
+        islands = np.unique(label)
+        jammed = np.full(len(lower), len(islands) == 1)
+        for island in islands if len(islands) > 1 else []:
+            some = label == island
             own = None if fine is None else FineRows(fine.contacts[some], fine.residual, fine.rates[some])
+            law = J[np.repeat(some, 3)], bounds[some].ravel(), mu[some]
             try:
-                project_frictional_sparse(
-                    x, metric, J[np.repeat(some, 3)], bounds[some].ravel(), mu[some], residual, rate=rate, fine=own,
-                    bound=self._acceptance.bound,
-                )  # fmt: skip
+                if (mu[some] < 0.0).any():
+                    project_frictional(x, metric, law[0].toarray(), *law[1:], residual)
+                else:
+                    project_frictional_sparse(
+                        x, metric, *law, residual, rate=rate, fine=own, bound=self._acceptance.bound
+                    )
             except ProjectionError:
                 jammed |= some
         return jammed

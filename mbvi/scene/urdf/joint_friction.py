@@ -31,7 +31,7 @@ def with_joint_friction(
                 raise InputError(f"joint_friction: {robot.name} has no joint '{name}' that turns or slides")
             not_negative(largest, f"joint_friction['{name}']")
     if stated and given is False:
-        omission = Omission(f"dry friction of {', '.join(stated)}", "take it in by joint_friction=True")
+        omission = Omission(f"dry friction of {', '.join(stated)}", "joint_friction=True models it")
         robot = replace(robot, omitted=(*robot.omitted, omission))
     return robot, {name: largest for name, largest in friction.items() if largest > 0.0}
 

@@ -11,7 +11,7 @@ from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
 from ..positions.settle_kernel import project_positions
 from ..step import joins, margin_of, write_closing_speeds
-from .joint_friction import rub
+from .joint_friction import apply_joint_friction
 from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
 
@@ -96,7 +96,7 @@ def centered_forces(s: MechanismStep, t: float, q: Array, v: Array, half: float)
     if len(late):
         # where M has no factor the step itself says so
         move_freely(s, v, half, False, w)
-        rub(s, half, w)
+        apply_joint_friction(s, half, w)
         for k in range(len(v)):
             if not late[k]:
                 w[k] = v[k]
@@ -129,7 +129,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     centered_forces(s, t + half, middle, v, half)
     if count == 0:
         s.residual[0] = 0.0
-        if not (move_freely(s, v, h, True, s.v) and rub(s, h, s.v)):
+        if not (move_freely(s, v, h, True, s.v) and apply_joint_friction(s, h, s.v)):
             return UNSOLVED
         for k in range(n):
             drift[k] = half * s.v[k]

@@ -11,6 +11,7 @@ from ...compiled import kernel
 from ...constraints.mechanism.tables import MOST_ROWS, RowBuffer
 from ...projection.coulomb.few_contacts import MOST_CONTACTS
 from ...projection.coulomb.friction import AIM, EXACT
+from ...projection.coulomb.frictional_step import interleave
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE, coulomb_law
 from ...projection.tree import factor, is_damped, solve
 from ...system.system import Array
@@ -18,7 +19,7 @@ from .records import DONE, UNSOLVED, MechanismStep
 
 
 @kernel("i8(f8[::1])")
-def rough_joints(friction: Array) -> int:
+def joints_with_friction(friction: Array) -> int:
     """Return how many joints have dry friction; shape (nv,)."""
     count = 0
     for c in friction:
@@ -42,12 +43,12 @@ def write_wide(rows: RowBuffer, friction: Array, h: float, wide: Array, mu: Arra
         Zeros; receive the rows, and the coefficients of `coulomb_law`.
     """
     a, nv = rows.size[0], wide.shape[1]
+    if len(rows.T) > 0:
+        interleave(rows.J[:a], rows.T[: 2 * a], wide)
     for i in range(a):
         mu[i] = rows.mu[i] if len(rows.T) > 0 else 0.0
-        for k in range(nv):
+        for k in range(nv if len(rows.T) == 0 else 0):
             wide[3 * i, k] = rows.J[i, k]
-            if len(rows.T) > 0:
-                wide[3 * i + 1, k], wide[3 * i + 2, k] = rows.T[2 * i, k], rows.T[2 * i + 1, k]
     for k in range(nv):
         if friction[k] > 0.0:
             wide[3 * a + 1, k], mu[a] = 1.0, -h * friction[k]
@@ -78,7 +79,7 @@ def bounded_coulomb(
         Receive the result.
     """
     memory, k, nv, m = s.memory, rows.size[0], len(x), s.mechanism
-    rough = rough_joints(m.friction)
+    rough = joints_with_friction(m.friction)
     n = k + rough
     if n > MOST_ROWS or (rough == 0 and k > MOST_CONTACTS):
         return UNSOLVED
@@ -102,14 +103,20 @@ def bounded_coulomb(
     return DONE
 
 
+@kernel("b1(MechanismStep)")
+def factor_mass_again(s: MechanismStep) -> bool:
+    """Write the factor of M after `move_freely`, which leaves that of M and damping; False where M has none."""
+    m = s.mechanism
+    return not (is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L))
+
+
 @kernel("b1(MechanismStep, f8, f8[::1])")
-def rub(s: MechanismStep, h: float, w: Array) -> bool:
+def apply_joint_friction(s: MechanismStep, h: float, w: Array) -> bool:
     """Let the dry friction of joints act on a velocity in flight, after `move_freely`; False where it is not solved."""
     m = s.mechanism
-    if rough_joints(m.friction) == 0:
+    if joints_with_friction(m.friction) == 0:
         return True
-    # L is that of M already where there is no damping
-    if is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L):
+    if not factor_mass_again(s):
         return False
     # no contacts
     none, before, x = s.middle, s.middle.size[0], w.copy()

@@ -19,13 +19,13 @@ from ...projection.coulomb.frictional_step import frictional_tree_law
 from ...projection.coulomb.law import COMPLIANT, NOTHING, UNIQUE
 from ...projection.dense.fused_step import FEW
 from ...projection.dense.orthonormal_rows import inner
-from ...projection.dense.robot_step import tree_law
-from ...projection.tree import advance_by, factor, is_damped
+from ...projection.dense.robot_step import newton_law, tree_law
+from ...projection.tree import advance_by
 from ...system.control_table import write_torque
 from ...system.free.spinning import spin_effects
 from ...system.mechanisms.mechanism import carry, evaluate_nonlinear_effects, weigh
 from ...system.system import Array
-from .joint_friction import bounded_coulomb, rough_joints, rub
+from .joint_friction import apply_joint_friction, bounded_coulomb, factor_mass_again, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
 
 __all__ = [
@@ -48,7 +48,7 @@ def fly(s: MechanismStep, t: float, q: Array, v: Array, h: float, w: Array) -> N
     Forces act, and dry friction of joints.
     """
     evaluate_forces(s, t, q, v, h)
-    if not (move_freely(s, v, h, False, w) and rub(s, h, w)):
+    if not (move_freely(s, v, h, False, w) and apply_joint_friction(s, h, w)):
         w[0] = np.nan
 
 
@@ -73,11 +73,20 @@ def evaluate_effects(s: MechanismStep, q: Array, v: Array, at: Array, h: float) 
 def move_freely(s: MechanismStep, v: Array, h: float, twice: bool, w: Array) -> bool:
     """Write the velocity after a time h under the forces that were evaluated last; False where M has no factor.
 
-    Dry friction of joints does not act; see `rub`. `twice` is that of `advance_by`.
+    Dry friction of joints does not act; see `apply_joint_friction`. `twice` is that of `advance_by`.
     """
     m, room = s.mechanism, s.room
     bad = advance_by(m.mass, m.damping, m.parent, v, h, room.torque, m.effects, twice, room.L, room.changes, w)
     return bad == 0
+
+
+@kernel("b1(MechanismStep, f8[::1], f8, b1)")
+def write_free_motion(s: MechanismStep, v: Array, h: float, twice: bool) -> bool:
+    """Write the free motion of v, and the factor of M where the mechanism is placed; False where M has none.
+
+    `twice` is that of `advance_by`.
+    """
+    return move_freely(s, v, h, twice, s.room.free) and factor_mass_again(s)
 
 
 @kernel("b1(RowBuffer)")
@@ -92,19 +101,12 @@ def has_friction(rows: RowBuffer) -> bool:
 @kernel("i8(MechanismStep, f8[::1], f8, b1, f8[::1])")
 def apply_law_with_joints(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) -> int:
     """Do what `apply_law` does where joints have dry friction."""
-    m, rows, k, free = s.mechanism, s.rows, s.rows.size[0], s.room.free
-    if not move_freely(s, v, h, twice, free):
-        return UNSOLVED
-    if is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L):
+    rows, k = s.rows, s.rows.size[0]
+    if not write_free_motion(s, v, h, twice):
         return UNSOLVED
     lower, p = np.empty(k), np.empty((k, 3))
-    for a in range(k):
-        before = inner(rows.J[a], v)
-        lower[a] = -rows.e[a] * before
-        # what closes within the step by its own speed has its impact now
-        if len(opened) and opened[a] > 0.0 and before > -opened[a]:
-            lower[a] = min(lower[a], -opened[a])
-    code = bounded_coulomb(s, rows, free, lower, h, EXACT * s.scales.residual, s.v, p)
+    newton_law(rows.J[:k], v, rows.e[:k], opened, lower, s.rates[: 4 * k].reshape((4, k)))
+    code = bounded_coulomb(s, rows, s.room.free, lower, h, EXACT * s.scales.residual, s.v, p)
     if code == DONE:
         write_rates_of(s, rows, v, p)
     return code
@@ -143,7 +145,7 @@ def apply_law(s: MechanismStep, v: Array, h: float, twice: bool, opened: Array) 
     m, rows, memory, k = s.mechanism, s.rows, s.memory, s.rows.size[0]
     limit = 0.0 if k <= FEW else 1e-3 * s.scales.residual
     J, e, rates = rows.J[:k], rows.e[:k], s.rates[: 4 * k].reshape((4, k))
-    if rough_joints(m.friction) > 0:
+    if joints_with_friction(m.friction) > 0:
         return apply_law_with_joints(s, v, h, twice, opened)
     if not has_friction(rows):
         last = memory.percussion[: memory.size[0]]

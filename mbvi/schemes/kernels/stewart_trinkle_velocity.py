@@ -12,7 +12,7 @@ from ...projection.tree import solve
 from ...system.system import Array
 from ..step import STILL
 from .centered import row_speeds
-from .joint_friction import bounded_coulomb, rough_joints
+from .joint_friction import bounded_coulomb, joints_with_friction
 from .records import DONE, UNSOLVED, MechanismStep
 
 
@@ -96,7 +96,7 @@ def project_bounds(s: MechanismStep, bound: Array, lower: Array, h: float) -> in
             some.gap[some.size[0] - 1], rough = lower[a], max(rough, rows.mu[a])
     for i in range(2 * rows.size[0] if len(s.slip) else 0):
         s.slip[i] = 0.0
-    if rough > 0.0 or rough_joints(s.mechanism.friction) > 0:
+    if rough > 0.0 or joints_with_friction(s.mechanism.friction) > 0:
         return project_bounds_with_friction(s, bound, h)
     k, x = some.size[0], room.free
     if k == 0:

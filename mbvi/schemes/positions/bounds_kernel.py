@@ -9,7 +9,7 @@ from ...constraints.mechanism.tables import RowBuffer
 from ...projection.coulomb.friction import EXACT
 from ...projection.tree import solve
 from ...system.system import Array
-from ..kernels.joint_friction import bounded_coulomb, rough_joints
+from ..kernels.joint_friction import bounded_coulomb, joints_with_friction
 from ..kernels.phases import has_friction, write_rates_of
 from ..kernels.records import DONE, UNSOLVED, MechanismStep
 from .displacement_kernel import IMPOSSIBLE, project_moving
@@ -34,7 +34,7 @@ def apply_bounds(s: MechanismStep, rows: RowBuffer, v: Array, x: Array, lower: A
     """
     k, n, L = rows.size[0], len(v), s.room.L
     J, w, p = rows.J[:k], np.empty(n), np.zeros((k, 3))
-    if has_friction(rows) or rough_joints(s.mechanism.friction) > 0:
+    if has_friction(rows) or joints_with_friction(s.mechanism.friction) > 0:
         # Python checks each row of others than exact answers
         code = bounded_coulomb(s, rows, x, lower, h, EXACT * s.scales.residual, w, p)
         if code != DONE:

@@ -10,26 +10,16 @@ from ...constraints.mechanism.tables import FOUND, MOST_ROWS, TOO_MANY, RowBuffe
 from ...projection.dense.orthonormal_rows import inner
 from ...projection.positions.closed_contacts import stays_sunk
 from ...projection.positions.travel import MOST_LINEARISATIONS
-from ...projection.tree import factor, is_damped, solve
+from ...projection.tree import solve
 from ...system.free.free_momentum import keep_momentum_of_rows
 from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
-from ..kernels.phases import move_freely
+from ..kernels.phases import write_free_motion
 from ..kernels.records import DONE, UNSOLVED, MechanismStep
 from .bounds_kernel import apply_bounds
 from .closed_kernel import bears_or_sinks, closed_contacts
 from .displacement_kernel import IMPOSSIBLE, Sunk, raise_sunk
 from .nearby_kernel import copy_rows, find_nearby, known_gaps, match_rows, may_sink, nearby_rows, rows_for
-
-
-@kernel("b1(MechanismStep, f8[::1], f8)")
-def write_free_motion(s: MechanismStep, v: Array, h: float) -> bool:
-    """Write the free motion of v, and the factor of M where the mechanism is placed; False where M has none."""
-    m = s.mechanism
-    if not move_freely(s, v, h, True, s.room.free):
-        return False
-    # L is that of M already where there is no damping
-    return not (is_damped(m.damping) and factor(m.mass, 0.0, m.damping, m.parent, s.room.L))
 
 
 @kernel("void(MechanismStep, f8)")
@@ -288,7 +278,7 @@ def project_positions(s: MechanismStep, v: Array, h: float, near: Array, bounces
     if not may_sink(s):
         advance_gaps(s, half)
         return DONE
-    if not write_free_motion(s, v, h):
+    if not write_free_motion(s, v, h, True):
         return UNSOLVED
     moved, there, residual, marks.size[0] = np.zeros(len(v)), np.zeros(len(s.q)), np.zeros(1), 0
     if bounces:

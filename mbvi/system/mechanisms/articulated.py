@@ -83,7 +83,7 @@ class ArticulatedSystem(System):
         self.damping: Array = np.array(model.damping, dtype=float)
         self._damped = bool(self.damping.any())
         self.friction: Array = dry_friction(model)
-        self.rubs = bool(self.friction.any())
+        self.has_joint_friction = bool(self.friction.any())
         # armature that Pinocchio leaves out of the kinetic energy
         self._uncounted: Array = np.array(model.armature, dtype=float)
         for joint in list(model.joints)[1:]:
@@ -271,7 +271,7 @@ class ArticulatedSystem(System):
         # a later evaluation at another q overwrites Pinocchio's mass matrix
         return TreeFreeMotion(
             self._mass.copy(), self.damping, self._parent, v, h, torque, effects, twice,
-            self.friction if self.rubs else None,
+            self.friction if self.has_joint_friction else None,
         )  # fmt: skip
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:

@@ -208,7 +208,7 @@ def mjcf(seed: int) -> str:
     elif kind == "flag damper":
         assert not problem.system.damping.any(), kind
     elif kind in ("spring", "dry friction"):
-        assert problem.system.springs if kind == "spring" else problem.system.rubs, kind
+        assert problem.system.springs if kind == "spring" else problem.system.has_joint_friction, kind
     else:
         assert word in said.lower(), f"{kind}: nothing is said of it"
     return kind
