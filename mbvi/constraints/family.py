@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..system import System
 from .families.candidates import PairCandidates
+from .rotations import rotation_rows
 from .rows import NO_POINT, Array, Rows
 from .tangents import Tangents, axes_of, tangents_of_mechanism
 
@@ -187,6 +188,11 @@ class ConstraintFamily(ABC):
         axes, first, second = axes_of(rows.normal), first.repeat(2), second.repeat(2)
         jacobian = self.system.separation_rows(q, first, second, rows.point.repeat(2, 0), axes.reshape(-1, 3))
         return Tangents(friction, axes, jacobian, None)
+
+    def rotations(self, t: float, q: Array, rows: Rows, axes: Array) -> tuple[Any, Array | None]:
+        """Return the rows and the rates at v = 0 of relative angular velocities; see `rotation_rows`."""
+        system = self.system
+        return rotation_rows(partial(system.separation_rows, q), self.bodies_of(rows.constraint), rows, axes), None
 
     # for the cache
 

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class Tangents(NamedTuple):
-    """Friction of some rows, two tangents each.
+    """Friction of some rows: two tangents each, and with torsional or rolling friction three axes of rotation.
 
     Attributes
     ----------
@@ -26,41 +26,64 @@ class Tangents(NamedTuple):
     axes : ndarray, shape (k, 2, 3)
         Unit tangents in the world, orthogonal to the normal and to each other; of constraints without a contact point
         (1, 0, 0) and (0, 1, 0).
-    jacobian : ndarray or csr_array, shape (2 k, nv)
+    jacobian : ndarray or csr_array, shape (w k, nv)
         Rows r with r . v = the velocity of the second body relative to the first, along the tangent; zero where mu = 0.
-    rate : ndarray, shape (2 k,), or None
-        The same at v = 0, due to walls with a prescribed motion [m/s]; None if no row has any.
+        With `resistance` w is 5 and the angular velocities about the normal and both tangents follow, else w is 2.
+    rate : ndarray, shape (w k,), or None
+        The same at v = 0, due to walls with a prescribed motion [m/s, rad/s]; None if no row has any.
+    resistance : ndarray, shape (k, 2), or None
+        Of each row the lengths of torsional and rolling friction [m]; None where no constraint has any.
+    bound : ndarray of int, shape (k,), or None
+        Which row's normal percussion bounds the friction of each; see `coulomb_law`. None where each has its own.
     """
 
     friction: Array
     axes: Array
     jacobian: Array | csr_array
     rate: Array | None
+    resistance: Array | None = None
+    bound: Array | None = None
+
+    @property
+    def width(self) -> int:
+        """How many rows of `jacobian` each contact has."""
+        return 2 if self.resistance is None else 5
 
     def slip(self, v: Array) -> Array:
-        """Return the tangential velocities, shape (k, 2) [m/s]."""
+        """Return the tangential velocities, and angular ones, shape (k, w) [m/s, rad/s]."""
         speeds = times(self.jacobian, v)
-        return (speeds if self.rate is None else speeds + self.rate).reshape(-1, 2)
+        return (speeds if self.rate is None else speeds + self.rate).reshape(-1, self.width)
+
+    def sliding(self) -> Tangents:
+        """Return them without torsional and rolling friction."""
+        if self.resistance is None:
+            return self
+        wide = (5 * np.arange(len(self.friction))[:, None] + np.arange(2)).ravel()
+        rate = None if self.rate is None else self.rate[wide]
+        return Tangents(self.friction, self.axes, take_rows(self.jacobian, wide), rate)
 
     def take(self, index: Array) -> Tangents:
         """Return those of some rows, by a mask or by their indices."""
         if index.dtype == bool:
             index = np.flatnonzero(index)
-        wide = (2 * index[:, None] + np.arange(2)).ravel()
+        wide = (self.width * index[:, None] + np.arange(self.width)).ravel()
         rate = None if self.rate is None else self.rate[wide]
-        return Tangents(self.friction[index], self.axes[index], take_rows(self.jacobian, wide), rate)
+        resistance = None if self.resistance is None else self.resistance[index]
+        return Tangents(self.friction[index], self.axes[index], take_rows(self.jacobian, wide), rate, resistance)
 
 
 def concatenate(parts: Sequence[Tangents]) -> Tangents:
-    """Return those of all parts, one part after the other."""
+    """Return those of all parts, all with `resistance` or none, one part after the other."""
     rate = None
     if any(part.rate is not None for part in parts):
-        rate = np.concatenate([np.zeros(2 * len(p.friction)) if p.rate is None else p.rate for p in parts])
+        rate = np.concatenate([np.zeros(p.width * len(p.friction)) if p.rate is None else p.rate for p in parts])
+    resistances = [part.resistance for part in parts if part.resistance is not None]
     return Tangents(
         np.concatenate([part.friction for part in parts]),
         np.concatenate([part.axes for part in parts]),
         stack_rows([part.jacobian for part in parts]),
         rate,
+        np.concatenate(resistances) if resistances else None,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import pinocchio as pin
 
@@ -18,6 +18,8 @@ from ..system.mechanisms.articulated import Control
 from .state import State
 from .urdf.robot import Robot
 
+# what is set of pairs: a number or several
+Setting = TypeVar("Setting")
 SceneControl = Callable[[State], Mapping[str, Any] | None]
 Force = Callable[[float, Array, Array], Any]
 
@@ -174,6 +176,9 @@ class SceneItems:
     forces: list[ForceItem] = field(default_factory=list)
     friction: float = 0.0
     pair_friction: dict[frozenset[str], float] = field(default_factory=dict)
+    # lengths of torsional and of rolling friction [m]
+    resistance: tuple[float, float] = (0.0, 0.0)
+    pair_resistance: dict[frozenset[str], tuple[float, float]] = field(default_factory=dict)
     energy_cap: bool = False
     excluded: set[frozenset[str]] = field(default_factory=set)
     connections: list[ConnectionItem] = field(default_factory=list)
@@ -272,6 +277,16 @@ class SceneItems:
         """Return the coefficient of friction between two shapes, found as e is."""
         return _setting(self.pair_friction, a, b, self.friction)
 
+    def resistance_of(self, name: str) -> tuple[float, float]:
+        """Return the lengths of torsional and rolling friction of a contact "a | b", found as mu is [m]."""
+        a, _, b = name.partition(" | ")
+        return _setting(self.pair_resistance, a, b, self.resistance)
+
+    @property
+    def resists_turning(self) -> bool:
+        """Whether a pair has torsional or rolling friction."""
+        return any(max(one) > 0.0 for one in (self.resistance, *self.pair_resistance.values()))
+
     @property
     def frictional(self) -> bool:
         """Whether a pair has friction."""
@@ -283,7 +298,7 @@ class SceneItems:
         return min(self.restitution, *self.pair_restitution.values(), 1.0) == 1.0 and not self.frictional
 
 
-def _setting(pairs: dict[frozenset[str], float], a: str, b: str, common: float) -> float:
+def _setting(pairs: Mapping[frozenset[str], Setting], a: str, b: str, common: Setting) -> Setting:
     for first in (a, entity(a)):
         for second in (b, entity(b)):
             own = pairs.get(frozenset((first, second)))

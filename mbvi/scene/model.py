@@ -148,6 +148,10 @@ class SceneModel:
         if self.items.frictional:
             mu = {self.items.friction, *self.items.pair_friction.values()}
             lines.append(f"  Coulomb friction, mu {', '.join(f'{x:g}' for x in sorted(mu))}")
+            if self.items.resists_turning:
+                lengths = np.unique([self.items.resistance, *self.items.pair_resistance.values()], axis=0)
+                each = "; ".join(f"{torsion:g} and {rolling:g}" for torsion, rolling in lengths)
+                lines.append(f"  torsional and rolling friction, lengths {each} m")
             turning = sum(len(s.radii) for s in self.items.spheres)
             if turning:
                 added = (1 if self.items.plane and "plane" in self.reduce else 3) * turning

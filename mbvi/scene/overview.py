@@ -28,6 +28,10 @@ def overview_html(items: SceneItems) -> str:
         "restitution": _coefficients(items.restitution, items.pair_restitution.values()),
         "friction": _coefficients(items.friction, items.pair_friction.values()),
     }
+    if items.resists_turning:
+        pairs = items.pair_resistance.values()
+        for k, kind in enumerate(("torsional friction [m]", "rolling friction [m]")):
+            settings[kind] = _coefficients(items.resistance[k], [pair[k] for pair in pairs])
     if items.plane is not None:
         settings["plane"] = items.plane
     rows = (_things(items) | settings).items()

@@ -38,7 +38,7 @@ from .items import BodyItem, RobotItem, SceneItems, SphereItem
 from .mjcf.added import MjcfModels
 from .overview import overview, overview_html
 from .pairs.passing import passing_robots
-from .pairs.rules import PairRules
+from .pairs.rules import PairRules, friction_coefficients
 from .plane import checked_plane
 from .reductions import DEFAULT_REDUCTIONS, checked_reductions
 from .urdf.checks import check_mass_matrix
@@ -65,9 +65,11 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         Acceleration of gravity [m/s^2].
     restitution : float
         Newton's e in [0, 1] of every contact and joint limit without one of its own.
-    friction : float
+    friction : float or tuple of three floats
         Coefficient of Coulomb friction mu >= 0 of every contact without one of its own; joint limits have none. Without
-        friction contacts have no tangents, and spheres do not turn.
+        friction contacts have no tangents, and spheres do not turn. Three numbers are mu and the lengths of torsional
+        and of rolling friction [m]: a contact with the normal force N bears a torque of at most torsion N about its
+        normal, and of rolling N about its tangents.
     energy_cap : bool
         With friction an impact with e > 0 can gain kinetic energy (Kane's paradox). With the cap it takes the largest
         e' <= e with which it gains none; see `Problem`.
@@ -87,13 +89,15 @@ class Scene(Walls, Grains, MjcfModels, PairRules, Actions, Connections):
         gravity: Sequence[float] | Array = (0.0, 0.0, -9.81),
         restitution: float = 0.0,
         plane: str | None = None,
-        friction: float = 0.0,
+        friction: float | tuple[float, float, float] = 0.0,
         energy_cap: bool = False,
     ) -> None:
+        mu, torsion, rolling = friction_coefficients(friction, "friction")
         self._items = SceneItems(
             gravity=vector(gravity, "gravity"),
             restitution=between(restitution, "restitution e", 0.0, 1.0),
-            friction=not_negative(friction, "friction"),
+            friction=mu,
+            resistance=(torsion, rolling),
             energy_cap=boolean(energy_cap, "energy_cap"),
             plane=checked_plane(plane),
         )

@@ -57,7 +57,7 @@ def friction_of(step: Step) -> ContactFriction | None:
     speed = np.maximum(np.maximum(free, before), np.maximum(free_slip, before_slip))
     # multiplied out, because both may be divisions by zero; of dependent contacts some stick at the edge of their cones
     sticks = (edge > 0.0) & (after_slip * edge <= np.maximum(edge - across, _STILL * edge) * speed)
-    tangential, _, after, before = (step.slip[..., None] * tangents.axes).sum(axis=2)
+    tangential, _, after, before = (step.slip[..., :2, None] * tangents.axes).sum(axis=2)
     return ContactFriction(tangential, before, after, sticks)
 
 

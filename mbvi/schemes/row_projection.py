@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..constraints import Rows
 from ..constraints.rows import concatenate
 from ..constraints.tangents import Tangents
 from ..projection import Metric, Projector, joint_rows
+from ..system.free.sparse_rows import stack_rows, take_rows
 from ..system.system import Array
 
 
@@ -24,8 +26,9 @@ class RowProjection(NamedTuple):
         Normal percussions p >= 0 [N s, N m s].
     residual : float
         Relative KKT residual; with friction that of Coulomb's law.
-    tangential : ndarray, shape (k, 2), or None
-        Percussions along the tangents [N s]; None without friction.
+    tangential : ndarray, shape (k, w), or None
+        Percussions along the tangents, and about the axes of torsional and rolling friction [N s, N m s]; None without
+        friction.
     """
 
     velocity: Array
@@ -54,19 +57,61 @@ def project_rows(
     h : float, optional
         See `Projector.project`.
     """
-    friction = metric.friction
-    if friction is not None:
-        wide = with_joints(rows, friction)
-        padded = np.concatenate([lower, np.zeros(len(wide.gap) - len(lower))])
-        found = projector.frictional(x, metric, wide, padded, h)
-        each = found.percussion.reshape(-1, 3)[: len(lower)]
-        return RowProjection(found.velocity, each[:, 0].copy(), found.residual, each[:, 1:])
-    if rows.tangents is None or not rows.tangents.friction.any():
+    friction, tangents, k = metric.friction, rows.tangents, len(lower)
+    if friction is None and (tangents is None or not tangents.friction.any()):
         plain = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)
-        return RowProjection(*plain, None if rows.tangents is None else np.zeros((len(lower), 2)))
-    found = projector.frictional(x, metric, rows, lower, h)
+        return RowProjection(*plain, None if tangents is None else np.zeros((k, tangents.width)))
+    wide = rows
+    if tangents is not None and tangents.resistance is not None:
+        wide = with_resistance(rows, tangents, tangents.resistance)
+    bounded = len(wide.gap) - k
+    if friction is not None:
+        wide = with_joints(wide, friction)
+    found = projector.frictional(x, metric, wide, np.concatenate([lower, np.zeros(len(wide.gap) - k)]), h)
     each = found.percussion.reshape(-1, 3)
-    return RowProjection(found.velocity, each[:, 0].copy(), found.residual, each[:, 1:])
+    tangential = each[:k, 1:]
+    if tangents is not None and tangents.resistance is not None:
+        turning = each[k : k + bounded, 1:]
+        tangential = np.column_stack([tangential, rotational(tangents.resistance, turning)])
+    return RowProjection(found.velocity, each[:k, 0].copy(), found.residual, tangential)
+
+
+def with_resistance(rows: Rows, tangents: Tangents, resistance: Array) -> Rows:
+    """Return rows with two tangents, followed by those of torsional and rolling friction, which they bound.
+
+    Parameters
+    ----------
+    rows : Rows
+        k contacts.
+    tangents : Tangents
+        Their tangents and axes of rotation.
+    resistance : ndarray, shape (k, 2)
+        The lengths of torsional and of rolling friction [m].
+    """
+    k, nv = len(rows.gap), rows.jacobian.shape[1]
+    torsional, rolling = (np.flatnonzero(resistance[:, column]) for column in range(2))
+    bound, mu = np.concatenate([torsional, rolling]), np.concatenate([resistance[torsional, 0], resistance[rolling, 1]])
+    d, sparse = len(bound), not isinstance(tangents.jacobian, np.ndarray)
+    nothing: Array | csr_array = csr_array((1, nv)) if sparse else np.zeros((1, nv))
+    jacobian, empty = stack_rows([tangents.jacobian, nothing]), 5 * k
+    spin = np.stack([5 * torsional + 2, np.full(len(torsional), empty)], axis=1)
+    chosen = np.concatenate([spin.ravel(), np.stack([5 * rolling + 3, 5 * rolling + 4], axis=1).ravel()])
+    rate = None if tangents.rate is None else np.append(tangents.rate, 0.0)[chosen]
+    along = Tangents(mu, np.zeros((d, 2, 3)), take_rows(jacobian, chosen), rate)
+    none, nowhere = np.zeros(d), np.full((d, 3), np.nan)
+    normals = take_rows(stack_rows([nothing]), np.zeros(d, np.int64))
+    extra = Rows(rows.constraint[bound], none, normals, none, nowhere, nowhere, None, along)
+    wide = concatenate([rows._replace(tangents=tangents.sliding()), extra])
+    assert wide.tangents is not None
+    return wide._replace(tangents=wide.tangents._replace(bound=np.concatenate([np.full(k, -1), bound])))
+
+
+def rotational(resistance: Array, turning: Array) -> Array:
+    """Return the percussions about the three axes of each contact, shape (k, 3), given those of `with_resistance`."""
+    about, torsional = np.zeros((len(resistance), 3)), np.flatnonzero(resistance[:, 0])
+    about[torsional, 0] = turning[: len(torsional), 0]
+    about[np.flatnonzero(resistance[:, 1]), 1:] = turning[len(torsional) :]
+    return about
 
 
 def with_joints(rows: Rows, friction: Array) -> Rows:
@@ -81,11 +126,15 @@ def with_joints(rows: Rows, friction: Array) -> Rows:
     none, nowhere = np.zeros(d), np.full((d, 3), np.nan)
     along = Tangents(mu, np.zeros((d, 2, 3)), tangents, None)
     joints = Rows(np.full(d, -1), none, np.zeros((d, nv)), none, nowhere, nowhere, None, along)
-    return concatenate([rows, joints])
+    wide, bound = concatenate([rows, joints]), rows.tangents.bound if rows.tangents is not None else None
+    if bound is None:
+        return wide
+    assert wide.tangents is not None
+    return wide._replace(tangents=wide.tangents._replace(bound=np.concatenate([bound, np.full(d, -1)])))
 
 
 def slip_rates(rows: Rows, tangential: Array | None, free: Array, after: Array, before: Array) -> Array | None:
-    """Return `Step.slip` of rows, shape (4, k, 2), from the velocities; None without friction."""
+    """Return `Step.slip` of rows, shape (4, k, w), from the velocities; None without friction."""
     if rows.tangents is None or tangential is None:
         return None
     slip = np.empty((4, *tangential.shape))

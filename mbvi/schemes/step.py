@@ -37,9 +37,9 @@ class Step(NamedTuple):
         Of each active row the percussion, then three rates of its gap: `percussion`, `free`, `after` and `before`.
     residual : float
         Relative KKT residual of the projection; with friction that of Coulomb's law.
-    slip : ndarray, shape (4, k, 2), or None
+    slip : ndarray, shape (4, k, w), or None
         Of each row the percussion and three velocities along its tangents, in the order of `rates` [N s, m/s]; None
-        without friction.
+        without friction. With torsional or rolling friction w is 5 (see `Tangents`), else 2.
     at_once : callable or None
         Of a scheme whose impacts last two steps: at_once(impacting) takes the rows whose impact begins in this step,
         shape (k,) of bool, and returns the rates that the law (8) would lead to at once, which records of impacts have.

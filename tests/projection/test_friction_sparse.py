@@ -106,7 +106,7 @@ def test_strong_friction_needs_percussions_that_are_held_back(seed):
     b = (J @ x).reshape(m, 3) * scale[:, None]
     cos, sin = local[:, 4], local[:, 5]
     turned = np.column_stack([b[:, 0], cos * b[:, 1] + sin * b[:, 2], cos * b[:, 2] - sin * b[:, 1]])
-    rows = blocks, columns, starts, local, turned.ravel(), mu, 1e-3 * np.abs(b).max(), 1000
+    rows = blocks, columns, starts, local, turned.ravel(), mu, np.full(m, -1), 1e-3 * np.abs(b).max(), 1000
     assert accelerated_contacts(*rows, np.empty(len(x)), np.zeros(3 * m)) > rows[-2]
 
 

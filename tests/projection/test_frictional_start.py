@@ -109,7 +109,7 @@ def test_a_wrong_start_is_no_answer():
 
     def solve(known, start):
         w, table, case = np.empty(18), np.empty((3, 12)), np.empty(4, np.int64)
-        residual, unique = coulomb_law(J, A, x, np.zeros(12), mu, known, 1e-12, start, w, table, case)
+        residual, unique = coulomb_law(J, A, x, np.zeros(12), mu, np.full(4, -1), known, 1e-12, start, w, table, case)
         assert residual <= 1e-11 and unique
         return w
 

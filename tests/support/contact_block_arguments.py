@@ -33,10 +33,12 @@ def room(U):
     return np.full(3 * U.nnz, np.nan), columns, starts, np.full((m, 7), np.nan)
 
 
-def packed(U):
+def packed(U, bound=None):
     """What `pack_contacts` makes of sparse rows: blocks, columns, starts and local."""
     blocks, columns, starts, local = room(U)
-    pack(U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], blocks, columns, starts, local)
+    bound = np.full(len(starts) - 1, -1) if bound is None else bound
+    rows = U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1]
+    pack(*rows, bound, blocks, columns, starts, local)
     entries = int(starts[-1])
     return blocks[: 3 * entries].copy(), columns[:entries].copy(), starts, local
 
@@ -50,19 +52,36 @@ def matrix(blocks, columns, starts, n):
     return A
 
 
+def some_bounds(rng, U):
+    """Which contact bounds each: the last one may be bounded by the first, whose bodies it turns."""
+    m = U.shape[0] // 3
+    bound = np.full(m, -1)
+    if m > 1 and rng.random() < 0.4:
+        bound[-1] = 0
+        full = U.toarray()
+        full[-3], full[-2:] = 0.0, full[1:3]
+        if rng.random() < 0.5:
+            full[-1] = 0.0
+        U = csr_array(full)
+    return U, bound
+
+
 def state(rng):
-    """Packed rows, how many columns they have, coefficients of friction, and percussions in their cones."""
-    U = contact_rows(rng)
+    """Packed rows, how many columns they have, coefficients and bounds of friction, percussions in their cones."""
+    U, bound = some_bounds(rng, contact_rows(rng))
     m = U.shape[0] // 3
     mu, p = rng.choice([0.0, 0.3, 0.9], size=m), rng.normal(size=(m, 3))
     p[:, 0] = np.abs(p[:, 0]) * (rng.random(m) < 0.7)
     p[:, 1:] *= (mu * p[:, 0] * rng.random(m) / np.linalg.norm(p[:, 1:], axis=1))[:, None]
-    return packed(U), U.shape[1], mu, p.ravel()
+    rows = packed(U, bound)
+    # one that moves nothing has no friction
+    mu = np.where(bound >= 0, np.where(rows[3][:, 6] > 0.0, 0.3, 0.0), mu)
+    return rows, U.shape[1], (mu, bound), p.ravel()
 
 
 def pack_contacts(rng):
-    U = contact_rows(rng)
-    return U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], *room(U)
+    U, bound = some_bounds(rng, contact_rows(rng))
+    return U.data, U.indices.astype(np.uint32), U.indptr.astype(np.uint32), U.shape[1], bound, *room(U)
 
 
 def combine_contacts(rng):
@@ -71,15 +90,17 @@ def combine_contacts(rng):
 
 
 def contacts_residual(rng):
-    (*rows, _), n, mu, p = state(rng)
-    return *rows, rng.normal(size=len(p)), mu, p, np.full(n, np.nan), np.full(len(p), np.nan)
+    (*rows, _), n, law, p = state(rng)
+    return *rows, rng.normal(size=len(p)), *law, p, np.full(n, np.nan), np.full(len(p), np.nan)
 
 
 def sweep_blocks(rng):
-    (*rows, local), n, mu, p = state(rng)
-    z = matrix(*rows, n).T @ p
-    weight = float(rng.choice([0.0, 0.5]))
-    return *rows, local, rng.normal(size=len(p)), mu, weight, rng.normal(size=len(p)), rng.normal(size=len(p)), z, p
+    (*rows, local), n, law, p = state(rng)
+    A = matrix(*rows, n)
+    z, weight = A.T @ p, float(rng.choice([0.0, 0.5]))
+    # no velocity along a tangent that is a zero row
+    b = rng.normal(size=len(p)) * (A.any(axis=1) | np.repeat(law[1] < 0, 3))
+    return *rows, local, b, *law, weight, rng.normal(size=len(p)), rng.normal(size=len(p)), z, p
 
 
 def extrapolate_from(rng):
@@ -92,25 +113,25 @@ def choose_part(rng):
 
 def accelerated_contacts(rng):
     """Velocities that some velocity of the bodies has, so that there is an answer."""
-    (*rows, local), n, mu, p = state(rng)
+    (*rows, local), n, law, p = state(rng)
     b = matrix(*rows, n) @ rng.normal(size=n)
-    return *rows, local, b, mu, 1e-6, 20, np.full(n, np.nan), p
+    return *rows, local, b, *law, 1e-6, 20, np.full(n, np.nan), p
 
 
 def delassus_of(rng):
-    (*rows, _), n, mu, _ = state(rng)
-    return *rows, np.full(n, np.nan), np.full((3 * len(mu), 3 * len(mu)), np.nan)
+    (*rows, _), n, (mu, bound), _ = state(rng)
+    return *rows, bound, np.full(n, np.nan), np.full((3 * len(mu), 3 * len(mu)), np.nan)
 
 
 def solve_contacts(rng):
     """All contacts are known, or some."""
     *rows, target, _, z, p = accelerated_contacts(rng)
-    return *rows, len(rows[-1]) - int(rng.integers(2)), target, z, p
+    return *rows, len(rows[-2]) - int(rng.integers(2)), target, z, p
 
 
 def solve_contact_islands(rng):
     """Contacts of one island, or the same twice, on other bodies, and one contact that moves none."""
-    (blocks, columns, starts, local), n, mu, p = state(rng)
+    (blocks, columns, starts, local), n, (mu, bound), p = state(rng)
     b = matrix(blocks, columns, starts, n) @ rng.normal(size=n)
 
     def targets(contacts):
@@ -118,12 +139,14 @@ def solve_contact_islands(rng):
 
     if rng.random() < 0.3:
         label = np.zeros(len(mu), np.int64)
-        return blocks, columns, starts, n, local, b, mu, np.full(len(mu), rng.random() < 0.5), label, 1, targets(mu), p
+        known = np.full(len(mu), rng.random() < 0.5)
+        return blocks, columns, starts, n, local, b, mu, bound, known, label, 1, targets(mu), p
     label = np.append(np.repeat([0, 1], len(mu)), -1)
     ends = np.concatenate([starts, starts[1:] + starts[-1], 2 * starts[-1:]]).astype(np.uint32)
     return (
         np.tile(blocks, 2), np.append(columns, columns + np.uint32(n)), ends, 2 * n,
         np.vstack([local, local, local[:1]]), np.concatenate([b, 0.5 * b, np.zeros(3)]), np.tile(mu, 3)[: len(label)],
+        np.concatenate([bound, np.where(bound >= 0, bound + len(mu), -1), [-1]]),
         rng.random(len(label)) < 0.5, label, 2, targets(label), np.concatenate([p, p, np.ones(3)]),
     )  # fmt: skip
 

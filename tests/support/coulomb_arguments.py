@@ -15,6 +15,8 @@ def law(rng, most=3):
     G, b, mu = np.ascontiguousarray(G * scale[:, None] * scale), b * scale, rng.choice([0.0, 0.2, 0.8], size=m)
     if rng.random() < 0.4:
         make_joint_friction(G, b, mu, m - 1)
+    elif m > 1 and rng.random() < 0.4:
+        make_rolling_friction(G, b, mu, m - 1)
     return G, b, mu
 
 
@@ -23,6 +25,13 @@ def make_joint_friction(G, b, mu, a):
     for i in (3 * a, 3 * a + 2):
         G[i], G[:, i], b[i] = 0.0, 0.0, 0.0
     G[3 * a, 3 * a], b[3 * a], mu[a] = 1.0, -0.7, -1.5
+
+
+def make_rolling_friction(G, b, mu, a):
+    """Make the rolling friction of the first contact of another one."""
+    i = 3 * a
+    G[i], G[:, i], b[i], mu[a] = 0.0, 0.0, 0.0, 0.3
+    G[i, i], G[i, 0] = 1.0, -1.0
 
 
 def in_cone(rng, mu):
@@ -148,7 +157,7 @@ def couples_weakly(rng):
 
 def independent_rows(rng):
     G, _, mu = law(rng)
-    return G, mu
+    return G, mu, bounds(rng, mu)
 
 
 def keep_better(rng):
@@ -174,16 +183,45 @@ def some_joints(rng, J, A):
     return mu
 
 
+def bounds(rng, mu):
+    """Which contact bounds each: the last one may be bounded by the first, unless it is the friction of a joint."""
+    bound = np.full(len(mu), -1)
+    if len(mu) > 1 and mu[-1] >= 0.0 and rng.random() < 0.5:
+        bound[-1] = 0
+    return bound
+
+
+def some_bounds(rng, J, A, mu):
+    """As `bounds`; the rows become those of rolling friction, or of torsional friction."""
+    bound = bounds(rng, mu)
+    if bound[-1] >= 0:
+        for rows_of in (J, A):
+            rows_of[-3] = 0.0
+        if rng.random() < 0.5:
+            for rows_of in (J, A):
+                rows_of[-1] = 0.0
+        mu[-1] = 0.3
+    return bound
+
+
+def bind(rng):
+    G, _, mu = law(rng)
+    return bounds(rng, mu), G
+
+
 def delassus(rng):
     J, A = rows(rng)
-    return J, A, some_joints(rng, J, A), np.full((len(J), len(J)), np.nan), np.full(len(J) // 3, np.nan)
+    mu = some_joints(rng, J, A)
+    bound = some_bounds(rng, J, A, mu)
+    return J, A, mu, bound, np.full((len(J), len(J)), np.nan), np.full(len(J) // 3, np.nan)
 
 
 def apply_percussions(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
     mu = some_joints(rng, J, A)
-    moved = rng.normal(size=nv), rng.normal(size=n), mu, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
+    bound = some_bounds(rng, J, A, mu)
+    moved = rng.normal(size=nv), rng.normal(size=n), mu, bound, rng.uniform(0.5, 2.0, size=m), in_cone(rng, mu)
     return J, A, *moved, np.full(n, np.nan), np.full(nv, np.nan), np.zeros((3, n))
 
 
@@ -199,13 +237,19 @@ def free_speeds(rng):
     return J, rng.normal(size=nv), rng.normal(size=n), mu, np.full((3, n), np.nan)
 
 
-def bound_joints(rng):
-    scale = rng.choice([0.0, 0.5, 2.0], size=4)
-    return rng.choice([-0.3, 0.2, 0.0], size=4), scale, rng.random(), rng.normal(size=12), np.full(4, np.nan)
+def scale_cones(rng):
+    scale, mu = rng.choice([0.0, 0.5, 2.0], size=4), rng.choice([-0.3, 0.2, 0.0], size=4)
+    return mu, bounds(rng, mu), scale, rng.random(), rng.normal(size=12), np.full(4, np.nan)
+
+
+def set_bounds(rng):
+    mu = rng.choice([-0.3, 0.2, 0.0], size=4)
+    return mu, bounds(rng, mu), rng.normal(size=12), rng.normal(size=12)
 
 
 def acts(rng):
-    return rng.choice([-0.3, 0.2, 0.0], size=4), int(rng.integers(12))
+    mu = rng.choice([-0.3, 0.2, 0.0], size=4)
+    return mu, bounds(rng, mu), int(rng.integers(12))
 
 
 def scale_speeds(rng):
@@ -217,14 +261,16 @@ def scale_speeds(rng):
 def solve_scaled(rng):
     G, b, mu = regular(rng)
     soft = rng.random() * np.linalg.norm(b) * in_cone(rng, np.maximum(mu, 1e-3))
-    return G, b, mu, int(rng.integers(3)), 1e-12, soft, soft.copy()
+    return G, b, mu, np.full(len(mu), -1), int(rng.integers(3)), 1e-12, soft, soft.copy()
 
 
 def coulomb_law(rng):
     J, A = rows(rng)
     (n, nv), m = J.shape, len(J) // 3
     mu = some_joints(rng, J, A)
-    given = rng.normal(size=nv), -rng.random(n), mu, int(rng.integers(3)), 1e-12
+    bound, lower = some_bounds(rng, J, A, mu), -rng.random(n)
+    lower[3 * np.flatnonzero(bound >= 0)] = 0.0
+    given = rng.normal(size=nv), lower, mu, bound, int(rng.integers(3)), 1e-12
     return J, A, *given, np.zeros(n), np.full(nv, np.nan), np.full((3, n), np.nan), np.zeros(m, np.int64)
 
 
@@ -285,10 +331,12 @@ COULOMB_ARGUMENTS = {
         couples_weakly,
         independent_rows,
         keep_better,
+        bind,
         delassus,
         apply_percussions,
         clip_to_cones,
-        bound_joints,
+        scale_cones,
+        set_bounds,
         acts,
         free_speeds,
         scale_speeds,

@@ -11,6 +11,7 @@ from ...errors import DivergedError
 from ...geometry.motion import Motion
 from ...system import System
 from ..family import ConstraintFamily
+from ..rotations import rotation_rows
 from ..rows import Array, Rows
 from ..tangents import Tangents, axes_of
 from .sphere_centres import SphereCentres
@@ -81,6 +82,11 @@ class MovingFrame:
         """Return the velocities of points of the walls, shape (k, 3) [m/s]."""
         return np.asarray(self._velocity + np.cross(self._spin, point))
 
+    @property
+    def spin(self) -> Array:
+        """Angular velocity of the walls, shape (3,) [rad/s]."""
+        return self._spin
+
     def separation_in_world(self, first: Array, second: Array, point: Array, normal: Array) -> Any:
         """Return gradients for points and normals in the world; see `System.separation_rows`."""
         return self._system.separation_rows(self._q, first, second, point, normal)
@@ -124,6 +130,14 @@ class MovingWalls(ConstraintFamily):
         jacobian = self.frame.separation_in_world(first, second, point, axes.reshape(-1, 3))
         rate = -np.vecdot(axes, self.frame.velocity(rows.point)[:, None])
         return Tangents(friction, axes, jacobian, rate.ravel())
+
+    def rotations(self, t: float, q: Array, rows: Rows, axes: Array) -> tuple[Any, Array]:
+        """Return the rows and the rates at v = 0 of angular velocities relative to the walls; see `rotation_rows`."""
+        self.frame.set_state(t, q)
+        bodies = self.constraint.bodies_of(rows.constraint)
+        found = rotation_rows(self.frame.separation_in_world, bodies, rows, axes)
+        about = np.concatenate([rows.normal[:, None], axes], axis=1)
+        return found, -(about @ self.frame.spin).ravel()
 
     @property
     def count(self) -> int:

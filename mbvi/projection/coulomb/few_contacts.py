@@ -42,23 +42,28 @@ def couples_weakly(G: Array, mu: Array) -> bool:
     return True
 
 
-@kernel("b1(f8[::1], i8)")
-def acts(mu: Array, i: int) -> bool:
-    """Return whether a row of the contacts may have a percussion that is not known."""
+@kernel("b1(f8[::1], i8[::1], i8)")
+def acts(mu: Array, bound: Array, i: int) -> bool:
+    """Return whether a row of the contacts may have a percussion that is neither known nor that of another contact."""
     coefficient = mu[i // 3]
+    if i % 3 == 0 and bound[i // 3] >= 0:
+        return False
     return coefficient > 0.0 or i % 3 == (0 if coefficient == 0.0 else 1)
 
 
-@kernel("b1(f8[:,::1], f8[::1])")
-def independent_rows(G: Array, mu: Array) -> bool:
-    """Return whether the rows of all contacts are independent, without the tangents of frictionless ones."""
+@kernel("b1(f8[:,::1], f8[::1], i8[::1])")
+def independent_rows(G: Array, mu: Array, bound: Array) -> bool:
+    """Return whether the rows of all contacts are independent, without the tangents of frictionless ones.
+
+    `bound`, shape (m,), is that of `coulomb_law`.
+    """
     L, k = np.empty(G.shape), 0
     for i in range(len(G)):
-        if not acts(mu, i):
+        if not acts(mu, bound, i):
             continue
         c = 0
         for j in range(i):
-            if acts(mu, j):
+            if acts(mu, bound, j):
                 value = G[i, j]
                 for r in range(c):
                     value -= L[k, r] * L[c, r]
@@ -112,7 +117,7 @@ def solve_coulomb(
     Parameters
     ----------
     G : ndarray, shape (n, n), n = 3 m
-        Symmetric positive semidefinite, with unit normal entries; see `coulomb_contact`.
+        Positive semidefinite with unit normal entries, symmetric but for contacts that are bounded by others.
     b : ndarray, shape (n,)
         Velocities of the contacts without percussions.
     mu : ndarray, shape (m,)

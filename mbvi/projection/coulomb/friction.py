@@ -119,6 +119,7 @@ def project_frictional(
     friction: Array,
     residual: float = 1e-6,
     start: FrictionalProjection | FrictionalStart | None = None,
+    bound: Array | None = None,
 ) -> FrictionalProjection:
     """Return the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 
@@ -143,6 +144,8 @@ def project_frictional(
     start : FrictionalProjection, optional
         That of the same contacts in a problem like this, such as one time step before. It saves time and does not
         change the answer. Ignored if the number of contacts differs.
+    bound : ndarray of int, shape (m,), optional
+        See `coulomb_law`; no contact is bounded by another by default.
 
     Raises
     ------
@@ -155,16 +158,22 @@ def project_frictional(
     if start is not None and len(start.start) == n:
         known, first = UNIQUE if start.unique else COMPLIANT, start.start.copy()
     limit = AIM if len(friction) <= MOST_CONTACTS else 1e-2 * residual
-    A, bound, mu = _solved(metric, J), np.zeros(n), plain_array(friction)
-    if len(lower) == n:
-        bound[:] = lower
-    else:
-        bound[::3] = lower
-    found, unique = coulomb_law(J, A, plain_array(x), bound, mu, known, limit, first, w, table, case)
+    A, lower, mu = _solved(metric, J), _wide(lower, n), plain_array(friction)
+    bound = np.full(len(mu), -1, np.int64) if bound is None else bound
+    found, unique = coulomb_law(J, A, plain_array(x), lower, mu, bound, known, limit, first, w, table, case)
     # written so that a NaN is refused too
     if not found <= residual:
-        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": bound, "friction": friction})
+        raise _failure(found, residual, metric, {"x": x, "J": J, "lower": lower, "friction": friction})
     return FrictionalProjection(w, table[0], table[1], table[2], found, case, unique, first)
+
+
+def _wide(lower: Array, n: int) -> Array:
+    """Return the bounds of all n rows, given those, or those of normals."""
+    if len(lower) == n:
+        return plain_array(lower)
+    wide = np.zeros(n)
+    wide[::3] = lower
+    return wide
 
 
 def _solved(metric: Metric, J: Array) -> Array:

@@ -53,13 +53,15 @@ class _Packed(NamedTuple):
     local: Array
     b: Array
     mu: Array
+    bound: Array
     width: int
 
     def solve(self, targets: Array, known: Array, p: Array) -> None:
         """Solve each island to the least target of its contacts, from p, which receives the percussions."""
         label, count = self.islands()
         rows = self.blocks, self.columns, self.starts
-        solve_contact_islands(*rows, self.width, self.local, self.b, self.mu, known, label, count, targets, p)
+        law = self.local, self.b, self.mu, self.bound
+        solve_contact_islands(*rows, self.width, *law, known, label, count, targets, p)
 
     def islands(self) -> tuple[Array, int]:
         """Return the island of each contact, -1 where it moves nothing, and how many there are."""
@@ -76,16 +78,18 @@ class _Packed(NamedTuple):
     def velocities(self, p: Array) -> Array:
         """Return A' A p + b, shape (3 m,)."""
         u = np.empty(len(p))
-        contacts_residual(self.blocks, self.columns, self.starts, self.b, self.mu, p, np.empty(self.width), u)
+        rows = self.blocks, self.columns, self.starts
+        contacts_residual(*rows, self.b, self.mu, self.bound, p, np.empty(self.width), u)
         return u
 
     def take(self, chosen: Array, b: Array) -> _Packed:
-        """Return some contacts, with velocities b without their percussions."""
+        """Return some contacts, with those that are bounded by them, and velocities b without their percussions."""
         sizes: Array = np.diff(self.starts.astype(np.int64))
         entry = np.repeat(chosen, sizes)
         starts = np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.uint32)
         blocks = np.ascontiguousarray(self.blocks.reshape(-1, 3)[entry].ravel())
-        return _Packed(blocks, self.columns[entry], starts, self.local[chosen], b, self.mu[chosen], self.width)
+        bound = renumbered(self.bound, chosen)
+        return _Packed(blocks, self.columns[entry], starts, self.local[chosen], b, self.mu[chosen], bound, self.width)
 
 
 def project_frictional_sparse(
@@ -99,7 +103,8 @@ def project_frictional_sparse(
     known: Array | None = None,
     rate: float = np.inf,
     fine: FineRows | None = None,
-    bound: Callable[[float], float] = float,
+    accepted: Callable[[float], float] = float,
+    bound: Array | None = None,
 ) -> Projection:
     """Return the velocity w that Coulomb's law gives for sparse rows, with M (w - x) = J' p.
 
@@ -128,8 +133,10 @@ def project_frictional_sparse(
         Error of velocities that is allowed [m/s]: the residual is smaller where that is needed.
     fine : FineRows, optional
         Contacts with a smaller residual.
-    bound : callable
+    accepted : callable
         Returns the residual above which this raises, given the one that is asked; the same by default.
+    bound : ndarray of int, shape (m,), optional
+        See `coulomb_law`; no contact is bounded by another by default.
 
     Returns
     -------
@@ -143,7 +150,10 @@ def project_frictional_sparse(
         If the residual is not reached.
     """
     m, mu = len(friction), plain_array(friction)
-    blocks, columns, starts, local = _packed(metric.whiten_rows(J))
+    if bound is None:
+        bound = np.full(m, -1, np.int64)
+    bounded = bound >= 0
+    blocks, columns, starts, local = _packed(metric.whiten_rows(J), bound)
     scale = local[:, 6]
     still = scale == 0.0
     if still.any() and (lower[::3][still] > 0.0).any():
@@ -151,24 +161,33 @@ def project_frictional_sparse(
     free = _by_contact(J @ x) * scale[:, None]
     speeds = free - _by_contact(lower) * scale[:, None]
     size = np.maximum(np.abs(free), np.abs(speeds)).max(axis=1, initial=0.0)
-    chosen = np.zeros(m, bool) if fine is None else fine.contacts
+    chosen = np.zeros(m, bool) if fine is None else np.where(bounded, fine.contacts[bound], fine.contacts)
     # residuals of contacts of mechanisms are relative to the speeds of these
     largest, own = float(size.max(initial=0.0)), float(size[chosen].max(initial=0.0))
     if largest > 0.0 and rate < np.inf:
         # an error of r in scaled rows, relative to the largest speed, is one of r largest / scale
-        residual = min(residual, rate * float(scale[~still].min(initial=np.inf)) / largest)
+        residual = min(residual, rate * float(scale[~still & ~bounded].min(initial=np.inf)) / largest)
     targets = np.full(m, _MARGIN * residual * largest)
     if fine is not None:
-        aims = np.clip(fine.rates * scale, _EXACT * own, _FINE_MARGIN * fine.residual * own)
+        rates = np.where(bounded, np.inf, fine.rates * scale)
+        aims = np.clip(rates, _EXACT * own, _FINE_MARGIN * fine.residual * own)
         targets[chosen] = np.minimum(aims, targets)[chosen]
     p = np.zeros(3 * m)
     if start is not None:
-        p = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0).ravel()
+        scaled = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0)
+        scaled[bounded, 0] = scaled[bound[bounded], 0]
+        p = scaled.ravel()
     if known is None:
         known = np.full(m, start is not None)
-    packed = _Packed(blocks, columns, starts, local, _turned(speeds, local, 1.0).ravel(), mu, len(x))
+    cone = mu.copy()
+    # both percussions have scales of their own
+    moving = bounded & ~still
+    cone[bounded] = 0.0
+    cone[moving] = mu[moving] * scale[bound[moving]] / scale[moving]
+    packed = _Packed(blocks, columns, starts, local, _turned(speeds, local, 1.0).ravel(), cone, bound, len(x))
     _solve(packed, targets, chosen, known, p)
     scaled = _turned(_by_contact(p), local, -1.0)
+    scaled[bounded, 0] = scaled[bound[bounded], 0]
     w = x + metric.unwhiten(packed.combine(p))
     u = _by_contact(J @ w)
     u -= _by_contact(lower)
@@ -176,18 +195,20 @@ def project_frictional_sparse(
     found = 0.0
     for some, most, unit in ((~chosen, residual, largest), (chosen, 0.0 if fine is None else fine.residual, own)):
         if unit > 0.0 and some.any():
-            off = coulomb_defect(u[some].ravel(), scaled[some].ravel(), mu[some]) / unit
+            off = coulomb_defect(u[some].ravel(), scaled[some].ravel(), cone[some]) / unit
             # written so that a NaN is refused too
-            if not off <= bound(most):
+            if not off <= accepted(most):
                 problem = {"x": x, "M": metric, "J": J, "lower": lower, "friction": friction}
                 raise ProjectionError(
                     f"Coulomb's law for {m} contacts stopped at the relative residual {off:.1e}, above "
-                    f"{bound(most):.1e}; the problem is in `.problem`",
+                    f"{accepted(most):.1e}; the problem is in `.problem`",
                     problem,
                     off,
                 )
             found = max(found, off)
-    return Projection(w, (scaled * scale[:, None]).ravel(), found)
+    percussion = scaled * scale[:, None]
+    percussion[bounded, 0] = 0.0
+    return Projection(w, percussion.ravel(), found)
 
 
 def _solve(packed: _Packed, targets: Array, fine: Array, known: Array, p: Array) -> None:
@@ -222,13 +243,19 @@ def _solve(packed: _Packed, targets: Array, fine: Array, known: Array, p: Array)
         rough[here], known = 0.3 * rough[here], np.ones(len(known), bool)
 
 
-def _packed(rows: csr_array) -> tuple[Array, Array, Array, Array]:
+def renumbered(bound: Array, chosen: Array) -> Array:
+    """Return the contacts that bound some others, chosen by a mask, in numbers of those that are chosen."""
+    own = bound[chosen]
+    return np.where(own >= 0, (np.cumsum(chosen) - 1)[own], -1)
+
+
+def _packed(rows: csr_array, bound: Array) -> tuple[Array, Array, Array, Array]:
     """Return what `pack_contacts` makes of whitened rows."""
     m, n = rows.shape[0] // 3, rows.shape[1]
     columns, starts = np.empty(rows.nnz, np.uint32), np.empty(m + 1, np.uint32)
     blocks, local = np.empty(3 * rows.nnz), np.empty((m, 7))
     own_columns, own_starts = rows.indices.astype(np.uint32), rows.indptr.astype(np.uint32)
-    pack_contacts(rows.data, own_columns, own_starts, n, blocks, columns, starts, local)
+    pack_contacts(rows.data, own_columns, own_starts, n, bound, blocks, columns, starts, local)
     entries = int(starts[-1])
     return blocks[: 3 * entries], columns[:entries], starts, local
 

@@ -19,7 +19,7 @@ from ..warm_start import LastPercussions, contact_keys
 from .energy_cap import capped_restitution
 from .few_contacts import MOST_CONTACTS
 from .friction import EXACT, NO_START, FrictionalProjection, FrictionalStart, law_of_contacts, project_frictional
-from .friction_sparse import FineRows, project_frictional_sparse
+from .friction_sparse import FineRows, project_frictional_sparse, renumbered
 
 # entries of the rows of few contacts up to which they are solved as dense ones
 _MOST_DENSE = 2_000_000
@@ -65,6 +65,14 @@ class TangentRows(Protocol):
     @property
     def rate(self) -> Array | None:
         """Rates at v = 0, shape (2 k,)."""
+
+    @property
+    def resistance(self) -> Array | None:
+        """Lengths of torsional and rolling friction, shape (k, 2)."""
+
+    @property
+    def bound(self) -> Array | None:
+        """Which contact bounds each; see `coulomb_law`. None where each has a normal of its own."""
 
 
 class FrictionalLaws:
@@ -145,19 +153,23 @@ class FrictionalLaws:
         _, label = connected_components(W @ W.T, directed=False)
         bounds, mu, fine = _bounds(rows, lower), rows.tangents.friction, self._fine_rows(J, rows.constraint)
         # normals of joints are zero
+        bound = rows.tangents.bound
         label = np.where(mu < 0.0, label[1::3], label[::3])
+        if bound is not None:
+            label = np.where(bound >= 0, label[bound], label)
         islands = np.unique(label)
         jammed = np.full(len(lower), len(islands) == 1)
         for island in islands if len(islands) > 1 else []:
             some = label == island
             own = None if fine is None else FineRows(fine.contacts[some], fine.residual, fine.rates[some])
             law = J[np.repeat(some, 3)], bounds[some].ravel(), mu[some]
+            bounds_of = None if bound is None else renumbered(bound, some)
             try:
                 if (mu[some] < 0.0).any():
-                    project_frictional(x, metric, law[0].toarray(), *law[1:], residual)
+                    project_frictional(x, metric, law[0].toarray(), *law[1:], residual, bound=bounds_of)
                 else:
                     project_frictional_sparse(
-                        x, metric, *law, residual, rate=rate, fine=own, bound=self._acceptance.bound
+                        x, metric, *law, residual, rate=rate, fine=own, accepted=self._acceptance.bound, bound=bounds_of
                     )
             except ProjectionError:
                 jammed |= some
@@ -183,7 +195,9 @@ class FrictionalLaws:
         bounds = _bounds(rows, lower)
         if _are_few(m, len(x)) or _has_joints(rows):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
-            found = project_frictional(x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start)
+            found = project_frictional(
+                x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start, tangents.bound
+            )
             self._accept(found, self._residual, rows, lower)
             self.start = FrictionalStart(found.start, found.unique)
             return found
@@ -191,7 +205,7 @@ class FrictionalLaws:
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         fine = self._fine_rows(J, rows.constraint)
         many = project_frictional_sparse(
-            x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate, fine, bound
+            x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate, fine, bound, tangents.bound
         )
         first = residual if fine is None or not fine.contacts.any() else fine.residual
         self._accept(many, first, rows, lower)
@@ -220,7 +234,7 @@ class FrictionalLaws:
         """Return velocity, rates, residual and slip of Coulomb's law for the contacts of one mechanism, in one kernel.
 
         See `law_of_contacts`. None where the rows are not those of one mechanism or are too many, where none
-        has friction, where e is capped, or where the law is not solved exactly.
+        has friction or one torsional or rolling friction, where e is capped, or where the law is not solved exactly.
 
         Parameters
         ----------
@@ -233,6 +247,8 @@ class FrictionalLaws:
         """
         tangents, J, m = rows.tangents, rows.jacobian, len(rows.restitution)
         if type(motion) is not TreeFreeMotion or tangents is None or not isinstance(J, np.ndarray):
+            return None
+        if tangents.resistance is not None:
             return None
         T = tangents.jacobian
         if m > MOST_CONTACTS or self._energy_cap or not isinstance(T, np.ndarray):

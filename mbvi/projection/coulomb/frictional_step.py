@@ -101,7 +101,8 @@ def frictional_tree_law(
         else:
             lower[i] = 0.0
         lower[i] -= own
-    residual, unique = coulomb_law(wide, A, x, lower, mu, known, limit, start, w, table, case)
+    bound = np.full(m, -1, np.int64)
+    residual, unique = coulomb_law(wide, A, x, lower, mu, bound, known, limit, start, w, table, case)
     for i in range(n):
         a, c = i // 3, i % 3
         own = drift[i] if len(drift) else 0.0

@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled import kernel
 from ..metric import Array
 from ..sparse.sparse_islands import sort_by_island
+from .law import bind
 from .quick import MOST_NEWTON, quick_coulomb
 from .rescue import proximal_newton, sweeps_and_newton
 from .sweeps import accelerated_contacts, contacts_residual, proximal_contacts
@@ -25,8 +26,8 @@ _AT_REST = 3e-3
 _EXACT, _FINE = 1e-10, 1e-5
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], f8[::1], f8[:,::1])")
-def delassus_of(blocks: Array, columns: Array, starts: Array, z: Array, G: Array) -> None:
+@kernel("void(f8[::1], u4[::1], u4[::1], i8[::1], f8[::1], f8[:,::1])")
+def delassus_of(blocks: Array, columns: Array, starts: Array, bound: Array, z: Array, G: Array) -> None:
     """Write G = A' A of packed contacts, shape (3 m, 3 m); z, shape (n,), is overwritten.
 
     The other arguments are those of `coulomb_sweeps.sweep_blocks`.
@@ -44,12 +45,13 @@ def delassus_of(blocks: Array, columns: Array, starts: Array, z: Array, G: Array
             G[i, c] = product
         for k in range(starts[a], starts[a + 1]):
             z[columns[k]] = 0.0
+    bind(bound, G)
 
 
-@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1])")
 def solve_contacts(
-    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, known: int, target: float,
-    z: Array, p: Array,
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, bound: Array, known: int,
+    target: float, z: Array, p: Array,
 ) -> float:  # fmt: skip
     """Bring `coulomb_defect` down to the target; return what was reached.
 
@@ -59,7 +61,7 @@ def solve_contacts(
 
     Parameters
     ----------
-    blocks, columns, starts, local, b, mu, target, z, p
+    blocks, columns, starts, local, b, mu, bound, target, z, p
         See `coulomb_sweeps.accelerated_contacts`.
     known : int
         How many contacts were there in the last problem.
@@ -70,37 +72,39 @@ def solve_contacts(
     fine = target <= _FINE * largest
     attempted = len(mu) <= MOST_NEWTON and (fine or known == 0 or known == len(mu)) and _EXACT * largest <= target
     if attempted and known > 0 and not fine:
-        attempted = contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n)) <= _AT_REST * largest
+        attempted = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, np.empty(n)) <= _AT_REST * largest
     if attempted:
         G = np.empty((n, n))
-        delassus_of(blocks, columns, starts, z, G)
+        delassus_of(blocks, columns, starts, bound, z, G)
         if quick_coulomb(G, b, mu, _EXACT, p) <= _EXACT:
-            return contacts_residual(blocks, columns, starts, b, mu, p, z, np.empty(n))
-    residual = accelerated_contacts(blocks, columns, starts, local, b, mu, target, _SWEEPS, z, p)
+            return contacts_residual(blocks, columns, starts, b, mu, bound, p, z, np.empty(n))
+    residual = accelerated_contacts(blocks, columns, starts, local, b, mu, bound, target, _SWEEPS, z, p)
     if residual > target:
         # each entry of a row is multiplied twice in a sweep
         most = min(max(int(_WORK / (2.0 * max(len(blocks), 1))), _FEWEST_SWEEPS), _PROXIMAL_SWEEPS)
-        residual = proximal_contacts(blocks, columns, starts, local, b, mu, target, most, z, p)
+        residual = proximal_contacts(blocks, columns, starts, local, b, mu, bound, target, most, z, p)
     if residual > target and len(mu) <= _MOST_DENSE:
         G = np.empty((n, n))
-        delassus_of(blocks, columns, starts, z, G)
+        delassus_of(blocks, columns, starts, bound, z, G)
         residual = largest * proximal_newton(G, b, mu, 0.5 * target / largest, p)
         if residual > target:
             residual = largest * sweeps_and_newton(G, b, mu, 0.5 * target / largest, p)
     return residual
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], b1[::1], i8[::1], i8, f8[::1], f8[::1])")
+@kernel(
+    "void(f8[::1], u4[::1], u4[::1], i8, f8[:,::1], f8[::1], f8[::1], i8[::1], b1[::1], i8[::1], i8, f8[::1], f8[::1])"
+)
 def solve_contact_islands(
-    blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, known: Array,
-    label: Array, count: int, targets: Array, p: Array,
+    blocks: Array, columns: Array, starts: Array, n: int, local: Array, b: Array, mu: Array, bound: Array,
+    known: Array, label: Array, count: int, targets: Array, p: Array,
 ) -> None:  # fmt: skip
     """Solve the contacts of each island by `solve_contacts`.
 
     Parameters
     ----------
-    blocks, columns, starts, local, b, mu
-        See `coulomb_sweeps.sweep_blocks`.
+    blocks, columns, starts, local, b, mu, bound
+        See `coulomb_sweeps.sweep_blocks`; a contact and what bounds it are of one island.
     n : int
         Columns in all.
     known : ndarray of bool, shape (m,)
@@ -121,10 +125,11 @@ def solve_contact_islands(
         many, target = 0, np.inf
         for a in range(m):
             many, target = many + known[a], min(target, targets[a])
-        solve_contacts(blocks, columns, starts, local, b, mu, many, target, np.empty(n), p)
+        solve_contacts(blocks, columns, starts, local, b, mu, bound, many, target, np.empty(n), p)
         return
     own_blocks, own_columns = np.empty(3 * entries_in_all), np.empty(entries_in_all, np.uint32)
     own_starts, own_local, own_mu = np.empty(m + 1, np.uint32), np.empty((m, local.shape[1])), np.empty(m)
+    own_bound = np.empty(m, np.int64)
     own_b, own_p, own_z, place = np.empty(3 * m), np.empty(3 * m), np.empty(n), np.full(n, -1)
     for a in range(m):
         if label[a] < 0:
@@ -144,13 +149,17 @@ def solve_contact_islands(
                     own_blocks[3 * entries + row] = blocks[3 * k + row]
                 entries += 1
             own_starts[i + 1], own_mu[i] = entries, mu[a]
+            own_bound[i] = -1
+            if bound[a] >= 0:
+                # one that moves nothing has no percussion: as if the contact were bounded by itself
+                own_bound[i] = place_in_island[bound[a]] if label[bound[a]] == island else i
             for row in range(3):
                 own_b[3 * i + row], own_p[3 * i + row] = b[3 * a + row], p[3 * a + row]
             for k in range(local.shape[1]):
                 own_local[i, k] = local[a, k]
         solve_contacts(
             own_blocks[: 3 * entries], own_columns[:entries], own_starts[: size + 1], own_local[:size],
-            own_b[: 3 * size], own_mu[:size], many, target, own_z[:width], own_p[: 3 * size],
+            own_b[: 3 * size], own_mu[:size], own_bound[:size], many, target, own_z[:width], own_p[: 3 * size],
         )  # fmt: skip
         for i in range(size):
             for row in range(3):

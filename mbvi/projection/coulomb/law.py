@@ -18,12 +18,28 @@ _RESUMED_STEPS = 6
 _MOST_SWEEPS, _WORK = 20_000, 2e9
 
 
-@kernel("void(f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1])")
-def delassus(J: Array, A: Array, mu: Array, G: Array, scale: Array) -> None:
+@kernel("void(i8[::1], f8[:,::1])")
+def bind(bound: Array, G: Array) -> None:
+    """Write the rows of G, shape (3 m, 3 m), that bind normal percussions of contacts to those which bound them.
+
+    Where a tangent is a zero row, the percussion along it is 0.
+    """
+    for a in range(len(bound)):
+        if bound[a] >= 0:
+            i = 3 * a
+            G[i, 3 * bound[a]] = -1.0
+            G[i, i] = 1.0
+            for j in (i + 1, i + 2):
+                if G[j, j] == 0.0:
+                    G[j, j] = 1.0
+
+
+@kernel("void(f8[:,::1], f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[::1])")
+def delassus(J: Array, A: Array, mu: Array, bound: Array, G: Array, scale: Array) -> None:
     """Write J A', shape (n, n), scaled to unit normal entries, and the scale of each contact, shape (m,).
 
-    A contact whose normal row vanishes has the scale 0, and zeros in G. The friction of a joint has the scale of its
-    tangent.
+    A contact whose normal row vanishes has the scale 0, and zeros in G. The friction of a joint and contacts that are
+    bounded by others have the scale of their first tangent that is not zero.
     """
     m, nv = len(scale), J.shape[1]
     for a in range(m):
@@ -39,7 +55,7 @@ def delassus(J: Array, A: Array, mu: Array, G: Array, scale: Array) -> None:
                 s10, s11, s12 = s10 + y * f, s11 + y * g, s12 + y * h
                 s20, s21, s22 = s20 + z * f, s21 + z * g, s22 + z * h
             if c == a:
-                size = s00 if mu[a] >= 0.0 else s11
+                size = s00 if mu[a] >= 0.0 and bound[a] < 0 else max(s11, s22)
                 scale[a] = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
                 s01, s02, s12 = 0.5 * (s01 + s10), 0.5 * (s02 + s20), 0.5 * (s12 + s21)
                 s10, s20, s21 = s01, s02, s12
@@ -52,12 +68,14 @@ def delassus(J: Array, A: Array, mu: Array, G: Array, scale: Array) -> None:
                     G[j + q, i + r] = G[i + r, j + q]
         if mu[a] < 0.0:
             G[3 * a, 3 * a] = 1.0
+    bind(bound, G)
 
 
-@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
+@kernel("f8(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:,::1])")
 def apply_percussions(
-    J: Array, A: Array, x: Array, lower: Array, mu: Array, scale: Array, p: Array, u: Array, w: Array, table: Array
-) -> float:
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array, scale: Array, p: Array, u: Array, w: Array,
+    table: Array,
+) -> float:  # fmt: skip
     """Write the velocity that scaled percussions p bring about, and scaled velocities u; return `coulomb_defect`.
 
     The other arguments are those of `coulomb_law` and `delassus`.
@@ -76,7 +94,7 @@ def apply_percussions(
             speed += J[i, k] * w[k]
         table[2, i] = speed
         u[i] = (speed - lower[i]) * scale[i // 3]
-        if i % 3 == 0 and mu[i // 3] < 0.0:
+        if i % 3 == 0 and (mu[i // 3] < 0.0 or bound[i // 3] >= 0):
             # that of the velocity which has this percussion in any case
             table[0, i], u[i] = 0.0, 0.0
     return coulomb_defect(u, p, mu)
@@ -121,29 +139,42 @@ def scale_speeds(table: Array, lower: Array, scale: Array, cancelled: float, b: 
     return largest
 
 
-@kernel("void(f8[::1], f8[::1], f8, f8[::1], f8[::1])")
-def bound_joints(mu: Array, scale: Array, largest: float, b: Array, cone: Array) -> None:
+@kernel("void(f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1])")
+def scale_cones(mu: Array, bound: Array, scale: Array, largest: float, b: Array, cone: Array) -> None:
     """Write the coefficients of scaled contacts, shape (m,), and the velocities b of normals of the friction of joints.
 
-    Of a joint |p_t| <= -mu becomes |p_t| <= -cone p_n, with the known p_n at most the largest scaled speed.
+    Of a joint |p_t| <= -mu becomes |p_t| <= -cone p_n, with the known p_n at most the largest scaled speed. A contact
+    and the one that it is bounded by have scales of their own.
     """
     for a in range(len(mu)):
         cone[a] = mu[a]
         if mu[a] < 0.0:
-            bound = -mu[a] / scale[a] if scale[a] > 0.0 else 1.0
-            known = min(bound, largest)
-            b[3 * a], cone[a] = -known, -bound / known
+            most = -mu[a] / scale[a] if scale[a] > 0.0 else 1.0
+            known = min(most, largest)
+            b[3 * a], cone[a] = -known, -most / known
+        elif bound[a] >= 0:
+            cone[a] = mu[a] * scale[bound[a]] / scale[a] if scale[a] > 0.0 else 0.0
 
 
-@kernel("b1(f8[:,::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1])")
-def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
+@kernel("void(f8[::1], i8[::1], f8[::1], f8[::1])")
+def set_bounds(mu: Array, bound: Array, b: Array, p: Array) -> None:
+    """Write the normal percussions of the friction of joints, which are known, and of contacts bounded by others."""
+    for a in range(len(mu)):
+        if mu[a] < 0.0:
+            p[3 * a] = -b[3 * a]
+        elif bound[a] >= 0:
+            p[3 * a] = p[3 * bound[a]]
+
+
+@kernel("b1(f8[:,::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1])")
+def solve_scaled(G: Array, b: Array, mu: Array, bound: Array, known: int, limit: float, soft: Array, p: Array) -> bool:
     """Write percussions p of the law for scaled rows; return whether they are known to be unique.
 
     Parameters
     ----------
     G, b, mu, limit
         See `coulomb.solve_coulomb`.
-    known : int
+    bound, known
         See `coulomb_law`.
     soft, p : ndarray, shape (n,)
         Percussions to start from, of which p is a copy. Where the answer is not unique, `soft` receives those of
@@ -158,7 +189,7 @@ def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: 
             closing_order(b, order)
             sweep_contacts(G, b, mu, order, min(_MOST_SWEEPS, int(_WORK / G.size)), limit, p)
         return False
-    weak, independent = couples_weakly(G, mu), independent_rows(G, mu)
+    weak, independent = couples_weakly(G, mu), independent_rows(G, mu, bound)
     unique = independent and weak
     residual = np.inf
     if unique and known == UNIQUE:
@@ -170,11 +201,12 @@ def solve_scaled(G: Array, b: Array, mu: Array, known: int, limit: float, soft: 
 
 
 @kernel(
-    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], i8[::1])"
+    "Tuple((f8, b1))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], i8[::1], i8, f8, f8[::1], f8[::1], f8[:,::1], "
+    "i8[::1])"
 )
 def coulomb_law(
-    J: Array, A: Array, x: Array, lower: Array, mu: Array, known: int, limit: float, start: Array, w: Array,
-    table: Array, case: Array,
+    J: Array, A: Array, x: Array, lower: Array, mu: Array, bound: Array, known: int, limit: float, start: Array,
+    w: Array, table: Array, case: Array,
 ) -> tuple[float, bool]:  # fmt: skip
     """Write the velocity w that Coulomb's law gives, with M (w - x) = J' p.
 
@@ -188,7 +220,10 @@ def coulomb_law(
         Of each contact the least normal rate, and the rates of the tangents at which it sticks.
     mu : ndarray, shape (m,)
         Coefficients of friction; of the dry friction of a joint minus its largest percussion [N s, N m s]: its normal
-        and its second tangent are zero rows.
+        and its second tangent are zero rows. Of a contact that is bounded by another, its length [m].
+    bound : ndarray of int, shape (m,)
+        The contact whose normal percussion bounds each, -1 where that is its own. Its normal is a zero row, and its
+        tangents, of which the second may be zero, are relative angular velocities.
     known : int
         NOTHING, or what `start` holds: UNIQUE or COMPLIANT percussions.
     limit : float
@@ -218,23 +253,21 @@ def coulomb_law(
         return 0.0, True
     G, scale, tangential, cone = np.empty((n, n)), np.empty(m), np.empty(m), np.empty(m)
     b, p, soft, u = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    delassus(J, A, mu, G, scale)
+    delassus(J, A, mu, bound, G, scale)
     largest = scale_speeds(table, lower, scale, cancelled, b)
     if largest == np.inf:
         return np.inf, False
-    bound_joints(mu, scale, largest, b, cone)
+    scale_cones(mu, bound, scale, largest, b, cone)
     for i in range(n):
         s = scale[i // 3]
         p[i] = start[i] / s if known != NOTHING and s > 0.0 else 0.0
-        if i % 3 == 0 and mu[i // 3] < 0.0:
-            p[i] = -b[i]
+    set_bounds(mu, bound, b, p)
+    for i in range(n):
         soft[i] = p[i]
-    unique = solve_scaled(G, b, cone, known, limit, soft, p)
-    for a in range(m):
-        # known: the residual shall be that of the percussion which bounds the joint's
-        if mu[a] < 0.0:
-            p[3 * a] = -b[3 * a]
-    residual = apply_percussions(J, A, x, lower, cone, scale, p, u, w, table) / largest
+    unique = solve_scaled(G, b, cone, bound, known, limit, soft, p)
+    # the residual shall be that of the percussions which bound others
+    set_bounds(mu, bound, b, p)
+    residual = apply_percussions(J, A, x, lower, cone, bound, scale, p, u, w, table) / largest
     tangential_scale(G, tangential)
     find_cases(u, p, cone, tangential, case)
     for i in range(n):

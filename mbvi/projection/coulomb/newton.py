@@ -200,7 +200,7 @@ def newton_coulomb(
     Parameters
     ----------
     G : ndarray, shape (n, n), n = 3 m
-        Symmetric positive semidefinite, with unit normal entries; see `coulomb_contact`.
+        Positive semidefinite with unit normal entries, symmetric but for contacts that are bounded by others.
     b, mu, p : ndarray, shapes (n,), (m,) and (n,)
         Velocities without percussions, coefficients of friction, and the start, which receives the result.
     most : int

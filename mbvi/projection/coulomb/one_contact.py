@@ -8,6 +8,10 @@ K_mu = {p : |p_t| <= mu p_n} and K_mu* is its dual cone. It has three cases: ope
 Dry friction of a joint is a contact with mu < 0: its normal is a velocity of its own that nothing else moves, with
 G_nn = 1 and b_n < 0, so that p_n = -b_n is known and |p_t| <= -mu p_n; its second tangent is zero.
 
+Torsional and rolling friction of a contact are contacts of their own, bounded by that one: their tangents are the
+relative angular velocities, and their normal velocity is the difference of their normal percussion and that of the
+contact which bounds them. Both are equal then, and |p_t| <= mu p_n. G is not symmetric in these normal rows.
+
 V. Acary, B. Brogliato, Numerical Methods for Nonsmooth Dynamical Systems (2008), chapter 13.
 """
 
@@ -68,10 +72,10 @@ def contact_velocities(G: Array, b: Array, p: Array, u: Array) -> float:
     for i in range(n):
         u[i] = b[i]
         largest = max(largest, abs(b[i]))
-    for j in range(n):
-        if p[j] != 0.0:
-            for i in range(n):
-                u[i] += G[j, i] * p[j]
+    for i in range(n):
+        for j in range(n):
+            if p[j] != 0.0:
+                u[i] += G[i, j] * p[j]
     return largest
 
 
@@ -193,7 +197,7 @@ def sweep_contacts(G: Array, b: Array, mu: Array, order: Array, most: int, limit
     limit : float
         Relative residual that ends them.
     """
-    n = len(b)
+    n, columns = len(b), G.T.copy()
     u, q = np.empty(n), np.empty(3)
     largest, residual = contact_velocities(G, b, p, u), np.inf
     if largest == 0.0:
@@ -210,7 +214,7 @@ def sweep_contacts(G: Array, b: Array, mu: Array, order: Array, most: int, limit
                 p[i + j] = q[j]
                 if change != 0.0:
                     for k in range(n):
-                        u[k] += G[i + j, k] * change
+                        u[k] += columns[i + j, k] * change
         residual = coulomb_defect(u, p, mu) / largest
         if residual <= limit:
             break

@@ -43,9 +43,9 @@ def combine_contacts(blocks: Array, columns: Array, starts: Array, p: Array, z: 
                 z[columns[k]] += blocks[3 * k] * p0 + blocks[3 * k + 1] * p1 + blocks[3 * k + 2] * p2
 
 
-@kernel("f8(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8[::1], f8[::1])")
 def contacts_residual(
-    blocks: Array, columns: Array, starts: Array, b: Array, mu: Array, p: Array, z: Array, u: Array
+    blocks: Array, columns: Array, starts: Array, b: Array, mu: Array, bound: Array, p: Array, z: Array, u: Array
 ) -> float:
     """Write z = A p and u = A' z + b, and return `coulomb_defect`; the arguments are those of `sweep_blocks`."""
     combine_contacts(blocks, columns, starts, p, z)
@@ -54,16 +54,19 @@ def contacts_residual(
         for k in range(starts[a], starts[a + 1]):
             rate = z[columns[k]]
             u0, u1, u2 = u0 + blocks[3 * k] * rate, u1 + blocks[3 * k + 1] * rate, u2 + blocks[3 * k + 2] * rate
+        if bound[a] >= 0:
+            u0 = p[3 * a] - p[3 * bound[a]]
         u[3 * a], u[3 * a + 1], u[3 * a + 2] = u0, u1, u2
     return coulomb_defect(u, p, mu)
 
 
 @kernel(
-    "UniTuple(f8, 2)(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[::1])"
+    "UniTuple(f8, 2)(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8[::1], f8, f8[::1], f8[::1], f8[::1], "
+    "f8[::1])"
 )
 def sweep_blocks(
-    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, weight: float, point: Array,
-    last: Array, z: Array, p: Array,
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, bound: Array, weight: float,
+    point: Array, last: Array, z: Array, p: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Make the percussion of each contact satisfy its law for the others, one after the other; z = A p follows.
 
@@ -75,6 +78,8 @@ def sweep_blocks(
         Velocities of the contacts without percussions, in the scaled and turned rows.
     mu : ndarray, shape (m,)
         Coefficients of friction.
+    bound : ndarray of int, shape (m,)
+        See `coulomb_law`.
     weight, point : float and ndarray of shape (3 m,)
         weight G_aa (p - point) is added to the velocity of contact a; the weight may be zero.
     last : ndarray, shape (3 m,)
@@ -101,8 +106,13 @@ def sweep_blocks(
         # the law does not change if velocities are divided by 1 + weight
         c0, c1, c2 = share * c0, share * c1, share * c2
         m1, m2 = share * (old1 + weight * point[i + 1]), share * (old2 + weight * point[i + 2])
+        if second < 0.0:
+            # no percussion along a tangent that moves nothing
+            second, m2 = first, 0.0
         # without the contact's own percussion; u_n = 0 eliminates p_n, and A p_t + d with a diagonal A is left
         bn = c0 - share * (old0 + weight * point[i]) - k1 * m1 - k2 * m2
+        if bound[a] >= 0:
+            bn = -p[3 * bound[a]]
         p0 = p1 = p2 = 0.0
         if bn < 0.0:
             if mu[a] == 0.0:
@@ -158,16 +168,16 @@ def choose_part(change: float, uphill: float, state: Array) -> None:
         state[0], state[1], state[2] = (state[2] - 1.0) / following, min(state[1], change), following
 
 
-@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, i8, f8[::1], f8[::1])")
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8[::1], f8, i8, f8[::1], f8[::1])")
 def accelerated_contacts(
-    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, target: float, most: int,
-    z: Array, p: Array,
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, bound: Array, target: float,
+    most: int, z: Array, p: Array,
 ) -> float:  # fmt: skip
     """Bring `coulomb_defect` down by sweeps, each from an extrapolation of the last two; return what was reached.
 
     Parameters
     ----------
-    blocks, columns, starts, local, b, mu
+    blocks, columns, starts, local, b, mu, bound
         See `sweep_blocks`.
     target : float
         The residual that is small enough.
@@ -177,7 +187,7 @@ def accelerated_contacts(
         Receives A p; percussions to start from, which are written over.
     """
     u, last = np.empty(len(p)), p.copy()
-    residual = contacts_residual(blocks, columns, starts, b, mu, p, z, u)
+    residual = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, u)
     last_z, state, ratio = z.copy(), np.empty(3), _RATIO
     state[0], state[1], state[2] = 0.0, np.inf, 1.0
     for number in range(most):
@@ -185,22 +195,22 @@ def accelerated_contacts(
             break
         extrapolate_from(state[0], last, p)
         extrapolate_from(state[0], last_z, z)
-        change, uphill = sweep_blocks(blocks, columns, starts, local, b, mu, 0.0, last, last, z, p)
+        change, uphill = sweep_blocks(blocks, columns, starts, local, b, mu, bound, 0.0, last, last, z, p)
         choose_part(change, uphill, state)
         # what the sweep changed tells roughly what the residual is, which costs another pass; it is computed from p,
         # for sums of changes drift
         if ratio * change <= target or number % _PASSES == _PASSES - 1 or number == most - 1:
-            residual = contacts_residual(blocks, columns, starts, b, mu, p, z, u)
+            residual = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, u)
             if change == 0.0:
                 break
             ratio = min(residual / change, 1.0)
     return residual
 
 
-@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], f8, i8, f8[::1], f8[::1])")
+@kernel("f8(f8[::1], u4[::1], u4[::1], f8[:,::1], f8[::1], f8[::1], i8[::1], f8, i8, f8[::1], f8[::1])")
 def proximal_contacts(
-    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, target: float, most: int,
-    z: Array, p: Array,
+    blocks: Array, columns: Array, starts: Array, local: Array, b: Array, mu: Array, bound: Array, target: float,
+    most: int, z: Array, p: Array,
 ) -> float:  # fmt: skip
     """Bring `coulomb_defect` down by the proximal point method; return what was reached.
 
@@ -210,7 +220,7 @@ def proximal_contacts(
     """
     u, point, point_z = np.empty(len(p)), np.empty(len(p)), np.empty(len(z))
     last, last_z, state = np.empty(len(p)), np.empty(len(z)), np.empty(3)
-    residual = contacts_residual(blocks, columns, starts, b, mu, p, z, u)
+    residual = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, u)
     weight, lowest, sweeps = _WEIGHT, _LEAST, 0
     while sweeps < most and residual > target:
         for i in range(len(p)):
@@ -221,7 +231,7 @@ def proximal_contacts(
         for _ in range(_MOST_INNER):
             extrapolate_from(state[0], last, p)
             extrapolate_from(state[0], last_z, z)
-            change, uphill = sweep_blocks(blocks, columns, starts, local, b, mu, weight, point, last, z, p)
+            change, uphill = sweep_blocks(blocks, columns, starts, local, b, mu, bound, weight, point, last, z, p)
             choose_part(change, uphill, state)
             sweeps, moved = sweeps + 1, 0.0
             for i in range(len(p)):
@@ -230,7 +240,7 @@ def proximal_contacts(
             if settled:
                 break
         if settled:
-            residual = contacts_residual(blocks, columns, starts, b, mu, p, z, u)
+            residual = contacts_residual(blocks, columns, starts, b, mu, bound, p, z, u)
             weight, lowest = max(_LESS * weight, lowest), max(lowest / _FORGOTTEN, _LEAST)
         else:
             for i in range(len(p)):

@@ -13,10 +13,10 @@ _ROUNDING = 1e-13
 _RANK = 1e-14
 
 
-@kernel("void(f8[::1], u4[::1], u4[::1], i8, f8[::1], u4[::1], u4[::1], f8[:,::1])")
+@kernel("void(f8[::1], u4[::1], u4[::1], i8, i8[::1], f8[::1], u4[::1], u4[::1], f8[:,::1])")
 def pack_contacts(
-    data: Array, columns: Array, starts: Array, n: int, blocks: Array, own_columns: Array, own_starts: Array,
-    local: Array,
+    data: Array, columns: Array, starts: Array, n: int, bound: Array, blocks: Array, own_columns: Array,
+    own_starts: Array, local: Array,
 ) -> None:  # fmt: skip
     """Write the three rows of each contact side by side, scaled and with tangents in the axes of its own law.
 
@@ -26,12 +26,15 @@ def pack_contacts(
         Whitened rows, one after the other: of each contact its normal and two tangents.
     n : int
         Columns in all.
+    bound : ndarray of int, shape (m,)
+        See `coulomb_law`. A contact that is bounded by another is scaled to its tangents.
     blocks, own_columns, own_starts : ndarray, shapes (3 k,), (k,), (m + 1,)
         Receive three values for each column of a contact, its columns, and where they begin. The rows are divided by
         the length of the normal one, or are zero where that is zero. The tangents are turned.
     local : ndarray, shape (m, 7)
         Receives the normal's product with the first and the second turned tangent, the eigenvalues of the tangential
-        block less the part that the normal takes, the larger first, the cosine and the sine of the turn, and the
+        block less the part that the normal takes, the larger first, minus that where the second tangent of a bounded
+        contact moves nothing, the cosine and the sine of the turn, and the
         factor of scale.
     """
     place, count = np.full(n, -1), 0
@@ -52,6 +55,9 @@ def pack_contacts(
             r0, r1, r2 = blocks[3 * k], blocks[3 * k + 1], blocks[3 * k + 2]
             g00, g01, g02 = g00 + r0 * r0, g01 + r0 * r1, g02 + r0 * r2
             g11, g12, g22 = g11 + r1 * r1, g12 + r1 * r2, g22 + r2 * r2
+        bounded = bound[a] >= 0
+        if bounded:
+            g00 = max(g11, g22)
         if g00 == 0.0:
             for k in range(begin, count):
                 blocks[3 * k + 1] = blocks[3 * k + 2] = 0.0
@@ -79,4 +85,7 @@ def pack_contacts(
         local[a, 0], local[a, 1] = x * k1 + y * k2, x * k2 - y * k1
         local[a, 2] = max(mean + spread, _RANK)
         local[a, 3] = max(mean - spread, _RANK * local[a, 2])
+        if bounded and local[a, 3] <= _ROUNDING * local[a, 2]:
+            # no velocity along the second tangent
+            local[a, 3] = -local[a, 2]
         local[a, 4], local[a, 5], local[a, 6] = x, y, scale

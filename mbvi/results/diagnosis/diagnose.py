@@ -74,7 +74,8 @@ def diagnose(run: RunData, tolerance: float = 1e-3) -> Diagnosis:
     for state in states(run):
         t, q, before, v, h, step, again = state
         metric = system.metric(q)
-        if again is not None and problem.constraints.frictional:
+        # with torsional and rolling friction a second solution is not looked for
+        if again is not None and problem.constraints.frictional and problem.constraints.resistance is None:
             jumps.add(t, before, v, metric, h * system.force(t, q, before), (1.0 - run.record.timing.jump) * h, again)
         variation += float(np.linalg.norm(v - before))
         if step is not None:
@@ -289,6 +290,7 @@ def _independent_tangents(metric: Metric, active: Rows) -> bool:
     """Return whether gradients, and tangents where there is friction, are linearly independent."""
     tangents = active.tangents
     assert tangents is not None
+    tangents = tangents.sliding()
     rows = np.concatenate([active.jacobian, tangents.jacobian[np.repeat(tangents.friction > 0.0, 2)]])
     columns, _ = unit_gradients(metric, rows)
     return independent(columns, cosines_between(columns), _DEPENDENT)

@@ -180,6 +180,7 @@ def _problem(kept: ProblemData, functions: GivenAgain) -> Problem | None:
         problem.constraints = AdmissibleSet(
             built.system, built.constraints.constraints, kept.restitution, built.friction
         )
+        problem.constraints.resistance = built.constraints.resistance
     return problem
 
 

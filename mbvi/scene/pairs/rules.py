@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from ...arguments import between, not_negative, printable, shown
 from ...errors import InputError
 from ..items import SceneItems
 
 # most links and single bodies that an error names
 _MOST_NAMED = 50
+
+
+def friction_coefficients(value: float | Sequence[float], name: str) -> tuple[float, float, float]:
+    """Return mu and the lengths of torsional and rolling friction, given mu or all three."""
+    if not isinstance(value, Sequence | np.ndarray):
+        return not_negative(value, name), 0.0, 0.0
+    if len(value) != 3:
+        raise InputError(f"{name} must be mu, or mu and lengths of torsional and rolling friction; got {shown(value)}")
+    mu, torsion, rolling = (not_negative(x, part) for x, part in zip(value, (name, "torsion", "rolling"), strict=True))
+    if mu == 0.0 and max(torsion, rolling) > 0.0:
+        raise InputError(f"torsional and rolling friction need mu > 0; got {shown(value)} for {name}")
+    return mu, torsion, rolling
 
 
 class PairRules:
@@ -33,23 +49,27 @@ class PairRules:
         e = between(e, "restitution e", 0.0, 1.0)
         self._items.pair_restitution.update(dict.fromkeys(self._pairs(first, second), e))
 
-    def set_friction(self, first: str, second: str, mu: float) -> None:
-        """Set the coefficient of friction between two things, named as in `set_restitution`.
+    def set_friction(self, first: str, second: str, mu: float | tuple[float, float, float]) -> None:
+        """Set the coefficients of friction between two things, named as in `set_restitution`.
 
         Parameters
         ----------
         first, second : str
             Names; settings go before each other as those of e do.
-        mu : float
-            Coefficient of Coulomb friction, at least 0. Above 100 it counts as 100: nothing that bears slips then.
+        mu : float or tuple of three floats
+            Coefficient of Coulomb friction, at least 0, or that and the lengths of torsional and of rolling friction
+            [m]; see `Scene`. Above 100 mu counts as 100: nothing that bears slips then.
 
         Raises
         ------
         InputError
-            If a name is unknown, no pair of these two can touch, or mu is negative or not finite.
+            If a name is unknown, no pair of these two can touch, a number is negative or not finite, or there is
+            torsional or rolling friction where mu is 0.
         """
-        mu = not_negative(mu, "friction mu")
-        self._items.pair_friction.update(dict.fromkeys(self._pairs(first, second), mu))
+        mu, *resistance = friction_coefficients(mu, "friction mu")
+        pairs = self._pairs(first, second)
+        self._items.pair_friction.update(dict.fromkeys(pairs, mu))
+        self._items.pair_resistance.update(dict.fromkeys(pairs, (resistance[0], resistance[1])))
 
     def exclude(self, first: str, second: str) -> None:
         """Let two things pass through each other, whatever else is said of them.

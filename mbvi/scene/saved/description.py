@@ -74,6 +74,8 @@ def describe(problem: Problem) -> str:
             "friction": items.friction,
             "energy_cap": items.energy_cap,
             "pair_friction": [[*sorted(pair), mu] for pair, mu in items.pair_friction.items()],
+            "resistance": list(items.resistance),
+            "pair_resistance": [[sorted(pair), *lengths] for pair, lengths in items.pair_resistance.items()],
             "start": None if start is None else _plain(start._asdict()),
             "excluded": sorted(map(sorted, items.excluded)),
             "walls": [
@@ -116,6 +118,10 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     items.friction, items.energy_cap = data.get("friction", 0.0), data.get("energy_cap", False)
     for a, *b, mu in data.get("pair_friction", ()):
         items.pair_friction[frozenset((a, *b))] = mu
+    torsion, rolling = data.get("resistance", (0.0, 0.0))
+    items.resistance = torsion, rolling
+    for pair, torsion, rolling in data.get("pair_resistance", ()):
+        items.pair_resistance[frozenset(pair)] = torsion, rolling
     items.excluded = {frozenset(pair) for pair in data.get("excluded", ())}
     for wall in data["walls"]:
         items.walls[wall["name"]] = HalfSpace(tuple(wall["normal"]), wall["offset"], _motion_back(wall.get("motion")))

@@ -93,7 +93,8 @@ def bounded_coulomb(
         first[:] = start
     for a in range(k):
         bounds[3 * a] = lower[a]
-    residual, unique = coulomb_law(wide, A, x, bounds, mu, known, AIM, first, w, table, case)
+    bound = np.full(n, -1, np.int64)
+    residual, unique = coulomb_law(wide, A, x, bounds, mu, bound, known, AIM, first, w, table, case)
     # written so that a NaN is refused too
     if not 0.0 <= residual <= limit:
         return UNSOLVED

@@ -210,7 +210,7 @@ def _held(metric: Metric, near: Rows, sticking: Array, owner: Array) -> Array | 
     J, held = near.jacobian, np.flatnonzero((owner >= 0) & sticking[owner])
     if near.tangents is None or not isinstance(J, np.ndarray) or not held.size:
         return J
-    A = near.tangents.take(held).jacobian
+    A = near.tangents.take(held).sliding().jacobian
     solved = metric.solve_rows(A)
     left = J - (J @ solved.T) @ np.linalg.pinv(solved @ A.T, HARDLY, hermitian=True) @ A
     lengths, before = (np.vecdot(rows, metric.solve_rows(rows)) for rows in (left, J))

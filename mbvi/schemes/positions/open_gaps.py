@@ -63,7 +63,7 @@ def bouncing_velocities(
     found = project_rows(projector, free_motion.free, free_motion.metric, take(rows, bound), lower[bound], h)
     w, percussion[bound], residual, tangential = found
     if tangential is not None:
-        wide = np.zeros((len(percussion), 2))
+        wide = np.zeros((len(percussion), tangential.shape[1]))
         wide[bound] = tangential
         tangential = wide
     velocity, gap = RowProjection(w, percussion, residual, tangential), rows.gap + h * rows.speeds(w)

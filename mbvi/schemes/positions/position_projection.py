@@ -208,6 +208,6 @@ def _sticking(problem: Problem, applied: Applied, step: Step) -> Array | None:
     """Return which rows of the law stick, shape (k,); None if none does."""
     if step.slip is None:
         return None
-    percussion, _, after, _ = np.sqrt((step.slip * step.slip).sum(axis=2))
+    percussion, _, after, _ = np.sqrt((step.slip[..., :2] ** 2).sum(axis=2))
     sticks = (step.percussion > 0.0) & (percussion > 0.0) & (applied.h * after <= problem.tolerance)
     return sticks if sticks.any() else None

@@ -6,7 +6,7 @@ from mbvi.projection.coulomb.one_contact import solve_contact
 from support.contact_block_arguments import matrix
 
 
-def pack_contacts_plain(data, columns, starts, n, blocks, own_columns, own_starts, local):
+def pack_contacts_plain(data, columns, starts, n, bound, blocks, own_columns, own_starts, local):
     U = np.zeros((len(local), 3, n))
     own_starts[0] = 0
     for a in range(len(local)):
@@ -17,6 +17,8 @@ def pack_contacts_plain(data, columns, starts, n, blocks, own_columns, own_start
         used = list(dict.fromkeys(columns[here].tolist()))
         G, local[a] = U[a] @ U[a].T, [0, 0, 1, 1, 1, 0, 0]
         turn = np.zeros((3, 3))
+        if bound[a] >= 0:
+            G[0, 0] = max(G[1, 1], G[2, 2])
         if G[0, 0] > 0.0:
             k = G[1:, 0] / G[0, 0]
             A = G[1:, 1:] / G[0, 0] - np.outer(k, k)
@@ -38,13 +40,15 @@ def pack_contacts_plain(data, columns, starts, n, blocks, own_columns, own_start
                 y,
                 turn[0, 0],
             )
+        if bound[a] >= 0 and local[a, 3] <= 1e-13 * local[a, 2]:
+            local[a, 3] = -local[a, 2]
         end = own_starts[a] + len(used)
         own_columns[own_starts[a] : end] = used
         blocks[3 * own_starts[a] : 3 * end] = (turn @ U[a][:, used]).T.ravel()
         own_starts[a + 1] = end
 
 
-def sweep_blocks_plain(blocks, columns, starts, local, b, mu, weight, point, last, z, p):
+def sweep_blocks_plain(blocks, columns, starts, local, b, mu, bound, weight, point, last, z, p):
     A = matrix(blocks, columns, starts, len(z))
     before = p.copy()
     uphill = 0.0
@@ -53,6 +57,8 @@ def sweep_blocks_plain(blocks, columns, starts, local, b, mu, weight, point, las
         here, old, new = slice(3 * a, 3 * a + 3), p[3 * a : 3 * a + 3].copy(), np.empty(3)
         G = np.ascontiguousarray(rows @ rows.T)
         others = b[here] + rows @ z - G @ (old + weight * point[here])
+        if bound[a] >= 0:
+            G[0, 0], others[0] = 1.0 / (1.0 + weight), -p[3 * bound[a]]
         if G[0, 0] > 0.0:
             solve_contact((1.0 + weight) * G, 0, *others, mu[a], new)
         else:
