@@ -35,6 +35,10 @@ class BuiltScene(Protocol):
         """The robots, bodies, walls and options that the user added."""
 
     @property
+    def underway(self) -> bool:
+        """Whether the start is a state of a run, which may penetrate."""
+
+    @property
     def shapes(self) -> tuple[PlacedShape, ...]:
         """Every shape, with its place on the body that carries it."""
 
@@ -188,6 +192,8 @@ class Problem:
         # written so that a NaN is refused too
         if not open_by <= self.tolerance:
             raise InadmissibleStartError(f"the initial configuration opens loops or couplings, by {open_by:.3g}")
+        if self.scene is not None and self.scene.underway:
+            return
         active = self.constraints.active(self.t0, self.q0, self.tolerance)
         gaps = active.gap * self.constraints.levers(active.constraint)
         if gaps.size and gaps.min() < -self.tolerance:

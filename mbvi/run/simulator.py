@@ -10,6 +10,7 @@ from ..arguments import integer, positive, shown
 from ..constraints.contact import Contact
 from ..errors import InputError, UnsuitableError
 from ..problem import Problem, check_kept
+from ..scene.connected.switched import attached, released
 from ..schemes import EventDriven, Scheme, Step
 from ..schemes.contact_friction import friction_of
 from ..schemes.observer import contacts_of_rows
@@ -61,11 +62,15 @@ class Simulator:
         if isinstance(chosen, EventDriven):
             raise UnsuitableError("EventDriven chooses its own steps: take a scheme of fixed steps")
         h = positive(step, "step")
-        self._given, self._stepper = problem, _stepper(problem, chosen, h)
+        self._scheme, self._h, self._first = chosen, h, problem
+        self._take(problem)
+        self.reset()
+
+    def _take(self, problem: Problem) -> None:
+        """Step a problem from now on."""
+        self._given, self._stepper = problem, _stepper(problem, self._scheme, self._h)
         self.q, self.v = self._stepper.q.view(), self._stepper.v.view()
         self.q.flags.writeable = self.v.flags.writeable = False
-        self._h, self._t0 = h, problem.t0
-        self.reset()
 
     @property
     def t(self) -> float:
@@ -75,7 +80,7 @@ class Simulator:
     def reset(
         self, q: Array | Sequence[float] | None = None, v: Array | Sequence[float] | None = None, t: float | None = None
     ) -> tuple[Array, Array]:
-        """Go to a state; see `Problem.at`; by default that of the problem.
+        """Go to a state; see `Problem.at`; by default that of the problem. Connections are those of the problem.
 
         If v is not in T_K(q), the law (8) is applied once.
 
@@ -96,7 +101,9 @@ class Simulator:
         InputError
             On wrong shapes, numbers that are not finite, an unnormalised quaternion.
         """
-        given = self._given
+        given = self._first
+        if self._given is not given:
+            self._take(given)
         start = given.at(given.q0 if q is None else q, given.v0 if v is None else v, given.t0 if t is None else t)
         self._stepper.begin(start)
         self._t0 = start.t0
@@ -130,6 +137,67 @@ class Simulator:
         while self._stepper.done < last:
             self._stepper.take(last)
         return self.q, self.v
+
+    def attach(
+        self,
+        first: str,
+        second: str,
+        at: Sequence[float] | Array | None = None,
+        axis: Sequence[float] | Array | None = None,
+        name: str | None = None,
+    ) -> str:
+        """Connect two bodies as they are now, such as a gripper and what it grasps; they no longer collide.
+
+        That is an impact: the velocity becomes the nearest one, in the kinetic metric, that the connection allows. If
+        contacts close at that velocity, the law (8) is applied to them.
+
+        Parameters
+        ----------
+        first, second : str
+            See `Scene.connect`.
+        at, axis : array_like, shape (3,), optional
+            In the world. Without them both bodies are welded; with `at` they share a point, with both they are a hinge.
+        name : str, optional
+            "weld", "connection" or "hinge", then numbered, by default.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        InputError
+            As `Scene.weld`, `connect` and `hinge`, or if the problem was not built from a `Scene`.
+
+        Notes
+        -----
+        The problem is built again, which costs as much as `Scene.build`; `q` and `v` are other arrays afterwards.
+        """
+        problem, own = attached(self._given, self.q, first, second, at, axis, name)
+        self._switch(problem)
+        return own
+
+    def detach(self, name: str) -> None:
+        """Release a connection, one of the scene or one that was attached.
+
+        The bodies can collide again. Where they overlap, they part as from a penetration.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name, or the problem was not built from a `Scene`.
+        """
+        self._switch(released(self._given, self.q, name))
+
+    def _switch(self, problem: Problem) -> None:
+        """Go on with a problem of other connections, from the present state."""
+        q, v, t = self.q.copy(), self.v.copy(), self.t
+        start = problem.at(q, problem.system.tangent(q, v), t)
+        checked_for(problem, self._scheme)
+        self._take(start)
+        self._stepper.begin(start)
+        self._t0 = t
 
     @property
     def contacts(self) -> tuple[Contact, ...]:

@@ -285,11 +285,13 @@ def start_picture(items: SceneItems) -> str:
 
 
 def assemble(
-    items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS, resolve: bool = False, start: Start | None = None
-) -> Problem:
+    items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS, resolve: bool = False, start: Start | None = None,
+    underway: bool = False,
+) -> Problem:  # fmt: skip
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
-    `resolve` moves a start that overlaps; `start` is one that was moved before.
+    `resolve` moves a start that overlaps; `start` is one that was moved before, or with `underway` the state of a run,
+    which may penetrate.
 
     Raises
     ------
@@ -330,7 +332,7 @@ def assemble(
         start = resolved(acted, constraints, q0 if start is None else start.q, blocks.length) or start
     q0 = q0 if start is None else start.q
     v0 = acted.tangent(q0, v0)
-    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start)
+    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start, underway)
     return Problem(
         acted,
         constraints,

@@ -183,6 +183,8 @@ class SceneItems:
     excluded: set[frozenset[str]] = field(default_factory=set)
     connections: list[ConnectionItem] = field(default_factory=list)
     couplings: list[CouplingItem] = field(default_factory=list)
+    # the pairs that each connection leaves out
+    left_out: dict[str, set[frozenset[str]]] = field(default_factory=dict)
 
     def names(self) -> set[str]:
         """Return the names in use."""
@@ -240,11 +242,15 @@ class SceneItems:
             for b, there, others_move in self.carriers(second)
         )
 
-    def leave_out(self, first: str, second: str) -> None:
-        """Let all shapes of two bodies or links pass through each other."""
+    def leave_out(self, first: str, second: str, why: str) -> None:
+        """Let all shapes of two bodies or links pass through each other, because a connection of a name demands it."""
         links = self.shapes_of_links()
         sides = [links.get(name) or [name] for name in (first, second)]
-        self.excluded.update(frozenset((a, b)) for a in sides[0] for b in sides[1] if self.can_meet(a, b))
+        pairs = {frozenset((a, b)) for a in sides[0] for b in sides[1] if self.can_meet(a, b)}
+        others = set().union(*self.left_out.values())
+        # what the user has excluded stays so
+        self.left_out[why] = {pair for pair in pairs if pair not in self.excluded or pair in others}
+        self.excluded |= pairs
 
     def excludes(self, a: str, b: str) -> bool:
         """Return whether the user leaves out the pair of two shapes."""

@@ -67,6 +67,8 @@ class SceneModel:
         The constraints that the scene was built to.
     start : Start or None
         The initial configuration, where it was moved out of penetration.
+    underway : bool
+        Whether the start is a state of a run, which may penetrate.
     """
 
     items: SceneItems
@@ -76,6 +78,7 @@ class SceneModel:
     system: System
     constraints: tuple[ConstraintFamily, ...]
     start: Start | None = None
+    underway: bool = False
 
     @property
     def walls(self) -> dict[str, HalfSpace]:
@@ -96,6 +99,8 @@ class SceneModel:
 
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
+        if self.underway:
+            return []
         return [self.start.note] if self.start is not None and np.array_equal(self.start.q, problem.q0) else []
 
     def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
@@ -157,7 +162,7 @@ class SceneModel:
                 added = (1 if self.items.plane and "plane" in self.reduce else 3) * turning
                 lines.append(f"  {added} degrees of freedom of them by rotation of spheres, which friction turns")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
-        lines += [f"  {self.start.note}"] if self.start is not None else []
+        lines += [f"  {self.start.note}"] if self.start is not None and not self.underway else []
         lines.append("Left out")
         lines += [f"  {one}" for one in self.omitted] or ["  nothing"]
         counted = Counter(one.why.partition(",")[0] for one in self.omitted if one.what.startswith("pair "))

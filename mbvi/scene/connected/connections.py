@@ -131,7 +131,7 @@ class Connections:
         own = self._items.new_name(name, default)
         self._items.connections.append(ConnectionItem(own, kind, first, second, at, axis, limits=limits))
         if "world" not in (first, second):
-            self._items.leave_out(first, second)
+            self._items.leave_out(first, second, own)
         return own
 
     def _checked_side(self, body: str) -> bool:

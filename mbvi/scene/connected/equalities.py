@@ -55,13 +55,25 @@ def point_rows(item: ConnectionItem, first: Side, second: Side) -> PointRows:
     return PointRows(item.name, first.body, second.body, np.array(points), np.array(normals))
 
 
+def frames_by_name(item: ConnectionItem, first: Side, second: Side) -> tuple[Array, Array]:
+    """Return the frame of a connection in that of each name, as `ConnectionItem.frames` holds them."""
+    common = _common(item, first)
+    one, other = (_seen_from(_composed(side.pose, side.frame), common) for side in (first, second))
+    return one, other
+
+
 def frames_of(item: ConnectionItem, first: Side, second: Side) -> list[Array]:
     """Return the frame of a connection in each of its bodies, shapes (4, 3)."""
     if item.frames is not None:
         return [_composed(side.frame, frame) for side, frame in zip((first, second), item.frames, strict=True)]
-    origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
-    common = np.vstack([_axes(item.axis), origin])
+    common = _common(item, first)
     return [_seen_from(side.pose, common) for side in (first, second)]
+
+
+def _common(item: ConnectionItem, first: Side) -> Array:
+    """Return the frame of a connection in the world."""
+    origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
+    return np.vstack([_axes(item.axis), origin])
 
 
 def hinge_limits(
@@ -75,7 +87,7 @@ def hinge_limits(
     limited = [(one, one.limits) for one in items.connections if one.limits is not None]
     if not limited:
         return None
-    sides = _sides_at(items, system, frames, shapes, q)
+    sides = sides_at(items, system, frames, shapes, q)
     pairs = [(sides[one.first], sides[one.second]) for one, _ in limited]
     found = np.array([frames_of(one, *pair) for (one, _), pair in zip(limited, pairs, strict=True)])
     bodies = np.array([[side.body for side in pair] for pair in pairs], dtype=np.int64).T.copy()
@@ -83,7 +95,7 @@ def hinge_limits(
     return HingeLimits(system, bodies, found.transpose(1, 0, 2, 3).copy(), limits, names, items.restitution, lever)
 
 
-def _sides_at(
+def sides_at(
     items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array
 ) -> dict[str, Side]:
     """Return `sides_of` a scene where it starts."""
@@ -192,7 +204,7 @@ def equalities_between(
     q : ndarray, shape (nq,)
         Where the scene starts.
     """
-    parts, sides = located_parts(system), _sides_at(items, system, frames, shapes, q)
+    parts, sides = located_parts(system), sides_at(items, system, frames, shapes, q)
     check_spheres(items, sides)
     points = [point_rows(one, sides[one.first], sides[one.second]) for one in items.connections]
     first_body, first_velocity = [p.body for p in parts], [p.v for p in parts]

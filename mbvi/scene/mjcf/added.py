@@ -159,7 +159,8 @@ class MjcfModels:
             inertia = s.shape.inertia(1.0)
             body = BodyItem(name, s.shape, 1.0, inertia, zero, s.position, s.rotation, zero, zero, True)
             self._items.bodies.append(body)
-        self._items.pair_friction.update(found.friction)
+        for pair, (mu, torsion, rolling) in found.friction.items():
+            self._items.pair_friction[pair], self._items.pair_resistance[pair] = mu, (torsion, rolling)
 
 
 def _driven(found: MjcfModel, ctrl: Any) -> Control | None:

@@ -109,16 +109,15 @@ def _of_geoms(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
     touching[[*m.pair_geom1.tolist(), *m.pair_geom2.tolist()]] = True
     geoms = [m.geom(g).name or f"a geom of {bodies[int(m.geom_bodyid[g])]}" for g in range(m.ngeom)]
     pairs = [f"pair {geoms[int(a)]} | {geoms[int(b)]}" for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
-    along = np.array(m.pair_friction[:, 0] != m.pair_friction[:, 1]) & (m.pair_dim > 1)
+    sliding, rolling = (m.pair_friction[:, k] != m.pair_friction[:, k + 1] for k in (0, 3))
+    along = np.array(sliding & (m.pair_dim > 1) | rolling & (m.pair_dim > 4))
     for what, owners, values, why in (
         ("margin", geoms, m.geom_margin, "contacts close at distance 0"),
         ("gap", geoms, getattr(m, "geom_gap", ()), "contacts bear at distance 0"),
-        ("torsional and rolling friction", geoms, m.geom_condim > 3, "friction is Coulomb's at a point"),
         ("adhesion", geoms, getattr(m, "geom_adhesion", ()), "contacts only push"),
         ("surface velocity (surfacevel)", geoms, getattr(m, "geom_surfacevel", ()), "surfaces move with their bodies"),
         ("margin", pairs, m.pair_margin, "contacts close at distance 0"),
         ("gap", pairs, m.pair_gap, "contacts bear at distance 0"),
-        ("torsional and rolling friction", pairs, m.pair_dim > 3, "friction is Coulomb's at a point"),
         ("friction of two directions", pairs, along, "it is the same in all directions"),
         ("adhesion", pairs, getattr(m, "pair_adhesion", ()), "contacts only push"),
     ):

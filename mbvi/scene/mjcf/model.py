@@ -22,7 +22,7 @@ from .equalities import MjcfEqualities, equalities_of
 from .file import compiled_model, disabled, placement
 from .joint_forces import MjcfForces, forces_of
 from .left_out import left_out
-from .shapes import Geoms
+from .shapes import Coefficients, Geoms
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 
@@ -43,8 +43,8 @@ class MjcfModel:
         Planes of the world, by the names that the file gives them.
     statics : dict of str to PlacedShape
         Shapes of the world that carry nothing.
-    friction : dict of frozenset of str to float
-        Coefficients of friction of pairs of the shapes and walls above.
+    friction : dict of frozenset of str to tuple
+        mu, and the lengths of torsional and rolling friction [m], of pairs of the shapes and walls above.
     gravity : ndarray, shape (3,)
         The file's own, in its frame turned into the world [m/s^2].
     ignored : tuple of str
@@ -64,7 +64,7 @@ class MjcfModel:
     pose: pin.SE3
     walls: dict[str, HalfSpace]
     statics: dict[str, PlacedShape]
-    friction: dict[frozenset[str], float]
+    friction: dict[frozenset[str], Coefficients]
     gravity: Array
     ignored: tuple[str, ...]
     velocity: Array

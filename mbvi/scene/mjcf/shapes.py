@@ -29,6 +29,8 @@ from .file import disabled, placement
 
 _PLANE, _HEIGHTS, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)
 _KINDS = ("plane", "height field", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "distance field")
+# mu, and the lengths of torsional and of rolling friction [m]
+Coefficients = tuple[float, float, float]
 
 
 class Geoms:
@@ -194,8 +196,8 @@ class Geoms:
                     omitted.append(Omission(f"pair {pair[0]} | {pair[1]}", "overlap at the file's configuration", 0, 1))
         return apart, omitted
 
-    def friction(self) -> dict[frozenset[str], float]:
-        """Return the coefficients of friction of all pairs that touch."""
+    def friction(self) -> dict[frozenset[str], Coefficients]:
+        """Return mu and the lengths of torsional and rolling friction of all pairs that touch."""
         found = {frozenset((a, b)): self._friction(g, h) for a, b, g, h in self._pairs() if not self._reason(g, h)}
         if len(set(found.values())) > 1 or not found:
             return found
@@ -240,14 +242,17 @@ class Geoms:
                 return k
         return None
 
-    def _friction(self, g: int, h: int) -> float:
-        """Return MuJoCo's sliding friction of two geoms: the one of higher priority, else the greater."""
+    def _friction(self, g: int, h: int) -> Coefficients:
+        """Return MuJoCo's friction of two geoms: that of the one of higher priority, else the greater numbers."""
         m = self._m
         k = self._explicit(g, h)
         if k is not None:
-            return float(m.pair_friction[k, 0]) if m.pair_dim[k] > 1 else 0.0
-        if m.geom_priority[g] != m.geom_priority[h]:
-            g = h = g if m.geom_priority[g] > m.geom_priority[h] else h
-        if max(m.geom_condim[g], m.geom_condim[h]) == 1:
-            return 0.0
-        return float(max(m.geom_friction[g, 0], m.geom_friction[h, 0]))
+            dimensions, numbers = int(m.pair_dim[k]), m.pair_friction[k, [0, 2, 3]]
+        else:
+            if m.geom_priority[g] != m.geom_priority[h]:
+                g = h = g if m.geom_priority[g] > m.geom_priority[h] else h
+            dimensions = max(int(m.geom_condim[g]), int(m.geom_condim[h]))
+            numbers = np.maximum(m.geom_friction[g], m.geom_friction[h])
+        if dimensions == 1 or numbers[0] == 0.0:
+            return 0.0, 0.0, 0.0
+        return float(numbers[0]), float(numbers[1]) * (dimensions > 3), float(numbers[2]) * (dimensions > 4)

@@ -78,6 +78,7 @@ def describe(problem: Problem) -> str:
             "pair_resistance": [[sorted(pair), *lengths] for pair, lengths in items.pair_resistance.items()],
             "start": None if start is None else _plain(start._asdict()),
             "excluded": sorted(map(sorted, items.excluded)),
+            "left_out": {name: sorted(map(sorted, pairs)) for name, pairs in items.left_out.items()},
             "walls": [
                 {"name": n, "normal": list(w.normal), "offset": w.offset, "motion": _motion(w.motion)}
                 for n, w in items.walls.items()
@@ -123,6 +124,7 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     for pair, torsion, rolling in data.get("pair_resistance", ()):
         items.pair_resistance[frozenset(pair)] = torsion, rolling
     items.excluded = {frozenset(pair) for pair in data.get("excluded", ())}
+    items.left_out = {name: {frozenset(p) for p in pairs} for name, pairs in data.get("left_out", {}).items()}
     for wall in data["walls"]:
         items.walls[wall["name"]] = HalfSpace(tuple(wall["normal"]), wall["offset"], _motion_back(wall.get("motion")))
     items.surfaces += [_surface_back(s) for s in data.get("surfaces", ())]

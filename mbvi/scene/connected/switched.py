@@ -1,0 +1,109 @@
+"""Problems whose connections change at a state: bodies are attached to each other and released."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ...arguments import printable, shown
+from ...errors import InputError
+from ...geometry.shapes.shapes import Array
+from ...system import BlockSystem
+from ..assembly import assemble
+from ..blocks import blocks_of
+from ..items import ConnectionItem, SceneItems
+from ..model import SceneModel, Start
+from .connections import Connections
+from .equalities import frames_by_name, sides_at
+
+if TYPE_CHECKING:
+    from ...problem import Problem
+
+
+class _Connected(Connections):
+    """The connections of a scene that is built already."""
+
+    def __init__(self, items: SceneItems) -> None:
+        self._items = items
+
+
+def attached(
+    problem: Problem, q: Array, first: str, second: str, at: Sequence[float] | Array | None = None,
+    axis: Sequence[float] | Array | None = None, name: str | None = None,
+) -> tuple[Problem, str]:  # fmt: skip
+    """Return the problem at q with one more connection as the bodies are there, and its name.
+
+    Parameters
+    ----------
+    problem : Problem
+        That of a scene.
+    q : ndarray, shape (nq,)
+        The configuration.
+    first, second : str
+        See `Scene.connect`.
+    at, axis : array_like, shape (3,), optional
+        Without them both bodies are welded; with `at` they share a point, with both they are a hinge.
+    name : str, optional
+        See `Scene.connect`.
+
+    Raises
+    ------
+    InputError
+        As `Scene.weld`, `connect` and `hinge`, or if the problem has no scene.
+    """
+    model, items = _own_items(problem, "attach")
+    made = _Connected(items)
+    if at is None and axis is not None:
+        raise InputError("axis is that of a hinge, which needs a point of it too: at")
+    if at is None:
+        own = made.weld(first, second, name)
+    else:
+        own = made.connect(first, second, at, name) if axis is None else made.hinge(first, second, at, axis, name)
+    items.connections[-1] = _as_at(model, items, items.connections[-1], q)
+    return _built(model, items, q), own
+
+
+def released(problem: Problem, q: Array, name: str) -> Problem:
+    """Return the problem at q without the connection of a name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or the problem has no scene.
+    """
+    model, items = _own_items(problem, "detach")
+    known = [item.name for item in items.connections]
+    if printable(name, "the name of a connection") not in known:
+        raise InputError(f"{shown(name)} is no connection; known are {', '.join(known) or 'none'}")
+    del items.connections[known.index(name)]
+    others = set().union(*(pairs for other, pairs in items.left_out.items() if other != name))
+    items.excluded -= items.left_out.pop(name, set()) - others
+    return _built(model, items, q)
+
+
+def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
+    """Return the scene of a problem, and its items, of which connections can be changed."""
+    model = problem.scene
+    if not isinstance(model, SceneModel):
+        raise InputError(f"{what} needs bodies with names: build the problem from a Scene")
+    items = copy.copy(model.items)
+    items.connections, items.excluded = list(items.connections), set(items.excluded)
+    items.left_out = dict(items.left_out)
+    return model, items
+
+
+def _as_at(model: SceneModel, items: SceneItems, item: ConnectionItem, q: Array) -> ConnectionItem:
+    """Return a connection with the frames that it has where the bodies are at q."""
+    blocks = blocks_of(items, model.reduce)
+    system = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
+    sides = sides_at(items, system, blocks.frames, blocks.shapes, q)
+    frames = frames_by_name(item, sides[item.first], sides[item.second])
+    return replace(item, at=None, axis=None, frames=frames)
+
+
+def _built(model: SceneModel, items: SceneItems, q: Array) -> Problem:
+    """Return the problem of some items, which starts at q."""
+    start = Start(q.copy(), "attach or detach", "to the state of a run")
+    return assemble(items, model.reduce, start=start, underway=True)
