@@ -18,6 +18,8 @@ class Tangents(NamedTuple):
     friction: np.ndarray
     jacobian: np.ndarray
     rate: None = None
+    resistance: None = None
+    bound: None = None
 
 
 class Rows(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from ..items import SceneItems
 _MOST_NAMED = 50
 
 
-def friction_coefficients(value: float | Sequence[float], name: str) -> tuple[float, float, float]:
+def friction_coefficients(value: Any, name: str) -> tuple[float, float, float]:
     """Return mu and the lengths of torsional and rolling friction, given mu or all three."""
-    if not isinstance(value, Sequence | np.ndarray):
-        return not_negative(value, name), 0.0, 0.0
-    if len(value) != 3:
+    given: Any = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(given, list | tuple):
+        return not_negative(given, name), 0.0, 0.0
+    if len(given) != 3:
         raise InputError(f"{name} must be mu, or mu and lengths of torsional and rolling friction; got {shown(value)}")
-    mu, torsion, rolling = (not_negative(x, part) for x, part in zip(value, (name, "torsion", "rolling"), strict=True))
+    mu, torsion, rolling = (not_negative(x, part) for x, part in zip(given, (name, "torsion", "rolling"), strict=True))
     if mu == 0.0 and max(torsion, rolling) > 0.0:
         raise InputError(f"torsional and rolling friction need mu > 0; got {shown(value)} for {name}")
     return mu, torsion, rolling

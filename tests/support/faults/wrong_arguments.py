@@ -338,6 +338,12 @@ def _simulator() -> mbvi.Simulator:
     return mbvi.Simulator(scene().build(), mbvi.Paoli(), step=1e-3)
 
 
+def _clamped() -> mbvi.Simulator:
+    made = _controlled()
+    made.weld("world", "hopper/trunk", name="clamp")
+    return mbvi.Simulator(made.build(), mbvi.Paoli(), step=1e-3)
+
+
 def _acts(control: Any) -> None:
     _moves(_controlled(control).build())
 
@@ -578,6 +584,13 @@ CALLS: dict[str, Call] = {
         lambda **given: _simulator().reset(**given),
         lambda: {"q": [5.0, 0.0, 1.0], "v": [0.0, 0.0, 0.0], "t": 0.5},
     ),
+    "Simulator.attach": Call(
+        lambda **given: mbvi.Simulator(_controlled().build(), mbvi.Paoli(), step=1e-3).attach(**given),
+        lambda: {
+            "first": "hopper/trunk", "second": "world", "at": (0.0, 0.0, 1.0), "axis": (0, 1, 0), "name": "clamp",
+        },
+    ),
+    "Simulator.detach": Call(lambda **given: _clamped().detach(**given), lambda: {"name": "clamp"}),
     "Simulator.step": Call(lambda **given: _simulator().step(**given), lambda: {"n": 2}),
     "ConstantTorque": Call(mbvi.ConstantTorque, lambda: {"torque": [0.1, 0.2]}, _acts),
     "PDControl": Call(
