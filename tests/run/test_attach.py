@@ -136,7 +136,7 @@ def test_a_robot_grasps_a_box_as_the_equations_say():
     links = [f for f in model.frames if f.type == pin.FrameType.BODY]
     tip = links[-1]
     pose = data.oMf[model.getFrameId(tip.name)]
-    scene.add_box((0.05, 0.05, 0.05), 0.4, position=pose.translation + [0, 0, -2.0], name="box")
+    scene.add_box((0.05, 0.05, 0.05), 0.4, position=pose.translation + np.array([0, 0, -2.0]), name="box")
     problem = scene.build()
     nq, nv = model.nq, model.nv
     start, v = problem.q0.copy(), np.linspace(-1.0, 1.0, problem.system.nv)
