@@ -99,11 +99,14 @@ class Sdf:
         inertia = " ".join(link.findtext(f"inertial/inertia/i{k}") for k in ("xx", "yy", "zz", "xy", "xz", "yz"))
         centre = " ".join(link.findtext("inertial/pose").split()[:3])
         yield f'<inertial pos="{centre}" mass="{link.findtext("inertial/mass")}" fullinertia="{inertia}"/>'
-        yield f'<geom type="mesh" mesh="{Path(link.findtext("visual/geometry/mesh/uri")).stem}" class="visual"/>'
-        for shape in link.findall("collision"):
+        shapes = link.findall("collision")
+        if not shapes:
+            # rods and other links without a shape have the hull of their mesh
+            yield f'<geom type="mesh" mesh="{Path(link.findtext("visual/geometry/mesh/uri")).stem}"/>'
+        for shape in shapes:
             kind = shape.find("geometry")[0]
             size = [float(kind.findtext("radius")), 0.5 * float(kind.findtext("length", "0"))]
-            yield f'<geom type="{kind.tag}" size="{size[0]} {size[1]}" {placed(pose(shape.find("pose")))} group="3"/>'
+            yield f'<geom type="{kind.tag}" size="{size[0]} {size[1]}" {placed(pose(shape.find("pose")))}/>'
         for other in self.joints:
             if not other.endswith(LOOPS) and self.ends(other)[0] == name:
                 yield from self.body(self.ends(other)[1], other)
@@ -117,8 +120,8 @@ class Sdf:
         motors = (f'<position name="{n}" joint="{n}" kp="{SERVOS[motor(n)][0]}"/>' for n in self.joints if motor(n))
         return f"""<mujoco model="cassie"><compiler angle="radian" meshdir="{CASSIE / "meshes"}" autolimits="true"/>
 <option gravity="0 0 {-gravity}"/>
-<default><geom contype="1" conaffinity="0"/><default class="visual"><geom contype="0" conaffinity="0"/></default>
-</default><asset>{meshes}</asset><worldbody>{"".join(self.body("pelvis", ""))}</worldbody>
+<default><geom contype="1" conaffinity="0" rgba="0.7 0.7 0.75 1"/></default><asset>{meshes}</asset>
+<worldbody>{"".join(self.body("pelvis", ""))}</worldbody>
 <equality>{"".join(ties)}</equality><actuator>{"".join(motors)}</actuator></mujoco>"""
 
 

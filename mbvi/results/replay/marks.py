@@ -1,4 +1,4 @@
-"""Marks of a replay: percussions, contact normals and friction cones, and which bodies an impact struck."""
+"""Marks of a replay: percussions, normals, friction cones, connections, and which bodies an impact struck."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...geometry.shapes.shapes import PlacedShape, Sphere
+from ...system.mechanisms.equalities import PointRows
 from .motion import Array, Motion, PlayableRun, scene_of
 
 _BETWEEN = " | "
@@ -25,6 +27,8 @@ _LARGE = 4.0
 _CONE, _OF_BODIES = 0.25, 1.0
 # what a mark is; the page knows the same numbers
 ARROW, CONE, NORMAL = 0, 1, 2
+# color of what marks a connection, and how many rows a weld has
+_CONNECTED, _WELD = (0.56, 0.14, 0.67, 1.0), 6
 # whether its contact slips or sticks, or knows no friction
 SLIPS, STICKS, SMOOTH = 0, 1, 2
 
@@ -222,6 +226,26 @@ def _closed(table: Any, i: int) -> Array:
     rows = np.arange(int(table.starts[i]), int(table.starts[i + 1]))
     rows = rows[np.isfinite(table.point[rows]).all(axis=1) & (table.percussion[rows] > 0.0)]
     return rows[np.argsort(-table.percussion[rows], kind="stable")[:_MOST_CONTACTS]]
+
+
+def connection_marks(run: PlayableRun) -> list[PlacedShape]:
+    """Return a ball of radius 1 m at each connection, on a body that moves.
+
+    It is at the common point; a weld has none, and is marked at the origin of its second body.
+    """
+    assert run.problem is not None
+    system, found = run.problem.system, list[PlacedShape]()
+    whole = [(system.whole, 0)] if system.whole is not None else []
+    for part, before in whole or [(part.system, part.body) for part in system.located_parts()]:
+        for one in part.equalities:
+            if not isinstance(one, PointRows):
+                continue
+            body, point = (one.second, one.points[0, 3:]) if one.second else (one.first, one.points[0, :3])
+            if len(one.normals) == _WELD and one.second:
+                point = np.zeros(3)
+            name = system.bodies[body + before]
+            found.append(PlacedShape(name, Sphere(1.0), body + before, np.eye(3), point, _CONNECTED))
+    return found
 
 
 def _columns(moves: Motion) -> dict[int, int]:

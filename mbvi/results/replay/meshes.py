@@ -108,6 +108,11 @@ def normal_mesh() -> g.Mesh:
     return g.Mesh(_revolved(profile, 8), g.MeshBasicMaterial(color=0xFFFFFF, transparent=True, depthTest=False))
 
 
+def connection_mesh() -> g.Mesh:
+    """Return a unit ball; it shines through whatever it is in."""
+    return g.Mesh(_Round(_SEGMENTS // 2), g.MeshBasicMaterial(color=0xFFFFFF, transparent=True, depthTest=False))
+
+
 def cone_mesh() -> g.Mesh:
     """Return a cone of radius 1 and height 1 that opens along z from its tip, seen through."""
     material = g.MeshBasicMaterial(

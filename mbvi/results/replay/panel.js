@@ -1,7 +1,7 @@
 // The page: time, controls, and the loop that draws.
 const $ = id => document.getElementById(id);
 const replay = {
-    time: 0, rate: DATA.speed, playing: false, loops: location.hash === "#looping", duration: DATA.end - DATA.start, kind: DATA.shapes, ready: false,
+    time: 0, rate: DATA.speed, playing: false, loops: location.hash === "#looping", duration: DATA.end - DATA.start, kind: DATA.shapes, connections: true, ready: false,
 
     seek(time) {
         this.time = Math.max(0, Math.min(time, this.duration));
@@ -134,6 +134,8 @@ function controls() {
         $(id).checked = replay.marks.shown[kind];
         $(id).onchange = () => { replay.marks.shown[kind] = $(id).checked; replay.draw(); };
     });
+    $("connections").onchange = () => { replay.connections = $("connections").checked; replay.choose(replay.kind); };
+    $("with-connections").hidden = !replay.groups.some(group => group.connections);
     if (!DATA.frictional) $("with-friction").style.display = $("regimes").style.display = "none";
     for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => Camera.view(button.dataset.view);
     const small = () => innerWidth < 560 || innerHeight < 420;

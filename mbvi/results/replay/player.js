@@ -140,15 +140,16 @@ class Group {
         group.kinds = new Uint8Array(await inflated(data.kinds));
         group.rows = new Float32Array(await inflated(data.rows));
         group.striped = data.striped;
+        group.connections = data.connections;
         group.mesh = instanced(["meshcat", "instances", String(number), "<object>"], group.columns.length);
-        group.mesh.castShadow = group.mesh.receiveShadow = true;
+        group.mesh.castShadow = group.mesh.receiveShadow = !data.connections;
         group.colored = group.mesh.material.vertexColors;
         return group;
     }
 
     // keeps the instances of the chosen shapes
     choose(kind) {
-        this.shown = Array.from(this.columns.keys()).filter(k => this.kinds[k] & kind);
+        this.shown = Array.from(this.columns.keys()).filter(k => this.kinds[k] & kind && (replay.connections || !this.connections));
         this.mesh.count = this.shown.length;
         this.mesh.visible = this.shown.length > 0;
     }
@@ -189,7 +190,7 @@ class Group {
             this.mesh.material.needsUpdate = true;
         }
         this.shown.forEach((k, n) => {
-            const c = this.columns[k], fixed = colors === null || c < DATA.driven;
+            const c = this.columns[k], fixed = colors === null || c < DATA.driven || this.connections;
             for (let j = 0; j < 3; j++) out[3 * n + j] = fixed ? this.rows[15 * k + j] : colors[3 * c + j];
         });
         this.mesh.instanceColor.needsUpdate = true;

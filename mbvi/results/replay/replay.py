@@ -14,8 +14,18 @@ import numpy as np
 from ...errors import TrajectoryFileError
 from ...scene.overview import things_of
 from .encoding import TURN_STEP, encode, packed, quantised, text_of
-from .marks import crowded, marks, strikes
-from .meshes import ShapeMesh, arrow_mesh, cone_mesh, normal_mesh, plate_mesh, shape_color, shape_mesh, sheet_mesh
+from .marks import connection_marks, crowded, marks, strikes
+from .meshes import (
+    ShapeMesh,
+    arrow_mesh,
+    cone_mesh,
+    connection_mesh,
+    normal_mesh,
+    plate_mesh,
+    shape_color,
+    shape_mesh,
+    sheet_mesh,
+)
 from .motion import Array, Motion, bounds, motion, scene_of, shapes_of
 from .nodes import cast_shadow, label
 from .page import Page
@@ -27,6 +37,8 @@ if TYPE_CHECKING:
 
 # largest length of an arrow, in lengths of the scene
 _LONGEST = 10.0
+# radius of what marks a connection, in half diagonals of the motion
+_CONNECTION = 0.015
 # the part of speeds and percussions that colors tell apart
 _COLORED = 0.995
 # impacts that keys lead to
@@ -81,7 +93,8 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
         If the run has no scene to show, or `shapes` is another word.
     """
     kinds, scene = shapes_of(run, shapes), scene_of(run)
-    every = [placed for shown in kinds.values() for placed in shown]
+    connected = connection_marks(run)
+    every = [*(placed for shown in kinds.values() for placed in shown), *connected]
     moves, page = motion(run, every), Page()
     lower, upper = bounds(scene, moves, kinds[shapes])
     radius = max(0.5 * float(np.linalg.norm(upper - lower)), 1e-9)
@@ -89,6 +102,7 @@ def page_of(run: PlayableRun, shapes: str = "visual", speed: float = 1.0) -> Pag
     _light(vis)
     _draw_walls(vis, scene, lower, upper)
     groups = _groups(kinds, moves, scene, rolling=scene.items.frictional)
+    groups += _connections(connected, moves, _CONNECTION * radius)
     for k, group in enumerate(groups):
         vis["instances"][str(k)].set_object(group.drawn.mesh)
     for k, mesh in enumerate((arrow_mesh(), cone_mesh(), normal_mesh())):
@@ -158,6 +172,7 @@ class _Group:
     columns: list[int] = field(default_factory=list)
     kinds: list[int] = field(default_factory=list)
     rows: list[Array] = field(default_factory=list)
+    connections: bool = False
 
     def data(self) -> dict[str, Any]:
         return {
@@ -166,6 +181,7 @@ class _Group:
             # color, then a matrix of three rows and a position
             "rows": packed(np.array(self.rows, np.float32)),
             "striped": self.drawn.striped,
+            "connections": self.connections,
         }
 
 
@@ -196,6 +212,15 @@ def _groups(
             turn = placed.rotation @ drawn.scale
             group.rows.append(np.concatenate([shape_color(placed), turn.ravel(), placed.position]))
     return list(groups.values())
+
+
+def _connections(connected: Sequence[PlacedShape], moves: Motion, radius: float) -> list[_Group]:
+    """Return the group of the marks of connections, with a radius [m], if there are any."""
+    columns = [moves.driven + moves.bodies.index(placed.body) for placed in connected]
+    turn = radius * np.eye(3).ravel()
+    rows = [np.concatenate([shape_color(placed), turn, placed.position]) for placed in connected]
+    drawn = ShapeMesh(connection_mesh(), ("connection",), np.eye(3))
+    return [_Group(drawn, columns, [sum(_KINDS.values())] * len(rows), rows, connections=True)] if rows else []
 
 
 def _draw_walls(vis: meshcat.Visualizer, scene: SceneModel, lower: Array, upper: Array) -> None:
