@@ -31,6 +31,8 @@ NUMBERS = {
     "boxes_hit_by_ball": (4.8, 1e-2),
     # the foot's clearance at the start, fallen through
     "drop_robot": (np.sqrt(2 * G * 0.52937537), 1e-2),
+    # the balance of momentum, whose error halves with the step: 7e-7
+    "cassie_landing": (1.0, 2e-6),
     # the limit of finer steps
     "dominoes": (0.845, 1e-2),
     # the balance of energies, an identity of the scheme
@@ -56,6 +58,8 @@ NUMBERS = {
     "mixed_heap": (1.0, 1e-3),
     # the angular momentum about the end that jams
     "painleve_rod": (1.5 * np.sin(1.0), 2e-3),
+    # statics: both pads press alike, by half of the motor's force
+    "parallel_gripper": (8.0, 1e-9),
     # the parabola from where the hand lets go
     "panda_throws_ball": (0.0, 2e-3),
     # it stands, but for the last of its swaying
@@ -113,6 +117,22 @@ def test_five_hundred_boxes_come_to_rest(tmp_path):
     page = tmp_path / "rest.html"
     assert load("boxes_at_rest").main(page, count=500, duration=3.0) < 1e-8
     assert page.stat().st_size > 500_000
+
+
+@pytest.mark.parametrize(("part", "least", "most"), [(0.99, 1e-5, 1e-3), (1.01, 0.0, 1e-12)])
+def test_a_box_creeps_in_a_grip_below_the_force_of_coulombs_law(part, least, most):
+    """mu F = m (g + a) at the largest acceleration of the lift: below it slides there, above it sticks exactly."""
+    example = load("parallel_gripper")
+    assert least <= example.creep(example.lift(part * example.LEAST)) < most
+
+
+@pytest.mark.slow(seconds=6)
+def test_cassie_stands_with_closed_loops():
+    run = load("cassie_landing").land(duration=3.0)
+    assert run.loop_gap().max() < 1e-12
+    late = run.t > 2.5
+    # the pelvis neither sinks nor drifts
+    assert np.ptp(run.q[late, :3], axis=0).max() < 3e-3 and run.q[-1, 2] > 0.75
 
 
 def test_in_a_right_corner_what_starts_near_stays_near():

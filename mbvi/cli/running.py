@@ -168,6 +168,8 @@ def run_and_print(problem: Problem, request: Request) -> None:
     if problem.constraints.limits:
         beyond, unit = run.limit_violation().max() + 0.0, limit_unit(problem)
         print(f"limits       violated by {beyond:.3g} {unit} at most")
+    if len(problem.system.gaps(problem.q0)):
+        print(f"loops        open by {run.loop_gap().max():.3g} m or rad at most")
     print(
         f"time         {wall:.2f} s for {steps} {'steps' if run.step else 'states'}, {1e3 * wall / steps:.3g} ms each"
     )
