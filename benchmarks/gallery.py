@@ -74,10 +74,7 @@ SECTIONS = {
         Shown("arm_joint_limit", "N m s: the strongest percussion at a joint limit", 0, 0.6, 14),
         Shown("foot_in_gravel", "m/s: speed of the foot at its first stone", 0, 0.4, 12, "gravel.html"),
         Shown("four_bar", "s: a loop of four hinges strikes the floor", 0, 1.2, 24, "linkage.html"),
-        Shown(
-            "cassie_landing", ": percussions of the floor on Cassie, over weight times duration plus gain of momentum: 1",
-            0, 1, 20, "landing.html",
-        ),
+        Shown("cassie_landing", ": percussions under Cassie's feet over weight and momentum", 0, 1, 20, "landing.html"),
         Shown("parallel_gripper", "N: push of a mimic joint in a grip; half the motor's 16", 0, 0.85, 18, "lift.html"),
         Shown("panda_throws_ball", "m: miss of a ball that a gripper holds and throws", 1.2, 2.4, 16, "throw.html"),
         Shown(
