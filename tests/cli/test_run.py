@@ -30,7 +30,17 @@ def test_a_file_runs_with_the_arguments_that_are_set(command, tmp_path):
     run = mbvi.load("run.h5")
     assert run.q[0, 2] == pytest.approx(0.3) and run.t[-1] == 0.3 and run.scheme == "Paoli"
     assert run.problem.system.bodies == ("world", "a_ball") and "scheme       Paoli, h = 0.001 s" in out
-    assert run.impacts
+    assert run.impacts and "loops" not in out
+
+
+def test_a_run_with_loops_states_how_far_they_were_open(command, tmp_path):
+    lines = ["import mbvi", "def make():", "    scene = mbvi.Scene()"]
+    lines += ["    scene.add_box((1, 1, 1), 1.0, position=(1, 0, 0), name='box')"]
+    lines += ["    scene.hinge('world', 'box', at=(0, 0, 0), axis=(0, 1, 0))", "    return scene"]
+    (tmp_path / "hinged_scene.py").write_text("\n".join(lines))
+    code, out, err = command("run", "hinged_scene.py", "--step", "1e-2", "--duration", "0.1", "--out", "run.h5")
+    assert (code, err) == (0, "")
+    assert f"loops        open by {mbvi.load('run.h5').loop_gap().max():.3g} m or rad at most" in out
 
 
 def test_options_of_the_command_go_before_those_of_the_file(command, tmp_path):
