@@ -17,9 +17,9 @@ import pinocchio as pin
 import mbvi
 
 CASSIE = Path(sysconfig.get_path("purelib"), "cmeel.prefix/share/example-robot-data/robots/cassie_description")
-# joints that close loops: the other ends of the rods
+# joints that close loops by a common point: the other ends of the rods, of which the file has the first as a hinge
 LOOPS = ("achilles-spring-joint", "plantar-foot-joint")
-# the stand [rad], and stiffness [N m/rad] and damping [N m s/rad] of the motors
+# the stand [rad]; stiffness [N m/rad] and damping [N m s/rad] that servos give the motors' joints
 STAND = {"roll-op": 0.0, "yaw-op": 0.0, "pitch-op": 0.745, "knee-op": -0.9, "foot-op": -1.845}
 SERVOS = {
     "roll-op": (1500, 80),
@@ -30,9 +30,9 @@ SERVOS = {
 }
 # where the loops of the feet are nearly closed, far from their dead centre at zero
 NEAR = {"foot-op": -1.5, "tarsus-crank-joint": -1.5, "crank-rod-joint": 1.5}
-# height of the pelvis, which has the feet 4 cm above the floor [m]; duration and step [s]
-HEIGHT, MU, DURATION, STEP = 0.86, 0.8, 1.5, 1e-3
-# Centered, the default here, keeps loops closed by the mean of two velocities, which may alternate about it
+# height of the pelvis, which has the feet 5 cm above the floor [m]; duration and step [s]
+HEIGHT, MU, DURATION, STEP = 0.9, 0.8, 1.5, 1e-3
+# of Centered, the default here, only the mean of two velocities keeps loops closed, and both may alternate about it
 SCHEME = mbvi.MoreauJean(project_positions=True)
 
 
