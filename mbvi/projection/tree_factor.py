@@ -14,6 +14,8 @@ Array = np.ndarray
 
 # part of a row that counts as rounding: with less it depends on the rows before it
 DEPENDENT = 1e-9
+# squared part of a row above which rounding has left it orthogonal to what was taken away
+_MUCH = 0.25
 # squared part of a row below which nothing of it is left
 _NOTHING = 1e-24
 
@@ -28,6 +30,25 @@ def whiten(L: Array, parent: Array, x: Array) -> None:
             i = parent[k]
             while i >= 0:
                 x[i] -= L[k, i] * x[k]
+                i = parent[i]
+
+
+@kernel("void(f8[:,::1], i8[::1], f8[:,::1])")
+def whiten_four(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite each row of x, shape (4, nv), by L'^-1 times it; see `unwhiten_four`."""
+    for k in range(x.shape[1] - 1, -1, -1):
+        a, b, c, d = x[0, k], x[1, k], x[2, k], x[3, k]
+        if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
+            part = L[k, k]
+            a, b, c, d = a / part, b / part, c / part, d / part
+            x[0, k], x[1, k], x[2, k], x[3, k] = a, b, c, d
+            i = parent[k]
+            while i >= 0:
+                part = L[k, i]
+                x[0, i] -= part * a
+                x[1, i] -= part * b
+                x[2, i] -= part * c
+                x[3, i] -= part * d
                 i = parent[i]
 
 
@@ -57,6 +78,46 @@ def unwhiten_four(L: Array, parent: Array, x: Array) -> None:
         x[0, k], x[1, k], x[2, k], x[3, k] = a / part, b / part, c / part, d / part
 
 
+@kernel("f8(f8[::1])")
+def squared(x: Array) -> float:
+    """Return the squared length of x, shape (n,)."""
+    n = len(x)
+    a = b = c = d = 0.0
+    for k in range(0, n - n % 4, 4):
+        a, b, c, d = a + x[k] * x[k], b + x[k + 1] * x[k + 1], c + x[k + 2] * x[k + 2], d + x[k + 3] * x[k + 3]
+    for k in range(n - n % 4, n):
+        a += x[k] * x[k]
+    return (a + b) + (c + d)
+
+
+@kernel("void(f8[:,::1], f8[::1], f8[::1])")
+def remove_parts(Q: Array, row: Array, parts: Array) -> None:
+    """Subtract from a row, shape (n,), its parts along orthonormal rows Q, shape (m, n), and write them, shape (k,), k >= m.
+
+    Four sums side by side wait less for each other.
+    """
+    m, n = Q.shape
+    fours = m - m % 4
+    for j in range(0, fours, 4):
+        a = b = c = d = 0.0
+        for k in range(n):
+            x = row[k]
+            a, b, c, d = a + Q[j, k] * x, b + Q[j + 1, k] * x, c + Q[j + 2, k] * x, d + Q[j + 3, k] * x
+        parts[j], parts[j + 1], parts[j + 2], parts[j + 3] = a, b, c, d
+    for j in range(fours, m):
+        a = 0.0
+        for k in range(n):
+            a += Q[j, k] * row[k]
+        parts[j] = a
+    for j in range(0, fours, 4):
+        a, b, c, d = parts[j], parts[j + 1], parts[j + 2], parts[j + 3]
+        for k in range(n):
+            row[k] -= a * Q[j, k] + b * Q[j + 1, k] + c * Q[j + 2, k] + d * Q[j + 3, k]
+    for j in range(fours, m):
+        for k in range(n):
+            row[k] -= parts[j] * Q[j, k]
+
+
 @kernel("i8(f8[:,::1], i8[::1], f8, f8[:,::1], f8[:,::1])")
 def span_equalities(mass: Array, parent: Array, least: float, L: Array, R: Array) -> int:
     """Write the basis of the equalities behind the factor of M; return its size, the rank of J_e.
@@ -72,33 +133,33 @@ def span_equalities(mass: Array, parent: Array, least: float, L: Array, R: Array
     R : ndarray, shape (m, m) or (0, 0)
         Receives, if it is not empty, the lower triangle with L'^-1 J_e' = (R Q)', where Q are the rows of the basis.
     """
-    n, rank, longest = len(parent), 0, 0.0
+    n, m, rank, longest = len(parent), len(mass) - len(parent), 0, 0.0
+    parts = np.empty(m)
     for i in range(n, len(mass)):
-        length = 0.0
         for k in range(n):
             L[i, k] = mass[i, k]
+    fours = m - m % 4
+    for i in range(n, n + fours, 4):
+        whiten_four(L, parent, L[i : i + 4])
+    for i in range(n + fours, n + m):
         whiten(L, parent, L[i])
-        for k in range(n):
-            length += L[i, k] * L[i, k]
-        longest = max(longest, length)
-    for i in range(len(mass) - n):
-        row, before, after = L[n + i], 0.0, 0.0
-        for k in range(n):
-            before += row[k] * row[k]
+    for i in range(n, n + m):
+        longest = max(longest, squared(L[i]))
+    for i in range(m):
+        row = L[n + i]
+        before, after = squared(row), 0.0
         for j in range(len(R)):
             R[i, j] = 0.0
-        # once more, for rows of which little is left
+        left = before
         for _ in range(2):
-            for j in range(i):
-                part = 0.0
-                for k in range(n):
-                    part += L[n + j, k] * row[k]
-                for k in range(n):
-                    row[k] -= part * L[n + j, k]
-                if len(R):
-                    R[i, j] += part
-        for k in range(n):
-            after += row[k] * row[k]
+            remove_parts(L[n : n + i], row, parts)
+            for j in range(i if len(R) else 0):
+                R[i, j] += parts[j]
+            after = squared(row)
+            # once more where much was taken away, whose rounding is left
+            if after > _MUCH * left:
+                break
+            left = after
         # a row that is rounding in the place of zero moves nothing
         independent = after > least * least * before and after > DEPENDENT * DEPENDENT * longest
         length = np.sqrt(after) if independent else 1.0

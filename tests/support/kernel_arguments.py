@@ -103,6 +103,23 @@ def unwhiten_four(rng):
     return L, system._parent, rng.normal(size=(4, system.nv))
 
 
+def whiten_four(rng):
+    """Rows of which some touch a few joints only."""
+    L, parent, x = unwhiten_four(rng)
+    x[:, rng.random(x.shape[1]) < 0.3] = 0.0
+    return L, parent, x
+
+
+def squared(rng):
+    return (rng.normal(size=int(rng.integers(0, 12))),)
+
+
+def remove_parts(rng):
+    m, n = int(rng.integers(0, 7)), 8
+    Q = np.ascontiguousarray(np.linalg.qr(rng.normal(size=(n, n)))[0][:m])
+    return Q, rng.normal(size=n), np.zeros(m + 1)
+
+
 def solve(rng):
     system, L = factor_of(rng)
     rows = rng.normal(size=(rng.integers(0, 6), system.nv))
@@ -1049,6 +1066,9 @@ ARGUMENTS = {
     "whiten": back,
     "unwhiten": back,
     "unwhiten_four": unwhiten_four,
+    "whiten_four": whiten_four,
+    "squared": squared,
+    "remove_parts": remove_parts,
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,
