@@ -92,7 +92,7 @@ def squared(x: Array) -> float:
 
 @kernel("void(f8[:,::1], f8[::1], f8[::1])")
 def remove_parts(Q: Array, row: Array, parts: Array) -> None:
-    """Subtract from a row, shape (n,), its parts along orthonormal rows Q, shape (m, n), and write them, shape (k,), k >= m.
+    """Subtract from a row, shape (n,), its parts along orthonormal rows Q, shape (m, n), and write these parts.
 
     Four sums side by side wait less for each other.
     """

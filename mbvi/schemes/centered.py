@@ -18,6 +18,7 @@ from .positions.nearby_rows import NearbyRows
 from .positions.position_projection import project_positions
 from .scheme import Scheme, Timing
 from .step import NO_RATES, Step, advance_gaps, closing_speeds, joining, law, near_margin
+from .tangent_velocity import with_tangent_velocity
 
 
 class Centered(Scheme):
@@ -74,7 +75,8 @@ class Centered(Scheme):
         motion = system.centered_motion(t, middle, v, h, force_velocity)
         if not ahead.gap.size:
             w = in_flight(motion)
-            return Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
+            flown = Step(end, system.integrate(middle, half * w), w, ahead, NO_RATES, 0.0)
+            return with_tangent_velocity(system, flown, motion)
         change = half * ahead.speeds(v)
         active, linear = _rows_in_the_middle(problem, t, middle, ahead, change), False
         if self.project_positions and not _bounces(problem, ahead, change):
@@ -84,9 +86,10 @@ class Centered(Scheme):
         w, rates, residual, slip, active = law(projector, v, motion, active, opened)
         step = Step(end, system.integrate(middle, half * w), w, active, rates, residual, slip)
         if not self.project_positions:
-            return advance_gaps(step, half)
+            return with_tangent_velocity(system, advance_gaps(step, half), motion)
         applied = Applied(t, middle, v, h, motion, opened, ahead if linear else None)
-        return project_positions(problem, applied, step, projector, nearby)
+        step = project_positions(problem, applied, step, projector, nearby)
+        return with_tangent_velocity(system, step, motion)
 
 
 def _bounces(problem: Problem, ahead: Rows, change: Array) -> bool:

@@ -105,8 +105,19 @@ def _matrices(rng):
     return matrix, np.full(matrix.shape, np.nan)
 
 
+def _losing(rng):
+    """Two or three parts, of which some have damping, dry friction or contacts."""
+    n, k = 7, int(rng.integers(0, 4))
+    part = np.sort(rng.integers(0, 3, size=n))
+    J = rng.normal(size=(k, n)) * (part == rng.integers(0, 3, size=(k, 1)))
+    damping, friction = ((rng.random(n) < 0.1).astype(float) for _ in range(2))
+    e, mu, percussion = rng.choice([0.0, 1.0], size=k), rng.choice([0.0, 0.5], size=k), rng.choice([0.0, 1.0], size=k)
+    return part, damping, friction, J, e, mu, percussion, np.zeros(n, bool)
+
+
 EQUALITY_ARGUMENTS = {
     "span_equalities": _spanned,
+    "mark_dissipating": _losing,
     "take_off": _along,
     "keep_equalities": _kept,
     "subtract_equalities": _along,

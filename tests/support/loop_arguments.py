@@ -330,6 +330,7 @@ CALLS = {
         name: [(PAOLI, tied, BOUNCY, 8), (DEFAULT, tied, RIGID, 9), (PILES, tied, ROUGH, 9)]
         for name in ("carry", "close")
     },
+    "make_tangent": [(DEFAULT, tied, RIGID, 9), (DEFAULT, tied, ROUGH, 60), (CENTERED, tied, BOUNCY, 30)],
     "evaluate_nonlinear_effects": [
         (PAOLI, hopper, BOUNCY, 8), (DEFAULT, quadruped, RIGID, 9), (CENTERED, on_block, RIGID, 20),
     ],

@@ -11,6 +11,7 @@ from ...system.mechanisms.mechanism import carry, place
 from ...system.system import Array
 from ..positions.settle_kernel import project_positions
 from ..step import joins, margin_of, write_closing_speeds
+from ..tangent_velocity import make_tangent
 from .joint_friction import apply_joint_friction
 from .phases import act, apply_law, evaluate_effects, evaluate_forces, move_freely
 from .records import DONE, UNSOLVED, MechanismStep
@@ -134,7 +135,7 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
         for k in range(n):
             drift[k] = half * s.v[k]
         carry(s.mechanism, middle, drift, s.q)
-        return DONE
+        return DONE if make_tangent(s, 0) else UNSOLVED
     change, gap, opened = room.change[:count], room.gap[:count], room.opened[:0]
     row_speeds(s.rows.J, v, half, change)
     bounces = projects and may_bounce(s.rows, change, scales.tolerance)
@@ -162,9 +163,12 @@ def centered_step(s: MechanismStep, t: float, q: Array, v: Array, h: float) -> i
     if not projects:
         for a in range(count):
             s.rows.gap[a] += half * s.rates[2 * count + a]
-        return DONE
+        return DONE if make_tangent(s, count) else UNSOLVED
     s.constraints.given.time[0], room.margin[0] = t + h, margin
     if len(opened) == 0:
         for a in range(count):
             room.opened[a] = 0.0
-    return project_positions(s, v, h, near, bounces)
+    code = project_positions(s, v, h, near, bounces)
+    if code == DONE and not make_tangent(s, s.rows.size[0]):
+        return UNSOLVED
+    return code
