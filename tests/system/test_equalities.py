@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from mbvi.projection.tree_factor import span_equalities
 from mbvi.system import ArticulatedSystem
 from mbvi.system.mechanisms.equalities import CoupledJoints, PointRows
 from support.equality_arguments import tied_robot
@@ -143,3 +144,15 @@ def test_a_coupled_joint_moves_as_one_that_was_left_out():
     M = rows_of(system, q)[0]
     expected = v + h * put @ np.linalg.solve(put.T @ M @ put, put.T @ system.force(0.0, q, v))
     np.testing.assert_allclose(system.free_motion(0.0, q, v, h).free, expected, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
+def test_the_basis_is_orthonormal_also_where_rows_are_nearly_parallel(size):
+    """Of six bodies on slides with the mass 1, whose factor is the identity."""
+    rng, n, m = np.random.default_rng(5), 6, 4
+    rows = rng.normal(size=n) + size * rng.normal(size=(m, n))
+    mass, L, R = np.vstack([np.eye(n), rows]), np.zeros((n + m, n)), np.zeros((m, m))
+    L[:n] = np.eye(n)
+    assert span_equalities(mass, np.full(n, -1), 1e-9, L, R) == m
+    np.testing.assert_allclose(L[n:] @ L[n:].T, np.eye(m), atol=1e-14)
+    np.testing.assert_allclose(R @ L[n:], rows, atol=1e-14)
