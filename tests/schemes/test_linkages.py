@@ -1,15 +1,15 @@
-"""A five-bar linkage and a delta robot with drawn lengths, against their motion in minimal coordinates."""
+"""A five-bar linkage, a leg as Cassie's and a delta robot, drawn, against their motion in minimal coordinates."""
 
 import numpy as np
 import pytest
 
 import mbvi
-from support.linkages import Delta, FiveBar, motion
+from support.linkages import CassieLeg, Delta, FiveBar, motion
 
-DRAWN = np.random.default_rng(3).uniform(0.9, 1.1, size=(2, 5))
+DRAWN = np.random.default_rng(3).uniform(0.9, 1.1, size=(2, 7))
 LINKAGES = [
-    pytest.param(kind(tuple(scale * kind().lengths)), duration, id=f"{kind.__name__}-{k}")
-    for kind, duration in ((FiveBar, 0.25), (Delta, 0.12))
+    pytest.param(kind(tuple(scale[: len(kind().lengths)] * kind().lengths)), duration, id=f"{kind.__name__}-{k}")
+    for kind, duration in ((FiveBar, 0.25), (CassieLeg, 0.2), (Delta, 0.12))
     for k, scale in enumerate(DRAWN)
 ]
 

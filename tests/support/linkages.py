@@ -1,4 +1,4 @@
-"""A five-bar linkage and a delta robot of boxes, and their motion in minimal coordinates from textbook equations.
+"""A five-bar linkage, a leg as Cassie's and a delta robot, and their motion in minimal coordinates from textbooks.
 
 The bodies are a map y(s) of the minimal coordinates s to centres times sqrt(m) and unit directions times sqrt(I): the
 kinetic energy is |dy/dt|^2 / 2. With J = dy/ds the motion is J' (J s'' + (dJ/dt) s') = -dV/ds.
@@ -41,7 +41,7 @@ def motion(rods, s, duration):
 
     def acceleration(t, state):
         s, rate = np.split(state, 2)
-        J, e = derivative(y, s), 1e-3
+        J, e = derivative(y, s), 1e-4
         # dJ/dt s' by a difference of order four
         sides = [derivative(y, s + k * e * rate) @ rate for k in (-2, -1, 1, 2)]
         bend = (sides[0] - 8.0 * sides[1] + 8.0 * sides[2] - sides[3]) / (12.0 * e)
@@ -92,6 +92,53 @@ class FiveBar:
         for first, second, at in (
             ("world", left, rods[0][0]), ("world", right, rods[1][0]), (left, left_rod, rods[0][1]),
             (right, right_rod, rods[1][1]), (left_rod, right_rod, rods[2][1]),
+        ):  # fmt: skip
+            scene.hinge(first, second, at=at, axis=(0, 1, 0))
+        leave_out_others(scene, self.names)
+        return scene
+
+
+class CassieLeg:
+    """A leg as Cassie's, in the plane of x and z: thigh, shin, shank, and a tarsus whose heel a rod ties to the thigh.
+
+    s are the angles of the thigh, and of the shin and the shank relative to the link before. `lengths` are those of
+    thigh, shin, shank, from the ankle to the heel and to the foot, of the rod, and from the hip to the rod's upper end.
+    """
+
+    start = np.array([-0.6, -1.6, -0.2])
+    names = ("thigh", "shin", "shank", "tarsus", "rod")
+
+    def __init__(self, lengths=(0.3, 0.1, 0.3, 0.1, 0.3, 0.45, 0.05)):
+        self.lengths = lengths
+
+    def rods(self, s):
+        """Both ends, mass and length of each link."""
+        thigh, shin, shank, heel, foot, rod, offset = self.lengths
+        zero = 0.0 * s[0]
+        joints, angle = [np.array([zero, zero, zero])], zero
+        for turn, length in zip(s, (thigh, shin, shank), strict=True):
+            angle = angle + turn
+            joints.append(joints[-1] + length * np.array([np.cos(angle), zero, np.sin(angle)]))
+        top, ankle = offset / thigh * joints[1], joints[3]
+        across = ankle - top
+        apart = np.sqrt((across * across).sum())
+        along = (apart**2 + rod**2 - heel**2) / (2.0 * apart)
+        aside = np.array([-across[2], zero, across[0]]) / apart
+        end = top + along / apart * across - np.sqrt(rod**2 - along**2) * aside
+        tip = ankle + foot / heel * (ankle - end)
+        return [
+            (joints[0], joints[1], 2.0, thigh), (joints[1], joints[2], 0.8, shin), (joints[2], ankle, 0.6, shank),
+            (end, tip, 0.7, heel + foot), (top, end, 0.2, rod),
+        ]  # fmt: skip
+
+    def scene(self):
+        """The scene of it, at rest."""
+        scene, rods = mbvi.Scene(), self.rods(self.start)
+        for name, rod in zip(self.names, rods, strict=True):
+            add_rod(scene, name, *rod)
+        for first, second, at in (
+            ("world", "thigh", rods[0][0]), ("thigh", "shin", rods[0][1]), ("shin", "shank", rods[1][1]),
+            ("shank", "tarsus", rods[2][1]), ("thigh", "rod", rods[4][0]), ("rod", "tarsus", rods[4][1]),
         ):  # fmt: skip
             scene.hinge(first, second, at=at, axis=(0, 1, 0))
         leave_out_others(scene, self.names)
