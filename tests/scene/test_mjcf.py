@@ -245,7 +245,7 @@ def test_what_is_not_modelled_is_named_in_one_warning_and_in_the_report(tmp_path
     report = scene.build().report()
     moving = (
         "limits of tendon t", "actuator f", "1 mocap bodies", "springs of f", "dry friction of k",
-        "limits of k", "gravity compensation of a", "margin of g",
+        "limits of k", "gravity compensation of a", "margin of g", "torsional and rolling friction of a geom of b",
         "density", "height field", "gravity [0.0, 0.0, 0.0] of the file",
     )  # fmt: skip
     for words in moving:

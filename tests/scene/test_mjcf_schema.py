@@ -15,6 +15,7 @@ mujoco = pytest.importorskip("mujoco")
 # attributes that change the motion in MuJoCo and not here: where they stand, a value, and the words that name them
 NAMED = {
     "geom margin": ("g", 'margin=".01"', "margin of g"),
+    "geom condim": ("g", 'condim="4"', "torsional and rolling friction of g"),
     "geom gap": ("g", 'gap=".01"', "gap of g"),
     "geom adhesion": ("g", 'adhesion="10"', "adhesion of g"),
     "geom surfacevel": ("g", 'surfacevel="1 0 0 0 0 0"', "surface velocity (surfacevel) of g"),
@@ -25,6 +26,7 @@ NAMED = {
     "body gravcomp": ("b", 'gravcomp="1"', "gravity compensation of b"),
     "body mocap": ("m", 'mocap="true"', "1 mocap bodies"),
     "pair margin": ("p", 'margin=".01"', "margin of pair g | h"),
+    "pair condim": ("p", 'condim="6"', "torsional and rolling friction of pair g | h"),
     "pair gap": ("p", 'gap=".01"', "gap of pair g | h"),
     "pair friction": ("p", 'friction="1 .5 0 0 0"', "friction of two directions of pair g | h"),
     "pair adhesion": ("p", 'adhesion="10"', "adhesion of pair g | h"),

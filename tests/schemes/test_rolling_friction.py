@@ -251,7 +251,7 @@ def test_condim_of_mjcf_and_mujoco(dimensions, spin, speed, tmp_path):
     while data.time < 0.05:
         mujoco.mj_step(model, data)
     scene = mbvi.Scene()
-    scene.add_mjcf(file)
+    scene.add_mjcf(file, rolling_friction=True)
     problem = scene.build()
     run = run_of(problem.at(problem.q0, v), duration=0.05)
     # MuJoCo has the velocity of the centre in the world, mbvi in the axes of the body

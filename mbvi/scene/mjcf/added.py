@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...arguments import (
+    boolean,
     function,
     label,
     made_label,
@@ -64,6 +65,7 @@ class MjcfModels:
         keyframe: str | None = None,
         ctrl: Mapping[str, float] | Sequence[float] | Array | Ctrl | None = None,
         joint_friction: bool | Mapping[str, float] = True,
+        rolling_friction: bool = False,
     ) -> str:
         """Add a model from a MJCF, which MuJoCo reads: bodies, joints, geoms, equalities, and what touches what.
 
@@ -89,6 +91,9 @@ class MjcfModels:
             `Problem.ctrl` sets them later.
         joint_friction : bool or mapping of str to float
             As `add_urdf`; by default joints have the dry friction of the file.
+        rolling_friction : bool
+            Whether contacts have the torsional friction of geoms of `condim` 4 and 6, and the rolling friction of 6.
+            Steps of robots are not compiled then; see docs/howto/friction.md.
 
         Returns
         -------
@@ -117,7 +122,8 @@ class MjcfModels:
             raise InputError("give either control, the torques of joints, or ctrl, the inputs of the file's actuators")
         pose = pin.SE3(rotation_matrix(rotation), vector(position, "position"))
         own = self._items.new_name(given, given or made_label(mjcf_name(file)))
-        found = load_mjcf(file, pose, own, self._items.names(), optional(printable, keyframe, "keyframe"))
+        rolling = boolean(rolling_friction, "rolling_friction")
+        found = load_mjcf(file, pose, own, self._items.names(), optional(printable, keyframe, "keyframe"), rolling)
         robot, base = found.robot, found.base
         place, turn = found.pose.translation.copy(), found.pose.rotation.copy()
         q0, v0 = initial_state(robot, base, place, turn, placed, moving, found.velocity)

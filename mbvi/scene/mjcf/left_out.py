@@ -28,6 +28,8 @@ _COUNTED = (
     ("nlight", "lights", "", "not kept", False),
     ("nkey", "keyframes", "key", "start from one by keyframe", False),
 )
+# why it is left out
+_ROLLING = "taken by add_mjcf(rolling_friction=True)"
 # MuJoCo's defaults of soft constraints
 _SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 # flags that are honoured, or that act on nothing that is modelled: others are named
@@ -42,10 +44,11 @@ _NO_EFFECT = (
 )  # fmt: skip
 
 
-def left_out(m: Any, text: str, bodies: Sequence[str]) -> tuple[list[Omission], list[str]]:
+def left_out(m: Any, text: str, bodies: Sequence[str], rolling: bool) -> tuple[list[Omission], list[str]]:
     """Return what an MjModel holds that is not modelled, and those parts that change the motion in MuJoCo.
 
-    `text` is its MJCF as MuJoCo writes it, `bodies` the names of its bodies.
+    `text` is its MJCF as MuJoCo writes it, `bodies` the names of its bodies. `rolling` is whether torsional and rolling
+    friction are modelled.
     """
     omitted, ignored = [], []
     for attribute, words, kind, why, moves in _COUNTED:
@@ -61,7 +64,7 @@ def left_out(m: Any, text: str, bodies: Sequence[str]) -> tuple[list[Omission], 
         omitted.append(
             Omission(f"softness (solref, solimp) of {softened}", "contacts and limits are rigid; e is given")
         )
-    found = (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m, bodies), *_of_options(m))
+    found = (*_of_joints(m), *_of_bodies(m, bodies), *_of_geoms(m, bodies, rolling), *_of_options(m))
     unknown = ((what, "mbvi does not know it") for what in unknown_parts(text))
     for what, why in (*found, *unknown):
         omitted.append(Omission(what, why))
@@ -102,22 +105,24 @@ def _of_bodies(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
         yield f"gravity compensation of {_listed(lifted)}", "add it by control"
 
 
-def _of_geoms(m: Any, bodies: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _of_geoms(m: Any, bodies: Sequence[str], rolling: bool) -> Iterator[tuple[str, str]]:
     if disabled(m, "CONTACT", "CONSTRAINT"):
         return
     touching = (m.geom_contype != 0) | (m.geom_conaffinity != 0)
     touching[[*m.pair_geom1.tolist(), *m.pair_geom2.tolist()]] = True
     geoms = [m.geom(g).name or f"a geom of {bodies[int(m.geom_bodyid[g])]}" for g in range(m.ngeom)]
     pairs = [f"pair {geoms[int(a)]} | {geoms[int(b)]}" for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
-    sliding, rolling = (m.pair_friction[:, k] != m.pair_friction[:, k + 1] for k in (0, 3))
-    along = np.array(sliding & (m.pair_dim > 1) | rolling & (m.pair_dim > 4))
+    slides, rolls = (m.pair_friction[:, k] != m.pair_friction[:, k + 1] for k in (0, 3))
+    along = np.array(slides & (m.pair_dim > 1) | rolls & (m.pair_dim > 4) & rolling)
     for what, owners, values, why in (
         ("margin", geoms, m.geom_margin, "contacts close at distance 0"),
         ("gap", geoms, getattr(m, "geom_gap", ()), "contacts bear at distance 0"),
+        ("torsional and rolling friction", geoms, () if rolling else m.geom_condim > 3, _ROLLING),
         ("adhesion", geoms, getattr(m, "geom_adhesion", ()), "contacts only push"),
         ("surface velocity (surfacevel)", geoms, getattr(m, "geom_surfacevel", ()), "surfaces move with their bodies"),
         ("margin", pairs, m.pair_margin, "contacts close at distance 0"),
         ("gap", pairs, m.pair_gap, "contacts bear at distance 0"),
+        ("torsional and rolling friction", pairs, () if rolling else m.pair_dim > 3, _ROLLING),
         ("friction of two directions", pairs, along, "it is the same in all directions"),
         ("adhesion", pairs, getattr(m, "pair_adhesion", ()), "contacts only push"),
     ):

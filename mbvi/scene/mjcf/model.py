@@ -96,8 +96,9 @@ class Tree:
 
 
 def load_mjcf(
-    file: Path, pose: pin.SE3, name: str, taken: Collection[str] = (), keyframe: str | None = None
-) -> MjcfModel:
+    file: Path, pose: pin.SE3, name: str, taken: Collection[str] = (), keyframe: str | None = None,
+    rolling: bool = False,
+) -> MjcfModel:  # fmt: skip
     """Read a MJCF.
 
     Parameters
@@ -112,6 +113,8 @@ def load_mjcf(
         Names that walls and static shapes must not have.
     keyframe : str, optional
         The keyframe that it starts from.
+    rolling : bool
+        Whether torsional and rolling friction are modelled.
 
     Raises
     ------
@@ -128,7 +131,7 @@ def load_mjcf(
     reference, moved = _reference(m, tree, pose)
     geoms = Geoms(m, tree.joint, tree.place, tree.names, name, {name, *taken})
     apart, dropped = geoms.pairs_left_out(model, reference)
-    named, counted = left_out(m, text, tree.names)
+    named, counted = left_out(m, text, tree.names, rolling)
     start, velocity, ctrl = reference, np.zeros(model.nv), np.zeros(m.nu)
     if keyframe is not None:
         start, velocity, ctrl, moved = *_keyframe(m, tree, pose, keyframe), []
@@ -143,7 +146,7 @@ def load_mjcf(
     ignored = (*ignored, *(one.what for one in (*equalities.omitted, *forces.omitted)))
     gravity = np.zeros(3) if disabled(m, "GRAVITY") else pose.rotation @ m.opt.gravity
     kind = "free" if free else "fixed"
-    walls, statics, friction = geoms.walls, geoms.statics, geoms.friction()
+    walls, statics, friction = geoms.walls, geoms.statics, geoms.friction(rolling)
     return MjcfModel(
         robot, kind, base, walls, statics, friction, gravity, ignored, velocity, equalities, forces, ctrl[forces.inputs]
     )  # fmt: skip

@@ -196,9 +196,11 @@ class Geoms:
                     omitted.append(Omission(f"pair {pair[0]} | {pair[1]}", "overlap at the file's configuration", 0, 1))
         return apart, omitted
 
-    def friction(self) -> dict[frozenset[str], Coefficients]:
-        """Return mu and the lengths of torsional and rolling friction of all pairs that touch."""
+    def friction(self, rolling: bool) -> dict[frozenset[str], Coefficients]:
+        """Return mu and the lengths of torsional and rolling friction of pairs that touch; 0 unless `rolling`."""
         found = {frozenset((a, b)): self._friction(g, h) for a, b, g, h in self._pairs() if not self._reason(g, h)}
+        if not rolling:
+            found = {pair: (mu, 0.0, 0.0) for pair, (mu, *_) in found.items()}
         if len(set(found.values())) > 1 or not found:
             return found
         # said once for all pairs

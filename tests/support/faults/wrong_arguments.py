@@ -467,6 +467,7 @@ CALLS: dict[str, Call] = {
         "add_mjcf", path=mjcf(), position=(0.0, 0.0, 1.0), rotation=np.eye(3), joints={"hinge": 0.4},
         velocity={"hinge": 0.1}, control=None, name="model", locked=["slide"], tolerance=1e-3,
         base_velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.2), keyframe="home", ctrl={"drive": 0.1}, joint_friction=True,
+        rolling_friction=True,
     ),
     "Scene.add_sphere": _adds(
         "add_sphere", radius=0.1, mass=1.0, **{k: v for k, v in _BODY.items() if k in
