@@ -99,9 +99,12 @@ class SceneModel:
 
     def notes(self, problem: Problem) -> list[str]:
         """Return what a run shall note about how the scene was built."""
-        if self.underway:
-            return []
-        return [self.start.note] if self.start is not None and np.array_equal(self.start.q, problem.q0) else []
+        notes = []
+        if self.items.robots and self.items.resists_turning:
+            notes.append("with torsional or rolling friction robots are stepped in Python, not in compiled code")
+        if self.start is not None and not self.underway and np.array_equal(self.start.q, problem.q0):
+            notes.append(self.start.note)
+        return notes
 
     def state(self, problem: Problem, q: Any, v: Any) -> tuple[Array, Array]:
         """Return q and v of a problem with values given by name, shapes (nq,) and (nv,); see `Problem.state`."""

@@ -206,6 +206,7 @@ def test_beside_dry_friction_of_joints(tmp_path):
     np.testing.assert_allclose(run.v[:, 1], np.maximum(1.0 - slows * run.t, 0.0), atol=slows * 1e-3)
     assert run.v[100, 1] == pytest.approx(1.0 - 0.1 * slows, abs=1e-12)
     assert np.abs(run.v[-1]).max() < 1e-15
+    assert "robots are stepped in Python" in " ".join(run.notes)
 
 
 def test_settings_of_pairs_and_files(tmp_path):
