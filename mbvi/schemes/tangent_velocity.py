@@ -1,8 +1,8 @@
-"""Velocities at the end of a step of `Centered`: with closed loops they are tangent to what the loops allow.
+"""Velocities at the end of a step of `Centered` that keep the equalities there.
 
 The law of the step acts in its middle, where the mean of both velocities keeps the equalities. A jump of the velocity
-then leaves a part at the end that no motion has, and that the next steps reverse again and again. It is taken away from
-parts that lose energy in the step. Where nothing does, the step is symmetric and creates no such part.
+then leaves a component normal to the manifold of the equalities, and each later step reverses its sign. Mechanisms that
+lose energy in a step have their velocity projected at its end. For others the step stays symmetric, and keeps energy.
 """
 
 from __future__ import annotations
@@ -40,24 +40,27 @@ def mark_dissipating(
     marked : ndarray of bool, shape (nv,)
         Receives which velocities they are.
     """
-    n, some = len(part), False
-    for k in range(n):
-        marked[k] = damping[k] > 0.0 or friction[k] > 0.0
-        some = some or marked[k]
+    loses, some = np.zeros(len(part), np.bool_), False
+    for k in range(len(part)):
+        if damping[k] > 0.0 or friction[k] > 0.0:
+            loses[part[k]] = True
     for a in range(len(e)):
         if percussion[a] > 0.0 and (e[a] < 1.0 or mu[a] > 0.0):
-            for k in range(n):
+            for k in range(len(part)):
                 if J[a, k] != 0.0:
-                    marked[k] = some = True
-    for k in range(n if some else 0):
-        for i in range(n):
-            marked[k] = marked[k] or (marked[i] and part[i] == part[k])
+                    loses[part[k]] = True
+    for k in range(len(part)):
+        marked[k] = loses[part[k]]
+        some = some or marked[k]
     return some
 
 
 @kernel("b1(MechanismStep, i8)")
 def make_tangent(s: MechanismStep, count: int) -> bool:
-    """Take away from `s.v` the part that no motion at `s.q` has; False where M has no factor. `count` rows acted."""
+    """Project `s.v` onto the velocities that keep the equalities at `s.q`; False where M has no factor.
+
+    Only mechanisms that lose energy are projected. `count` is how many rows the law had.
+    """
     m, n = s.mechanism, len(s.v)
     if len(m.equalities.gap) == 0:
         return True
@@ -78,22 +81,19 @@ def make_tangent(s: MechanismStep, count: int) -> bool:
 
 
 def with_tangent_velocity(system: System, step: Step, motion: FreeMotion | TreeFreeMotion) -> Step:
-    """Return the step without the part of its velocity that no motion at its end has.
+    """Return the step with the velocities of mechanisms that lose energy projected, as `make_tangent` does.
 
     `motion` is its free motion, for the dry friction of joints.
     """
-    parts = located_parts(system)
-    if not system.equalities and not any(part.system.equalities for part in parts):
+    parts = [part.system for part in located_parts(system)]
+    if not system.equalities and not any(part.equalities for part in parts):
         return step
-    nv, rows = system.nv, step.active
-    nothing, k = np.zeros(nv), len(rows.gap)
-    damping = [np.zeros(one.nv) if one.damping is None else one.damping for one in (part.system for part in parts)]
+    rows, nothing, marked = step.active, np.zeros(system.nv), np.empty(system.nv, bool)
+    damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts])
     friction = nothing if motion.friction is None else motion.friction
-    mu = np.zeros(k) if rows.tangents is None else rows.tangents.friction
+    mu = np.zeros(len(rows.gap)) if rows.tangents is None else rows.tangents.friction
+    lost = plain_array(damping), plain_array(friction)
     acted = plain_array(dense(rows.jacobian)), plain_array(rows.restitution), plain_array(mu)
-    marked = np.empty(nv, bool)
-    percussion = plain_array(step.percussion) if k else np.zeros(0)
-    part = independent_parts(system)
-    if not mark_dissipating(part, np.concatenate(damping), plain_array(friction), *acted, percussion, marked):
+    if not mark_dissipating(independent_parts(system), *lost, *acted, plain_array(step.percussion), marked):
         return step
     return step._replace(v=np.where(marked, system.tangent(step.q, step.v), step.v))
