@@ -154,10 +154,6 @@ class Problem:
         self.energy_cap = boolean(energy_cap, "energy_cap")
         self.friction = checked_friction(friction, len(constraints))
         self.constraints = AdmissibleSet(self.system, constraints, self.restitution, self.friction)
-        if scene is not None and scene.items.resists_turning:
-            if self.energy_cap:
-                raise InputError("energy_cap does not know torsional and rolling friction: leave one of them out")
-            self.constraints.resistance = scene.items.resistance_of
         # gap at and below which a constraint is active [m]; gaps of angles are multiplied by their levers
         self.tolerance = ACTIVATION * self.length
         # entries of q of unit quaternions and unit vectors, and where each starts among them; None without them

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import takewhile
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from .cache import ClearanceCache
 from .families.given import as_family
 from .family import ConstraintFamily
 from .rebuilt import Rebuilt
-from .rotations import rotations_of, with_rotations
+from .rotations import Resistances, with_rotations
 from .rows import Array, Constraint, Rows, concatenate, take
 from .tangents import Tangents, none_of, tangents_of_mechanism
 from .tangents import concatenate as concatenate_tangents
@@ -87,9 +87,8 @@ class AdmissibleSet(Rebuilt):
         How many constraints, the first ones, are limits of joints.
     frictional : bool
         Whether a constraint has friction.
-    resistance : callable or None
-        resistance(name) -> (torsion, rolling): lengths of torsional and rolling friction of a constraint with friction
-        [m]; None without any, as at first.
+    resistance : Resistances or None
+        Torsional and rolling friction; None without any, as at first.
 
     Notes
     -----
@@ -134,8 +133,7 @@ class AdmissibleSet(Rebuilt):
         self.empty = Rows(
             np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, system.nv)), np.zeros(0), *np.zeros((2, 0, 3))
         )
-        self.resistance: Callable[[str], tuple[float, float]] | None = None
-        self._resistances: dict[int, tuple[float, float]] = {}
+        self.resistance: Resistances | None = None
         self._no_tangents = none_of(0, system.nv, False), none_of(0, system.nv, True)
         # the last rows that were all of one family
         self._single = _SingleFamily(None, None, np.zeros(0, np.int64), np.zeros(0), None)
@@ -271,16 +269,8 @@ class AdmissibleSet(Rebuilt):
         tangents = self._plain_tangents(t, q, rows)
         if self.resistance is None:
             return tangents
-        names = self._resistances
-        for number in set(rows.constraint.tolist()) - names.keys():
-            names[number] = self.resistance(self.name(number))
-        resistance = np.array([names[number] for number in rows.constraint.tolist()]).reshape(-1, 2)
-        resistance[tangents.friction == 0.0] = 0.0
-        which = np.searchsorted(self._starts, rows.constraint, side="right") - 1
-        own = rows._replace(constraint=rows.constraint - np.array(self._starts)[which])
-        return with_rotations(
-            tangents, resistance, *rotations_of(self.families, which, t, q, own, tangents, resistance)
-        )
+        resistance = self.resistance.of(rows.constraint, self.name)
+        return with_rotations(self.families, self._starts, t, q, rows, tangents, resistance)
 
     def _plain_tangents(self, t: float, q: Array, rows: Rows) -> Tangents:
         """Return the tangents of rows, those of each family in turn."""

@@ -13,25 +13,21 @@ from .rows import Array, Rows, take
 from .tangents import Tangents
 
 
-def with_rotations(tangents: Tangents, resistance: Array, rotations: Array | csr_array, rate: Array | None) -> Tangents:
-    """Return tangents followed by axes of rotation, for torsional and rolling friction.
+class Resistances:
+    """The lengths of torsional and rolling friction of constraints.
 
-    Parameters
-    ----------
-    tangents : Tangents
-        Two of each of k rows.
-    resistance : ndarray, shape (k, 2)
-        See `Tangents`.
-    rotations, rate : ndarray or csr_array, shape (3 k, nv), and ndarray, shape (3 k,), or None
-        Rows of the angular velocities about the normal and both tangents, and their rates at v = 0.
+    `of_name`(name) -> (torsion, rolling) returns those of a constraint with friction [m]; each is asked for once.
     """
-    k = len(tangents.friction)
-    order = np.concatenate([np.arange(2 * k).reshape(k, 2), 2 * k + np.arange(3 * k).reshape(k, 3)], axis=1).ravel()
-    jacobian, rates = take_rows(stack_rows([tangents.jacobian, rotations]), order), None
-    if tangents.rate is not None or rate is not None:
-        both = np.zeros(2 * k) if tangents.rate is None else tangents.rate, np.zeros(3 * k) if rate is None else rate
-        rates = np.concatenate(both)[order]
-    return Tangents(tangents.friction, tangents.axes, jacobian, rates, resistance)
+
+    def __init__(self, of_name: Callable[[str], tuple[float, float]]) -> None:
+        self._of_name, self._known = of_name, dict[int, tuple[float, float]]()
+
+    def of(self, numbers: Array, name: Callable[[int], str]) -> Array:
+        """Return those of constraints by their numbers, shape (k, 2), whose names `name` returns."""
+        listed = numbers.tolist()
+        for number in set(listed) - self._known.keys():
+            self._known[number] = self._of_name(name(number))
+        return np.array([self._known[number] for number in listed]).reshape(-1, 2)
 
 
 def rotation_rows(
@@ -62,37 +58,50 @@ def rotation_rows(
     return difference if isinstance(difference, np.ndarray) else csr_array(difference)
 
 
-def rotations_of(
-    families: Sequence[Any], which: Array, t: float, q: Array, rows: Rows, tangents: Tangents, resistance: Array
-) -> tuple[Array | csr_array, Array | None]:
-    """Return the rows and the rates at v = 0 of the angular velocities of contacts; zero where they have no resistance.
+def with_rotations(
+    families: Sequence[Any],
+    starts: Sequence[int],
+    t: float,
+    q: Array,
+    rows: Rows,
+    tangents: Tangents,
+    resistance: Array,
+) -> Tangents:
+    """Return tangents of k rows followed by axes of rotation, whose rows are zero where there is no resistance.
 
     Parameters
     ----------
-    families : sequence of ConstraintFamily
-        All families.
-    which : ndarray of int, shape (k,)
-        The family of each row.
+    families, starts : sequence of ConstraintFamily, sequence of int
+        All families, and the number of the first constraint of each.
     t, q
         Time and configuration.
     rows : Rows
-        The rows, with the constraints' numbers in their families.
+        The rows.
     tangents : Tangents
-        Their tangents.
+        Their tangents, two each.
     resistance : ndarray, shape (k, 2)
-        See `Tangents`.
+        See `Tangents`; it counts where mu is not zero.
     """
-    k, nv = len(which), rows.jacobian.shape[1]
-    sparse = not isinstance(tangents.jacobian, np.ndarray)
-    parts: list[Array | csr_array] = [csr_array((3 * k, nv)) if sparse else np.zeros((3 * k, nv))]
-    here, order, rates, end = np.flatnonzero(resistance.any(axis=1)), np.arange(3 * k).reshape(k, 3), None, 3 * k
+    k, nv = len(resistance), rows.jacobian.shape[1]
+    resistance = np.where(tangents.friction[:, None] > 0.0, resistance, 0.0)
+    which = np.searchsorted(starts, rows.constraint, side="right") - 1
+    nothing = csr_array((3 * k, nv)) if not isinstance(tangents.jacobian, np.ndarray) else np.zeros((3 * k, nv))
+    parts, end = [tangents.jacobian, nothing], 5 * k
+    # of each row its tangents, and where its axes of rotation are among all parts
+    order = np.concatenate([np.arange(2 * k).reshape(k, 2), 2 * k + np.arange(3 * k).reshape(k, 3)], axis=1)
+    rates, moving = np.zeros((k, 5)), tangents.rate is not None
+    if tangents.rate is not None:
+        rates[:, :2] = tangents.rate.reshape(k, 2)
+    here = np.flatnonzero(resistance.any(axis=1))
     for f in np.unique(which[here]).tolist():
         some = here[which[here] == f]
-        own, rate = families[f].rotations(t, q, take(rows, some), tangents.axes[some])
+        part = take(rows, some)
+        part = part._replace(constraint=part.constraint - starts[f])
+        own, rate = families[f].rotations(t, q, part, tangents.axes[some])
         if rate is not None:
-            rates = np.zeros((k, 3)) if rates is None else rates
-            rates[some] = rate.reshape(-1, 3)
-        order[some] = end + np.arange(3 * len(some)).reshape(-1, 3)
+            rates[some, 2:], moving = rate.reshape(-1, 3), True
+        order[some, 2:] = end + np.arange(3 * len(some)).reshape(-1, 3)
         end += 3 * len(some)
         parts.append(own)
-    return take_rows(stack_rows(parts), order.ravel()), None if rates is None else rates.ravel()
+    jacobian = take_rows(stack_rows(parts), order.ravel())
+    return Tangents(tangents.friction, tangents.axes, jacobian, rates.ravel() if moving else None, resistance)

@@ -25,7 +25,7 @@ from ..errors import InputError, MbviError
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
-from ..system import BlockSystem, ConnectedSystem, System
+from ..system import ConnectedSystem, System
 from ..system.mechanisms.equalities import Equality
 from .blocks import Blocks, blocks_of
 from .connected.equalities import equalities_between, hinge_limits
@@ -33,6 +33,7 @@ from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
 from .pairs.passing import passing_robots
+from .pairs.rules import resistances_of
 from .pairs.settings import LeftOut, LeftOutAround, PairSetting
 from .plane import check_plane, collinear_points
 from .reductions import DEFAULT_REDUCTIONS, Omission
@@ -286,12 +287,12 @@ def start_picture(items: SceneItems) -> str:
 
 def assemble(
     items: SceneItems, reduce: tuple[str, ...] = DEFAULT_REDUCTIONS, resolve: bool = False, start: Start | None = None,
-    underway: bool = False,
+    at: Array | None = None,
 ) -> Problem:  # fmt: skip
     """Return the Problem of a scene, with the named kinds of what it does not need left out.
 
-    `resolve` moves a start that overlaps; `start` is one that was moved before, or with `underway` the state of a run,
-    which may penetrate.
+    `resolve` moves a start that overlaps; `start` is one that was moved before. `at`, shape (nq,), is the configuration
+    of a run instead, which may penetrate.
 
     Raises
     ------
@@ -304,14 +305,14 @@ def assemble(
     blocks = blocks_of(items, reduce)
     if not blocks.systems:
         raise InputError("nothing in the scene moves: add a robot, a body or a sphere")
-    system: Any = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
+    system: Any = blocks.system
     q0, v0 = np.concatenate(blocks.q0), np.concatenate(blocks.v0)
     between = list[Equality]()
     if items.connections or items.couplings:
         within, between = equalities_between(items, system, blocks.frames, blocks.shapes, q0)
         for number, equalities in within.items():
             blocks.connect(number, equalities)
-        system = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
+        system = blocks.system
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
@@ -326,14 +327,15 @@ def assemble(
     acted = actuated(blocks, system, blocks.length)
     if between:
         acted = ConnectedSystem(acted, between)
-    if start is None:
+    if start is None and at is None:
         start = closed_start(acted, q0)
     if resolve:
         start = resolved(acted, constraints, q0 if start is None else start.q, blocks.length) or start
-    q0 = q0 if start is None else start.q
+    q0 = at if at is not None else q0 if start is None else start.q
     v0 = acted.tangent(q0, v0)
-    scene = SceneModel(items, tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start, underway)
-    return Problem(
+    made = tuple(blocks.shapes), omitted, reduce, acted, tuple(constraints), start, at is not None
+    scene = SceneModel(items, *made)
+    problem = Problem(
         acted,
         constraints,
         q0,
@@ -343,3 +345,5 @@ def assemble(
         length=blocks.length,
         scene=scene,
     )
+    problem.constraints.resistance = resistances_of(items)
+    return problem

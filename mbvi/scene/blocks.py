@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ..arguments import watched
 from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape, Sphere
-from ..system import ArticulatedSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
+from ..system import ArticulatedSystem, BlockSystem, FreeBodies, PlanarBodies, PlanarSpheres, Spheres, System
 from ..system.mechanisms.equalities import Equality
 from .forces.link_centres import centre_of, with_frames
 from .items import BodyItem, RobotItem, SceneItems, SphereItem
@@ -135,6 +135,11 @@ class Blocks:
         lower, upper = np.where(lower < -1e100, -np.inf, lower), np.where(upper > 1e100, np.inf, upper)
         if joints and (np.isfinite(lower) | np.isfinite(upper)).any():
             self.limits.append((here + nq, rate + nv, lower, upper, names))
+
+    @property
+    def system(self) -> System:
+        """All of them as one system."""
+        return self.systems[0] if len(self.systems) == 1 else BlockSystem(self.systems)
 
     @property
     def length(self) -> float:

@@ -102,7 +102,7 @@ class SceneModel:
         notes = []
         if self.items.robots and self.items.resists_turning:
             notes.append("with torsional or rolling friction robots are stepped in Python, not in compiled code")
-        if self.start is not None and not self.underway and np.array_equal(self.start.q, problem.q0):
+        if self.start is not None and np.array_equal(self.start.q, problem.q0):
             notes.append(self.start.note)
         return notes
 
@@ -165,7 +165,7 @@ class SceneModel:
                 added = (1 if self.items.plane and "plane" in self.reduce else 3) * turning
                 lines.append(f"  {added} degrees of freedom of them by rotation of spheres, which friction turns")
         lines.append(f"  a constraint is active at a gap below {problem.tolerance:.1e} m")
-        lines += [f"  {self.start.note}"] if self.start is not None and not self.underway else []
+        lines += [f"  {self.start.note}"] if self.start is not None else []
         lines.append("Left out")
         lines += [f"  {one}" for one in self.omitted] or ["  nothing"]
         counted = Counter(one.why.partition(",")[0] for one in self.omitted if one.what.startswith("pair "))

@@ -76,9 +76,9 @@ def test_a_weld_keeps_momentum_and_loses_the_energy_of_the_relative_motion():
     np.testing.assert_allclose(momenta(sim.q, sim.v), before, atol=1e-5)
 
 
-@pytest.mark.parametrize(("at", "axis", "free"), [((0.25, 0.1, 0.05), None, 3), ((0.25, 0.1, 0.05), (0, 1, 1), 1)])
-def test_a_point_and_a_hinge_leave_their_motions(at, axis, free):
-    problem = two_boxes()
+@pytest.mark.parametrize("axis", [None, (0, 1, 1)])
+def test_a_point_and_a_hinge_leave_their_motions(axis):
+    problem, at = two_boxes(), (0.25, 0.1, 0.05)
     sim = mbvi.Simulator(problem, mbvi.Centered(), step=STEP)
     before, v = momenta(sim.q, sim.v), sim.v.copy()
     name = sim.attach("a", "b", at=at, axis=axis)
@@ -96,7 +96,7 @@ def test_a_point_and_a_hinge_leave_their_motions(at, axis, free):
     # what the connection leaves free keeps some of its motion
     turning = [rotation(p[3:]) @ r[3:] for p, r in zip(sim.q.reshape(2, 7), sim.v.reshape(2, 6), strict=True)]
     along = np.eye(3) if axis is None else np.array([axis]) / np.linalg.norm(axis)
-    assert (np.abs(along @ (turning[0] - turning[1])) > 1e-2).sum() >= min(free, 1)
+    assert (np.abs(along @ (turning[0] - turning[1])) > 1e-2).all()
     assert not np.allclose(sim.v, v)
     sim.step(300)
     np.testing.assert_allclose(apart(sim.q), 0.0, atol=1e-12)
@@ -123,7 +123,8 @@ def test_a_released_body_flies_on_and_collides_again():
     np.testing.assert_allclose(sim.q, start, atol=1e-14)
 
 
-def test_a_robot_grasps_a_box_as_the_equations_say():
+@pytest.mark.parametrize("link", ["wrist", "right_finger"])
+def test_a_robot_grasps_a_box_as_the_equations_say(link):
     """M (v+ - v-) = J' lambda with J v+ = 0, J from Pinocchio's frames and the box's own velocity."""
     scene = mbvi.Scene()
     robot = scene.add_urdf("robot:arm", base="fixed", name="arm", joints=None)
@@ -133,18 +134,16 @@ def test_a_robot_grasps_a_box_as_the_equations_say():
     q = problem.q0.copy()
     q[:], q[-2:] = 0.3, 0.02
     pin.framesForwardKinematics(model, data, q)
-    links = [f for f in model.frames if f.type == pin.FrameType.BODY]
-    tip = links[-1]
-    pose = data.oMf[model.getFrameId(tip.name)]
+    pose = data.oMf[model.getFrameId(link)]
     scene.add_box((0.05, 0.05, 0.05), 0.4, position=pose.translation + np.array([0, 0, -2.0]), name="box")
     problem = scene.build()
     nq, nv = model.nq, model.nv
     start, v = problem.q0.copy(), np.linspace(-1.0, 1.0, problem.system.nv)
     start[:nq] = q
     sim = mbvi.Simulator(problem.at(start, v), mbvi.Centered(), step=STEP)
-    sim.attach(f"{robot}/{tip.name}", "box")
+    sim.attach(f"{robot}/{link}", "box")
     after = sim.v.copy()
-    arm = pin.computeFrameJacobian(model, data, q, model.getFrameId(tip.name), pin.LOCAL_WORLD_ALIGNED)
+    arm = pin.computeFrameJacobian(model, data, q, model.getFrameId(link), pin.LOCAL_WORLD_ALIGNED)
     lever = start[nq : nq + 3] - pose.translation
     J = np.zeros((6, nv + 6))
     # velocity of the box less that of the link's point at the box

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 from ...arguments import printable, shown
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
-from ...system import BlockSystem
 from ..assembly import assemble
 from ..blocks import blocks_of
 from ..items import ConnectionItem, SceneItems
-from ..model import SceneModel, Start
+from ..model import SceneModel
 from .connections import Connections
 from .equalities import frames_by_name, sides_at
 
@@ -61,8 +60,8 @@ def attached(
         own = made.weld(first, second, name)
     else:
         own = made.connect(first, second, at, name) if axis is None else made.hinge(first, second, at, axis, name)
-    items.connections[-1] = _as_at(model, items, items.connections[-1], q)
-    return _built(model, items, q), own
+    items.connections[-1] = _as_at(model, items, q)
+    return assemble(items, model.reduce, at=q.copy()), own
 
 
 def released(problem: Problem, q: Array, name: str) -> Problem:
@@ -80,7 +79,7 @@ def released(problem: Problem, q: Array, name: str) -> Problem:
     del items.connections[known.index(name)]
     others = set().union(*(pairs for other, pairs in items.left_out.items() if other != name))
     items.excluded -= items.left_out.pop(name, set()) - others
-    return _built(model, items, q)
+    return assemble(items, model.reduce, at=q.copy())
 
 
 def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
@@ -94,16 +93,10 @@ def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
     return model, items
 
 
-def _as_at(model: SceneModel, items: SceneItems, item: ConnectionItem, q: Array) -> ConnectionItem:
-    """Return a connection with the frames that it has where the bodies are at q."""
-    blocks = blocks_of(items, model.reduce)
-    system = blocks.systems[0] if len(blocks.systems) == 1 else BlockSystem(blocks.systems)
-    sides = sides_at(items, system, blocks.frames, blocks.shapes, q)
+def _as_at(model: SceneModel, items: SceneItems, q: Array) -> ConnectionItem:
+    """Return the last connection with the frames that it has where the bodies are at q."""
+    # the model has the frames of those links only that were connected before
+    blocks, item = blocks_of(items, model.reduce), items.connections[-1]
+    sides = sides_at(items, blocks.system, blocks.frames, blocks.shapes, q)
     frames = frames_by_name(item, sides[item.first], sides[item.second])
     return replace(item, at=None, axis=None, frames=frames)
-
-
-def _built(model: SceneModel, items: SceneItems, q: Array) -> Problem:
-    """Return the problem of some items, which starts at q."""
-    start = Start(q.copy(), "attach or detach", "to the state of a run")
-    return assemble(items, model.reduce, start=start, underway=True)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...arguments import between, not_negative, printable, shown
+from ...constraints.rotations import Resistances
 from ...errors import InputError
 from ..items import SceneItems
 
@@ -25,6 +26,21 @@ def friction_coefficients(value: Any, name: str) -> tuple[float, float, float]:
     if mu == 0.0 and max(torsion, rolling) > 0.0:
         raise InputError(f"torsional and rolling friction need mu > 0; got {shown(value)} for {name}")
     return mu, torsion, rolling
+
+
+def resistances_of(items: SceneItems) -> Resistances | None:
+    """Return the torsional and rolling friction of a scene; None if it has none.
+
+    Raises
+    ------
+    InputError
+        If the scene has an energy cap too.
+    """
+    if not items.resists_turning:
+        return None
+    if items.energy_cap:
+        raise InputError("energy_cap does not know torsional and rolling friction: leave one of them out")
+    return Resistances(items.resistance_of)
 
 
 class PairRules:
