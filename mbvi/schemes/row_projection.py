@@ -61,49 +61,49 @@ def project_rows(
     if friction is None and (tangents is None or not tangents.friction.any()):
         plain = projector.project(x, metric, rows.jacobian, lower, rows.constraint, h)
         return RowProjection(*plain, None if tangents is None else np.zeros((k, tangents.width)))
-    wide = rows
-    if tangents is not None and tangents.resistance is not None:
-        wide = with_resistance(rows, tangents, tangents.resistance)
-    bounded = len(wide.gap) - k
+    resistance = None if tangents is None else tangents.resistance
+    wide = rows if tangents is None else rows._replace(tangents=tangents.sliding())
     if friction is not None:
         wide = with_joints(wide, friction)
+    others = len(wide.gap)
+    if tangents is not None and resistance is not None:
+        wide = with_resistance(wide, tangents, resistance)
     found = projector.frictional(x, metric, wide, np.concatenate([lower, np.zeros(len(wide.gap) - k)]), h)
     each = found.percussion.reshape(-1, 3)
     tangential = each[:k, 1:]
-    if tangents is not None and tangents.resistance is not None:
-        turning = each[k : k + bounded, 1:]
-        tangential = np.column_stack([tangential, rotational(tangents.resistance, turning)])
+    if resistance is not None:
+        tangential = np.column_stack([tangential, rotational(resistance, each[others:, 1:])])
     return RowProjection(found.velocity, each[:k, 0].copy(), found.residual, tangential)
 
 
 def with_resistance(rows: Rows, tangents: Tangents, resistance: Array) -> Rows:
-    """Return rows with two tangents, followed by those of torsional and rolling friction, which they bound.
+    """Return rows followed by those of torsional and rolling friction, which the first k of them bound.
 
     Parameters
     ----------
     rows : Rows
-        k contacts.
+        k contacts with two tangents each, and perhaps others.
     tangents : Tangents
-        Their tangents and axes of rotation.
+        The tangents and axes of rotation of the k contacts.
     resistance : ndarray, shape (k, 2)
         The lengths of torsional and of rolling friction [m].
     """
-    k, nv = len(rows.gap), rows.jacobian.shape[1]
     torsional, rolling = (np.flatnonzero(resistance[:, column]) for column in range(2))
     bound, mu = np.concatenate([torsional, rolling]), np.concatenate([resistance[torsional, 0], resistance[rolling, 1]])
-    d, sparse = len(bound), not isinstance(tangents.jacobian, np.ndarray)
-    nothing: Array | csr_array = csr_array((1, nv)) if sparse else np.zeros((1, nv))
-    jacobian, empty = stack_rows([tangents.jacobian, nothing]), 5 * k
-    spin = np.stack([5 * torsional + 2, np.full(len(torsional), empty)], axis=1)
+    d, nv = len(bound), rows.jacobian.shape[1]
+    zeros = np.zeros if isinstance(tangents.jacobian, np.ndarray) else csr_array
+    # the second tangent of torsional friction is a zero row, behind all others
+    jacobian = stack_rows([tangents.jacobian, zeros((1, nv))])
+    spin = np.stack([5 * torsional + 2, np.full(len(torsional), jacobian.shape[0] - 1)], axis=1)
     chosen = np.concatenate([spin.ravel(), np.stack([5 * rolling + 3, 5 * rolling + 4], axis=1).ravel()])
     rate = None if tangents.rate is None else np.append(tangents.rate, 0.0)[chosen]
     along = Tangents(mu, np.zeros((d, 2, 3)), take_rows(jacobian, chosen), rate)
     none, nowhere = np.zeros(d), np.full((d, 3), np.nan)
-    normals = take_rows(stack_rows([nothing]), np.zeros(d, np.int64))
-    extra = Rows(rows.constraint[bound], none, normals, none, nowhere, nowhere, None, along)
-    wide = concatenate([rows._replace(tangents=tangents.sliding()), extra])
+    extra = Rows(rows.constraint[bound], none, zeros((d, nv)), none, nowhere, nowhere, None, along)
+    wide = concatenate([rows, extra])
     assert wide.tangents is not None
-    return wide._replace(tangents=wide.tangents._replace(bound=np.concatenate([np.full(k, -1), bound])))
+    bounds = np.concatenate([np.full(len(rows.gap), -1), bound])
+    return wide._replace(tangents=wide.tangents._replace(bound=bounds))
 
 
 def rotational(resistance: Array, turning: Array) -> Array:
@@ -126,11 +126,7 @@ def with_joints(rows: Rows, friction: Array) -> Rows:
     none, nowhere = np.zeros(d), np.full((d, 3), np.nan)
     along = Tangents(mu, np.zeros((d, 2, 3)), tangents, None)
     joints = Rows(np.full(d, -1), none, np.zeros((d, nv)), none, nowhere, nowhere, None, along)
-    wide, bound = concatenate([rows, joints]), rows.tangents.bound if rows.tangents is not None else None
-    if bound is None:
-        return wide
-    assert wide.tangents is not None
-    return wide._replace(tangents=wide.tangents._replace(bound=np.concatenate([bound, np.full(d, -1)])))
+    return concatenate([rows, joints])
 
 
 def slip_rates(rows: Rows, tangential: Array | None, free: Array, after: Array, before: Array) -> Array | None:

@@ -15,6 +15,7 @@ from ..metric import Array, Metric
 from ..sparse.contact_blocks import pack_contacts
 from ..sparse.gram import islands
 from .islands import solve_contact_islands
+from .law import scale_cones, set_bounds
 from .one_contact import coulomb_defect
 from .sweeps import combine_contacts, contacts_residual
 
@@ -154,7 +155,7 @@ def project_frictional_sparse(
         bound = np.full(m, -1, np.int64)
     bounded = bound >= 0
     blocks, columns, starts, local = _packed(metric.whiten_rows(J), bound)
-    scale = local[:, 6]
+    scale = local[:, 6].copy()
     still = scale == 0.0
     if still.any() and (lower[::3][still] > 0.0).any():
         raise ProjectionError("a contact whose normal row vanishes demands a positive rate: no velocity gives it", {})
@@ -174,20 +175,17 @@ def project_frictional_sparse(
         targets[chosen] = np.minimum(aims, targets)[chosen]
     p = np.zeros(3 * m)
     if start is not None:
-        scaled = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0)
-        scaled[bounded, 0] = scaled[bound[bounded], 0]
-        p = scaled.ravel()
+        p = _turned(_by_contact(start) / np.where(still, np.inf, scale)[:, None], local, 1.0).ravel()
     if known is None:
         known = np.full(m, start is not None)
-    cone = mu.copy()
-    # both percussions have scales of their own
-    moving = bounded & ~still
-    cone[bounded] = 0.0
-    cone[moving] = mu[moving] * scale[bound[moving]] / scale[moving]
-    packed = _Packed(blocks, columns, starts, local, _turned(speeds, local, 1.0).ravel(), cone, bound, len(x))
+    b, cone = _turned(speeds, local, 1.0).ravel(), np.empty(m)
+    scale_cones(mu, bound, scale, largest, b, cone)
+    set_bounds(mu, bound, b, p)
+    packed = _Packed(blocks, columns, starts, local, b, cone, bound, len(x))
     _solve(packed, targets, chosen, known, p)
+    # the residual shall be that of the percussions which bound others
+    set_bounds(mu, bound, b, p)
     scaled = _turned(_by_contact(p), local, -1.0)
-    scaled[bounded, 0] = scaled[bound[bounded], 0]
     w = x + metric.unwhiten(packed.combine(p))
     u = _by_contact(J @ w)
     u -= _by_contact(lower)

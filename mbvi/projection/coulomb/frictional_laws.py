@@ -163,13 +163,13 @@ class FrictionalLaws:
             some = label == island
             own = None if fine is None else FineRows(fine.contacts[some], fine.residual, fine.rates[some])
             law = J[np.repeat(some, 3)], bounds[some].ravel(), mu[some]
-            bounds_of = None if bound is None else renumbered(bound, some)
+            bound_of = None if bound is None else renumbered(bound, some)
             try:
                 if (mu[some] < 0.0).any():
-                    project_frictional(x, metric, law[0].toarray(), *law[1:], residual, bound=bounds_of)
+                    project_frictional(x, metric, law[0].toarray(), *law[1:], residual, bound=bound_of)
                 else:
                     project_frictional_sparse(
-                        x, metric, *law, residual, rate=rate, fine=own, accepted=self._acceptance.bound, bound=bounds_of
+                        x, metric, *law, residual, rate=rate, fine=own, accepted=self._acceptance.bound, bound=bound_of
                     )
             except ProjectionError:
                 jammed |= some
@@ -190,13 +190,13 @@ class FrictionalLaws:
         self, x: Array, metric: Metric, rows: FrictionalRows, lower: Array, residual: float, rate: float
     ) -> FrictionalProjection | Projection:
         """Return what `_project` does."""
-        tangents, m, bound = rows.tangents, len(lower), self._acceptance.bound
+        tangents, m, accepted = rows.tangents, len(lower), self._acceptance.bound
         assert tangents is not None
         bounds = _bounds(rows, lower)
         if _are_few(m, len(x)) or _has_joints(rows):
             J, mu = _wide(rows.jacobian, tangents), tangents.friction
             found = project_frictional(
-                x, metric, J, bounds.ravel(), mu, bound(self._residual), self.start, tangents.bound
+                x, metric, J, bounds.ravel(), mu, accepted(self._residual), self.start, tangents.bound
             )
             self._accept(found, self._residual, rows, lower)
             self.start = FrictionalStart(found.start, found.unique)
@@ -205,7 +205,18 @@ class FrictionalLaws:
         J, (start, known) = _contact_rows(rows), self._last.of_contacts(keys)
         fine = self._fine_rows(J, rows.constraint)
         many = project_frictional_sparse(
-            x, metric, J, bounds.ravel(), tangents.friction, residual, start, known, rate, fine, bound, tangents.bound
+            x,
+            metric,
+            J,
+            bounds.ravel(),
+            tangents.friction,
+            residual,
+            start,
+            known,
+            rate,
+            fine,
+            accepted,
+            tangents.bound,
         )
         first = residual if fine is None or not fine.contacts.any() else fine.residual
         self._accept(many, first, rows, lower)

@@ -39,7 +39,7 @@ def delassus(J: Array, A: Array, mu: Array, bound: Array, G: Array, scale: Array
     """Write J A', shape (n, n), scaled to unit normal entries, and the scale of each contact, shape (m,).
 
     A contact whose normal row vanishes has the scale 0, and zeros in G. The friction of a joint and contacts that are
-    bounded by others have the scale of their first tangent that is not zero.
+    bounded by others have the scale of their longer tangent.
     """
     m, nv = len(scale), J.shape[1]
     for a in range(m):
