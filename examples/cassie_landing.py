@@ -32,7 +32,7 @@ SERVOS = {
 NEAR = {"foot-op": -1.5, "tarsus-crank-joint": -1.5, "crank-rod-joint": 1.5}
 # height of the pelvis, which has the feet 5 cm above the floor [m]; duration and step [s]
 HEIGHT, MU, DURATION, STEP = 0.9, 0.8, 1.5, 1e-3
-# of Centered, the default here, only the mean of two velocities keeps loops closed, and both may alternate about it
+# with Centered, the default here, the servos make Cassie fall at this step, and stand at half of it
 SCHEME = mbvi.MoreauJean(project_positions=True)
 
 

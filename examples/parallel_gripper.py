@@ -1,6 +1,7 @@
 """A parallel gripper lifts a box by friction: one finger has a motor, a mimic joint couples the other to it.
 
-Each pad presses with half of the motor's force. `python examples/parallel_gripper.py lift.html` writes the replay too.
+The contact force at each pad is half of the motor's force.
+`python examples/parallel_gripper.py lift.html` writes the replay too.
 """
 
 import sys

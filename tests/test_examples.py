@@ -58,7 +58,7 @@ NUMBERS = {
     "mixed_heap": (1.0, 1e-3),
     # the angular momentum about the end that jams
     "painleve_rod": (1.5 * np.sin(1.0), 2e-3),
-    # statics: both pads press alike, by half of the motor's force
+    # statics: the contact forces of both pads are equal, half of the motor's force
     "parallel_gripper": (8.0, 1e-9),
     # the parabola from where the hand lets go
     "panda_throws_ball": (0.0, 2e-3),
