@@ -186,6 +186,34 @@ def test_released_bodies_collide_also_where_the_problem_is_from_a_file(tmp_path)
     assert free.q[2] < 0.0
 
 
+def test_actuators_go_on_and_are_set_as_before(tmp_path):
+    """A slide of 1 kg under a motor takes a box of 1 kg along, and loses it again; the problem sets the input."""
+    file = tmp_path / "slide.xml"
+    file.write_text("""<mujoco><option gravity="0 0 0"/><worldbody><body name="slide">
+      <joint name="z" type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body></worldbody>
+      <actuator><motor name="motor" joint="z"/></actuator></mujoco>""")
+    scene = mbvi.Scene(gravity=(0, 0, 0))
+    scene.add_mjcf(file, name="robot")
+    scene.add_box((0.1, 0.1, 0.1), 1.0, position=(1, 0, 0), name="box")
+    problem = scene.build()
+    sim = mbvi.Simulator(problem, mbvi.Paoli(), step=STEP)
+    speed = 0.0
+    problem.ctrl["motor"] = 2.0
+    sim.step(100)
+    assert sim.v[0] == pytest.approx(speed := speed + 0.2, abs=1e-12)
+    name = sim.attach("robot/slide", "box", at=(1, 0, 0))
+    # the point is the centre of the box
+    assert sim.v[0] == pytest.approx(speed := 0.5 * speed, abs=1e-12)
+    sim.step(100)
+    assert sim.v[0] == pytest.approx(speed := speed + 0.1, abs=1e-12)
+    problem.ctrl["motor"] = -2.0
+    sim.step(100)
+    assert sim.v[0] == pytest.approx(speed := speed - 0.1, abs=1e-12)
+    sim.detach(name)
+    sim.step(100)
+    assert sim.v[0] == pytest.approx(speed - 0.2, abs=1e-12)
+
+
 def test_what_cannot_be_switched_is_refused():
     sim = mbvi.Simulator(two_boxes(), mbvi.Centered(), step=STEP)
     with pytest.raises(mbvi.InputError, match="is no connection; known are none"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ...arguments import printable, shown
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
+from ...system import ArticulatedSystem, parts_of
 from ..assembly import assemble
 from ..blocks import blocks_of
 from ..items import ConnectionItem, SceneItems
@@ -61,7 +62,7 @@ def attached(
     else:
         own = made.connect(first, second, at, name) if axis is None else made.hinge(first, second, at, axis, name)
     items.connections[-1] = _as_at(model, items, q)
-    return assemble(items, model.reduce, at=q.copy()), own
+    return _built(problem, model, items, q), own
 
 
 def released(problem: Problem, q: Array, name: str) -> Problem:
@@ -79,7 +80,7 @@ def released(problem: Problem, q: Array, name: str) -> Problem:
     del items.connections[known.index(name)]
     others = set().union(*(pairs for other, pairs in items.left_out.items() if other != name))
     items.excluded -= items.left_out.pop(name, set()) - others
-    return assemble(items, model.reduce, at=q.copy())
+    return _built(problem, model, items, q)
 
 
 def _own_items(problem: Problem, what: str) -> tuple[SceneModel, SceneItems]:
@@ -100,3 +101,13 @@ def _as_at(model: SceneModel, items: SceneItems, q: Array) -> ConnectionItem:
     sides = sides_at(items, blocks.system, blocks.frames, blocks.shapes, q)
     frames = frames_by_name(item, sides[item.first], sides[item.second])
     return replace(item, at=None, axis=None, frames=frames)
+
+
+def _built(problem: Problem, model: SceneModel, items: SceneItems, q: Array) -> Problem:
+    """Return the problem of some items at q, with the controls that act in another one."""
+    new = assemble(items, model.reduce, at=q.copy())
+    for before, part in zip(parts_of(problem.system), parts_of(new.system), strict=True):
+        if isinstance(before, ArticulatedSystem) and isinstance(part, ArticulatedSystem):
+            # the same object: its inputs stay as they are, and the problem's own `ctrl` goes on setting them
+            part.set_control(before.control)
+    return new
