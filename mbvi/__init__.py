@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .impacts import Forks, forks
     from .problem import Problem
     from .projection import DualActiveSet, Projection, ProxQP, SparsePCG, impact, project
-    from .results import Diagnosis, Impact, Trajectory, load
+    from .results import Diagnosis, ErrorEstimate, Impact, Trajectory, load
     from .run.rollouts.rollout import Rollouts, rollout
     from .run.rollouts.rollout_job import RolloutStatus
     from .run.simulate import simulate, steps
@@ -51,6 +51,7 @@ __all__ = [
     "Diagnosis",
     "DivergedError",
     "DualActiveSet",
+    "ErrorEstimate",
     "EventDriven",
     "Forks",
     "GapFunction",
@@ -103,7 +104,8 @@ _LATER = {
     ".impacts": "Forks forks",
     ".problem": "Problem",
     ".projection": "DualActiveSet Projection ProxQP SparsePCG impact project",
-    ".results": "Diagnosis Impact Trajectory load",
+    ".results": "Diagnosis ErrorEstimate Impact Trajectory",
+    ".run.loading": "load",
     ".run.rollouts.rollout": "Rollouts rollout",
     ".run.rollouts.rollout_job": "RolloutStatus",
     ".run.simulate": "simulate steps",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -87,6 +87,8 @@ class RunRecord:
         None where contacts were not recorded.
     limit_violation : ndarray, shape (n + 1,)
         Greatest violation of joint limits at each time [rad, of sliding joints m].
+    again : callable or None
+        `simulate` with the residual, depth and solver of the run; None where the run was interrupted.
     """
 
     penetration: Array = field(default_factory=lambda: np.zeros(0))
@@ -96,6 +98,7 @@ class RunRecord:
     energies: Array | None = None
     contacts: ContactTable | None = None
     limit_violation: Array = field(default_factory=lambda: np.zeros(0))
+    again: Callable[..., RunData] | None = None
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from ..errors import InputError
 from .contact_forces import ContactNames, durations, force_on, forces_between, recorded_contacts
 from .diagnosis.diagnose import diagnose
 from .diagnosis.energies import energies_of_run, projection_energies
+from .error_estimate import ErrorEstimate, estimate_error
 from .files.hdf5 import save
 from .loop_forces import loop_forces
 from .outputs import Outputs
@@ -228,6 +229,29 @@ class Trajectory(Outputs):
             If the run carries no problem, or the tolerance is not between 0 and 1.
         """
         return diagnose(self, between(tolerance, "tolerance", 0.0, 1.0, ends=False))
+
+    def error_estimate(self) -> ErrorEstimate:
+        """Return the estimated error of the configurations, and until when there is one; simulates the problem again.
+
+        A run with fixed steps is compared with one of steps 7/65 as long, at every seventh recorded state; a run of
+        `EventDriven` with one at a thousandth of its tolerance. That is the error of the discretisation, not of the
+        model. It exists until the first fork that `diagnosis()` finds.
+
+        Returns
+        -------
+        ErrorEstimate
+            Errors over time, in lengths of the scene and rad; printed, it is two sentences.
+
+        Raises
+        ------
+        InputError
+            If the run is not complete, carries no problem, or its file lacks functions that acted.
+        UnsuitableError
+            If its tolerance is below 1e-12.
+        ProjectionError, DivergedError
+            As `simulate`, for the second run.
+        """
+        return estimate_error(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the run and its problem to an HDF5 file.

@@ -11,6 +11,7 @@ from ..arguments import boolean, choice, file_path, integer, optional, positive,
 from ..errors import InputError, ProjectionError
 from ..problem import Problem, check_kept
 from ..projection import ChosenSolver, Projector, checked_solver
+from ..results.error_estimate import repeatable
 from ..results.files.hdf5 import Writer
 from ..results.trajectory import Trajectory
 from ..scene import Scene
@@ -180,8 +181,10 @@ def simulate(
     notes += accepted + problem.system.notes() + built
     if solver is not None:
         notes.append(f"every projection was solved by {solver!r}")
+    again = partial(simulate, residual=residual, depth=depth, solver=solver)
     if isinstance(scheme, EventDriven):
-        return run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
+        run = run_event_driven(problem, scheme, duration, every, projector, notes, out, progress, record is not None)
+        return repeatable(run, again)
     assert h is not None
     notes += gain_notes(problem, h)
     if duration / h > _MOST_STEPS:
@@ -254,7 +257,7 @@ def simulate(
         recorder.notes.append(
             f"{shortened_steps - solved.parts} steps were shortened where a body would have passed through another"
         )
-    return recorder.trajectory(scheme, h)
+    return repeatable(recorder.trajectory(scheme, h), again)
 
 
 def _advanced(

@@ -134,7 +134,7 @@ class Diagnosis:
 
     def report(self) -> str:
         """Return the diagnosis in words, then the instants as a table, impacts first."""
-        lines = [self._verdict()]
+        lines = [self.verdict()]
         if self.unseen and np.isfinite(self.horizon):
             lines.append("The file keeps only some of the steps: instants between them were not looked at.")
         if self.vanishing:
@@ -196,7 +196,8 @@ class Diagnosis:
         """Return an energy, or zero where it is rounding."""
         return energy if not abs(energy) <= 1e-12 * self.variation * self.largest_percussion else 0.0
 
-    def _verdict(self) -> str:
+    def verdict(self) -> str:
+        """Return until when the run is the only answer, in a sentence."""
         followed = [(i.time, i.forks) for i in self.instants if i.forks is not None]
         if np.isfinite(self.horizon):
             return (

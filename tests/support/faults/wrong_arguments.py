@@ -792,7 +792,7 @@ CALLS: dict[str, Call] = {
 # what the library returns, which nobody makes by hand, and forms that others fill
 _RETURNED = (
     mbvi.RolloutStatus, mbvi.Rollouts,
-    mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
+    mbvi.Trajectory, mbvi.Impact, mbvi.Diagnosis, mbvi.ErrorEstimate, mbvi.Forks, mbvi.Projection, mbvi.packing.Packing,
     mbvi.reference.Reference, mbvi.motion.Motion,
 )  # fmt: skip
 # classes whose methods a user calls; those of schemes, systems and constraints are called by a run

@@ -1,0 +1,17 @@
+"""`load` for users: a run read from a file that can be simulated again."""
+
+from __future__ import annotations
+
+from functools import wraps
+from typing import Any
+
+from ..results.error_estimate import repeatable
+from ..results.files.reading import load as read
+from ..results.trajectory import Trajectory
+from .simulate import simulate
+
+
+@wraps(read)
+def load(*args: Any, **kwargs: Any) -> Trajectory:
+    """See `results.files.reading.load`."""
+    return repeatable(read(*args, **kwargs), simulate)

@@ -1,0 +1,116 @@
+"""The estimated error of a run beside the true one, and its end at a fork."""
+
+import numpy as np
+import pytest
+
+import mbvi
+from mbvi import reference
+from mbvi.errors import InputError, UnsuitableError
+
+
+def drawn(rng):
+    """Exact problems with drawn parameters."""
+    e = float(rng.choice([0.0, rng.uniform(0.1, 0.9), 1.0]))
+    yield reference.bouncing_ball(e, height=rng.uniform(0.5, 2.0), duration=1.5)
+    yield reference.sliding_in_disc(e, speed=rng.uniform(0.5, 2.0))
+    yield reference.corner(e, angle=rng.uniform(0.6, 2.5))
+    yield reference.chain(e, masses=tuple(rng.uniform(0.5, 2.0, 3)), gaps=tuple(rng.uniform(0.2, 0.6, 2)))
+    yield reference.rolling_ball(rng.uniform(0.1, 0.5), speed=rng.uniform(0.5, 2.0))
+    yield reference.block_on_incline(rng.uniform(0.3, 0.6), 0.5, -rng.uniform(0.5, 2.0))
+
+
+def simulated(case, scheme, step):
+    """The run of a problem, with steps where the scheme does not choose them."""
+    given = {} if step is None else {"step": step}
+    return mbvi.simulate(case.problem, scheme, duration=case.duration, **given)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "rounds"),
+    [
+        (mbvi.EventDriven(1e-6), 3),
+        (mbvi.Paoli(), 4),
+        pytest.param(mbvi.Centered(project_positions=True), 3, marks=pytest.mark.slow),
+    ],
+    ids=repr,
+)
+def test_the_estimate_is_within_a_factor_of_ten_of_the_true_error(rng, scheme, rounds):
+    ratios = []
+    for _ in range(rounds):
+        for case in drawn(rng):
+            step = None if isinstance(scheme, mbvi.EventDriven) else 2e-2 * rng.uniform(0.5, 1.5)
+            try:
+                run = simulated(case, scheme, step)
+            except UnsuitableError:
+                # friction, for schemes without it
+                continue
+            estimate, system = run.error_estimate(), case.problem.system
+            unit = np.where(system.are_lengths(), case.problem.length, 1.0)
+            known = estimate.t <= estimate.fork
+            pairs = [(case.at(min(t, case.problem.t0 + case.duration))[0], run.at(t)[0]) for t in estimate.t[known]]
+            true = max(np.abs(system.difference(*pair) / unit).max() for pair in pairs)
+            # what is exact to rounding has no digits to compare
+            ratios.append(max(estimate.largest, 1e-12) / max(true, 1e-12))
+    ratios = np.array(ratios)
+    assert len(ratios) >= 12
+    assert np.mean((ratios > 0.1) & (ratios < 10.0)) >= 0.95
+    assert 0.5 < np.median(ratios) < 2.0
+
+
+def test_no_number_after_a_fork():
+    """Two balls that touch are struck by a third: the outcome depends on which impact is first."""
+    run = simulated(reference.chain(0.5), mbvi.EventDriven(1e-8), None)
+    estimate = run.error_estimate()
+    assert estimate.fork == pytest.approx(0.5, abs=1e-9)
+    assert np.isnan(estimate.error[estimate.t > 0.5 + 1e-9]).all()
+    assert np.isfinite(estimate.error[estimate.t < 0.5]).all()
+    assert "several solutions" in str(estimate)
+    assert run.diagnosis().horizon == estimate.fork
+
+
+def test_forks_that_are_not_looked_for_are_named():
+    scene = mbvi.Scene(restitution=0.0, friction=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_box((0.2, 0.2, 0.2), mass=1.0, position=(0, 0, 0.1), velocity=(1.0, 0, -1.0), name="box")
+    estimate = mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1).error_estimate()
+    assert np.isinf(estimate.fork)
+    assert "not known" in estimate.caveat
+    assert estimate.caveat in str(estimate)
+
+
+def falling():
+    scene = mbvi.Scene(restitution=0.5)
+    scene.add_halfspace((0, 0, 1), name="floor")
+    scene.add_sphere(0.1, mass=1.0, position=(0, 0, 0.5), name="ball")
+    return scene.build()
+
+
+def test_a_thinned_run_and_one_from_a_file_have_the_same_estimate(tmp_path):
+    problem = falling()
+    full = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.61)
+    thinned = mbvi.simulate(problem, mbvi.Paoli(), step=1e-3, duration=0.61, every=3)
+    thinned.save(tmp_path / "run.h5")
+    estimates = [run.error_estimate() for run in (full, thinned, mbvi.load(tmp_path / "run.h5"))]
+    assert len(estimates[1].t) == 1 + 610 // 21 + 1
+    at = np.searchsorted(estimates[0].t, estimates[1].t - 1e-9)
+    np.testing.assert_allclose(estimates[0].error[at], estimates[1].error, rtol=1e-6, atol=1e-15)
+    assert np.array_equal(estimates[1].error, estimates[2].error)
+    assert estimates[0].largest > 1e-4
+
+
+def test_what_has_no_estimate_is_refused():
+    with pytest.raises(UnsuitableError, match="1e-12"):
+        mbvi.simulate(falling(), mbvi.EventDriven(1e-13), duration=0.1).error_estimate()
+
+    def stop(t, q, v):
+        if t > 0.05:
+            raise KeyboardInterrupt
+        return np.zeros(6)
+
+    scene = mbvi.Scene()
+    scene.add_sphere(0.1, mass=1.0, position=(0, 0, 0.5), name="ball")
+    scene.add_force("ball", stop)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        mbvi.simulate(scene.build(), mbvi.Paoli(), step=1e-2, duration=0.1)
+    with pytest.raises(InputError, match="complete"):
+        caught.value.run.error_estimate()
