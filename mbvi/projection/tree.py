@@ -10,7 +10,16 @@ from scipy.sparse import csr_array
 from ..compiled import kernel, plain_array
 from ..errors import InputError
 from .metric import Array, triangular, whiten_full
-from .tree_factor import DEPENDENT, keep_equalities, span_equalities, take_off, unwhiten, unwhiten_four, whiten
+from .tree_factor import (
+    DEPENDENT,
+    keep_equalities,
+    solve_keeping,
+    span_equalities,
+    take_off,
+    unwhiten,
+    unwhiten_four,
+    whiten,
+)
 
 
 @kernel("i8(f8[:,::1], f8, f8[::1], i8[::1], f8[:,::1])")
@@ -95,13 +104,35 @@ def is_damped(damping: Array) -> bool:
     return False
 
 
-@kernel("void(f8[:,::1], f8[::1], i8[::1], f8, f8[::1])")
-def _damp(L: Array, damping: Array, parent: Array, time: float, x: Array) -> None:
-    """Overwrite a velocity, shape (nv,), by (L'L)^-1 time D x."""
-    for k in range(len(x)):
-        x[k] *= time * damping[k]
-    whiten(L, parent, x)
-    unwhiten(L, parent, x)
+@kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def advance_keeping(
+    mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, L: Array,
+    changes: Array, out: Array,
+) -> int:  # fmt: skip
+    """Do what `advance_by` does at order 2 with damping and equalities: each E keeps these."""
+    n, time, change, loss = len(v), 0.5 * h, changes[0], changes[1]
+    bad = factor(mass, 0.0, damping, parent, L)
+    if bad:
+        return bad
+    for k in range(n):
+        out[k] = v[k]
+    # E acts on the part of v that keeps the equalities, and of the other the mean over the step is zero
+    keep_equalities(L, parent, out)
+    bad = factor(mass, time, damping, parent, L)
+    if bad:
+        return bad
+    for k in range(n):
+        change[k] = time * (torque[k] - effects[k] - damping[k] * out[k])
+        out[k] = 2.0 * out[k] - v[k]
+    solve_keeping(L, parent, change)
+    for i in range(4):
+        for k in range(n):
+            out[k] += change[k] if i < 3 else -change[k]
+            loss[k] = time * damping[k] * change[k]
+        solve_keeping(L, parent, loss)
+        for k in range(n):
+            change[k] -= loss[k]
+    return 0
 
 
 @kernel("i8(f8[:,::1], f8[::1], i8[::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[:,::1], f8[:,::1], f8[::1])")
@@ -133,9 +164,11 @@ def advance_by(
     exp(-z) and that of order 1, 1 / (1 + z). Where D is zero both are v + h M^-1 F to the last digit.
 
     With equalities the result w has J_e w = 0, at order 2 J_e (v + w) = 0: then the mean velocity of the step keeps
-    them, and a step without forces keeps the energy.
+    them, and a step without forces keeps the energy. Each E keeps them as well.
     """
     n, time, damped = len(v), h, is_damped(damping)
+    if twice and damped and len(L) > n:
+        return advance_keeping(mass, damping, parent, v, h, torque, effects, L, changes, out)
     if twice and damped:
         time = 0.5 * h
     bad = factor(mass, time, damping, parent, L)
@@ -152,8 +185,8 @@ def advance_by(
             change[k] = out[k]
         for i in range(3):
             for k in range(n):
-                loss[k] = change[k]
-            _damp(L, damping, parent, time, loss)
+                loss[k] = time * damping[k] * change[k]
+            solve_keeping(L, parent, loss)
             for k in range(n):
                 change[k] -= loss[k]
                 # half the sum of the first three less the fourth
@@ -164,12 +197,8 @@ def advance_by(
     for k in range(n):
         out[k] += v[k]
     if len(L) > n:
-        if twice:
-            bad = factor(mass, 0.0, damping, parent, L) if damped else 0
-            if bad:
-                return bad
-            for k in range(n):
-                out[k] += v[k]
+        for k in range(n if twice else 0):
+            out[k] += v[k]
         keep_equalities(L, parent, out)
         for k in range(n if twice else 0):
             out[k] -= v[k]

@@ -183,6 +183,14 @@ def subtract_equalities(L: Array, x: Array) -> None:
             x[k] -= part * L[i, k]
 
 
+@kernel("void(f8[:,::1], i8[::1], f8[::1])")
+def solve_keeping(L: Array, parent: Array, x: Array) -> None:
+    """Overwrite a force, shape (nv,), by (L'L)^-1 times it, without its part along the equalities."""
+    whiten(L, parent, x)
+    subtract_equalities(L, x)
+    unwhiten(L, parent, x)
+
+
 @kernel("void(f8[:,::1], f8[::1])")
 def take_off(L: Array, x: Array) -> None:
     """Take from a whitened row x, shape (nv,), its part along the equalities; what is left by rounding becomes zero."""

@@ -88,10 +88,14 @@ def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Arr
         return np.full(6 if isinstance(place.equality, PointRows) else 1, np.nan)
     if isinstance(run.record.scheme, Centered):
         at = system.force_velocity(t, q, state.before, 0.5 * h)
-        motion = bare.centered_motion(t, q, state.before, h, at)
+        motion, held = (one.centered_motion(t, q, state.before, h, at) for one in (bare, system))
+        share = 0.5
     else:
-        motion = bare.free_motion(t, q, state.before, h)
-    reaction = bare.metric(q).apply(step.v - motion.free) - _of_contacts(step)
+        motion, held = (one.free_motion(t, q, state.before, h) for one in (bare, system))
+        share = 1.0
+    # damping acts on the velocities that keep the equalities; with `Centered` to order 2
+    damped = share * h * system.damping_force(q, held.free - motion.free)
+    reaction = damped + bare.metric(q).apply(step.v - motion.free) - _of_contacts(step)
     part = place.system
     nq, nv = part.nq, part.nv
     own = q[place.q : place.q + nq]

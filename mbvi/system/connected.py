@@ -54,8 +54,11 @@ class ConnectedSystem(System):
         self.velocity_dependent = inner.velocity_dependent
         self.whole = joined(inner, self.equalities)
         self.has_joint_friction = self.whole.has_joint_friction
+        self._damped = bool(self.whole.damping.any())
         for name in _THEIRS:
-            setattr(self, name, getattr(inner, name))
+            # unless a class derived from this one has its own
+            if name not in vars(type(self)):
+                setattr(self, name, getattr(inner, name))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return type(self), (self.inner, self.equalities)
@@ -85,11 +88,13 @@ class ConnectedSystem(System):
         return self.whole.metric(q)
 
     def free_velocity(self, t: float, q: Array, v: Array, h: float) -> Array:
-        if self.has_joint_friction:
+        if self.has_joint_friction or self._damped:
             return in_flight(self.free_motion(t, q, v, h))
         return self.metric(q).tangent(self.inner.free_velocity(t, q, v, h))
 
     def free_motion(self, t: float, q: Array, v: Array, h: float) -> FreeMotion:
+        if self._damped:
+            return FreeMotion(self._motion_of_whole(t, q, v, h, v, False).free, self._with_friction(self.metric(q), h))
         motion, metric = self.inner.free_motion(t, q, v, h), self.metric(q)
         return FreeMotion(metric.tangent(motion.free), self._with_friction(metric, h))
 
@@ -97,7 +102,14 @@ class ConnectedSystem(System):
         """Return the metric with the dry friction of joints in a step."""
         return metric.with_friction(h * self.whole.friction) if self.has_joint_friction else metric
 
-    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion | TreeFreeMotion:
+    def _motion_of_whole(self, t: float, q: Array, v: Array, h: float, at: Array, twice: bool) -> TreeFreeMotion:
+        """Return the free motion of the one mechanism, in which damping acts along the equalities, without friction."""
+        self.whole.applied = self.torque(t, q, at)
+        return self.whole.centered_motion(t, q, v, h, at) if twice else self.whole.free_motion(t, q, v, h)
+
+    def centered_motion(self, t: float, q: Array, v: Array, h: float, at: Array) -> FreeMotion:
+        if self._damped:
+            return FreeMotion(self._motion_of_whole(t, q, v, h, at, True).free, self._with_friction(self.metric(q), h))
         motion, metric = self.inner.centered_motion(t, q, v, h, at), self.metric(q)
         # the mean velocity of the step keeps the equalities
         return FreeMotion(metric.tangent(motion.free + v) - v, self._with_friction(metric, h))

@@ -194,6 +194,11 @@ class System:
         """Return the indices in q of unit quaternions and unit vectors, shapes (n, 4) and (n, 2)."""
         return []
 
+    def damping_force(self, q: Array, v: Array) -> Array:
+        """Return D v of the damping that steps treat implicitly, shape (nv,) [N, N m]."""
+        parts = [part.system for part in self.located_parts()]
+        return np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts]) * v
+
     def describe(self) -> str:
         """Return one line for a report."""
         return f"a system of {self.nv} degrees of freedom"

@@ -210,3 +210,31 @@ def test_a_damped_loop_comes_to_rest(tmp_path):
     crank, rod = run.q[:, 0], run.q[:, 0] + run.q[:, 1]
     end = -0.2 * np.sin(crank) * run.v[:, 0] - 0.4 * np.sin(rod) * (run.v[:, 0] + run.v[:, 1])
     assert np.abs(end - run.v[:, 2]).max() < 1e-9
+
+
+ARM = """<robot name="arm"><link name="base"/><link name="rod"><inertial><origin xyz="0.4 0 0"/><mass value="3"/>
+  <inertia ixx="0.02" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="axle" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" effort="1" velocity="1"/><dynamics damping="{}"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("z", [0.1, 10.0, 1e4])
+def test_damping_of_a_joint_acts_on_what_is_welded_to_its_link(tmp_path, z):
+    """A rod and a ball have one moment of inertia; the same decay."""
+    projecting = mbvi.Centered(project_positions=True)
+    h, speed, inertia = 1e-3, 1e-7, 0.2 + 3.0 * 0.4**2 + 0.4 * 2.0 * 0.1**2 + 2.0 * 0.8**2
+    (tmp_path / "arm.urdf").write_text(ARM.format(z * inertia / h))
+    scene = mbvi.Scene(gravity=(0, 0, 0), friction=0.1)
+    scene.add_urdf(tmp_path / "arm.urdf", "fixed", velocity={"axle": speed}, name="arm")
+    scene.add_sphere(0.1, 2.0, position=(0.8, 0, 0), velocity=(0, 0.8 * speed, 0), name="ball")
+    scene.weld("arm/rod", "ball")
+    for scheme, decay in ((mbvi.Paoli(), 1.0 / (1.0 + z)), (projecting, (1.0 + z) / (1.0 + 0.5 * z) ** 4)):
+        problem = scene.build()
+        v = problem.system.tangent(problem.q0, np.array([speed, 0, 0.8 * speed, 0, 0, 0, speed]))
+        run = mbvi.simulate(problem.at(problem.q0, v), scheme, step=h, duration=h)
+        assert run.v[-1, 0] == pytest.approx(decay * speed, abs=1e-9 * speed)
+        # the weld changes the momentum of the ball
+        _, pull, *_ = run.loop_forces("weld")[-1]
+        expected = 2.0 * (run.v[-1, 2] - v[2]) / h
+        assert pull == pytest.approx(expected, rel=z * z if scheme is projecting else 1e-9)

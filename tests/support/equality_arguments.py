@@ -73,6 +73,13 @@ def _kept(rng):
     return L, system._parent, v
 
 
+def _advanced(rng):
+    system, mass, L, v = _factored(rng)
+    torque, effects = rng.normal(size=(2, system.nv))
+    damping, out = rng.random(system.nv), np.full(system.nv, np.nan)
+    return mass, damping, system._parent, v, 1e-2, torque, effects, np.full(L.shape, np.nan), np.zeros((2, len(v))), out
+
+
 def _changed(rng):
     system, mass, L, _ = _factored(rng)
     m = len(mass) - system.nv
@@ -120,6 +127,8 @@ EQUALITY_ARGUMENTS = {
     "mark_dissipating": _losing,
     "take_off": _along,
     "keep_equalities": _kept,
+    "solve_keeping": _kept,
+    "advance_keeping": _advanced,
     "subtract_equalities": _along,
     "least_change": _changed,
     "write_gaps": _gaps,

@@ -137,11 +137,6 @@ def is_damped(rng):
     return (damping,)
 
 
-def damp(rng):
-    system, L = factor_of(rng)
-    return L, system.damping, system._parent, 1e-2, rng.normal(size=system.nv)
-
-
 def scaled_rows(rng):
     """Rows of unit length, every other time with multiples of one of them, and what they demand of some z."""
     m, n = (int(k) for k in rng.integers(1, 9, size=2))
@@ -1072,7 +1067,6 @@ ARGUMENTS = {
     "solve": solve,
     "advance_by": advance_by,
     "is_damped": is_damped,
-    "_damp": damp,
     "solve_active_set": solve_active_set,
     "newton_law": newton_law,
     "pivoted_cholesky": pivoted_cholesky,

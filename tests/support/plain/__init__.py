@@ -25,7 +25,6 @@ from support.plain.sphere_walls import wall_contacts_plain
 from support.plain.spheres import pairs_within_plain
 from support.plain.support_points import lowest_plain, stand_plain
 from support.plain.tree import (
-    _damp_plain,
     _unwhiten_plain,
     _whiten_plain,
     advance_plain,
@@ -66,7 +65,6 @@ PLAIN = {
     "pairs_within": pairs_within_plain,
     "wall_contacts": wall_contacts_plain,
     "accelerations": accelerations_plain,
-    "_damp": _damp_plain,
     "advance_by": advance_plain,
     "consume_clearance": consume_clearance_plain,
     "chart_rates": chart_rates_plain,

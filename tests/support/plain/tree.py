@@ -54,12 +54,6 @@ def solve_plain(L: Array, parent: Array, rows: Array, whitened: Array, out: Arra
     out[:] = np.linalg.solve(L[:n], whitened.T).T
 
 
-def _damp_plain(L: Array, damping: Array, parent: Array, time: float, x: Array) -> None:
-    """Overwrite a velocity, shape (nv,), by (L'L)^-1 time D x."""
-    n = len(x)
-    x[:] = np.linalg.solve(L[:n].T @ L[:n], time * damping * x)
-
-
 def advance_plain(
     mass: Array, damping: Array, parent: Array, v: Array, h: float, torque: Array, effects: Array, twice: bool,
     L: Array, changes: Array, out: Array,
