@@ -10,13 +10,13 @@ from .metric import Array, BlockMetric, Metric
 from .tree import TreeFreeMotion, TreeMetric
 
 
-def joint_rows(friction: Array) -> tuple[Array, Array]:
-    """Return the tangents of the joints with dry friction, and their coefficients; their normals are zero.
+def joint_rows(metric: Metric) -> tuple[Array, Array]:
+    """Return the tangents of the joints and hinges with dry friction, and their coefficients; their normals are zero.
 
     Parameters
     ----------
-    friction : ndarray, shape (nv,)
-        Largest percussions of dry friction in a step [N s, N m s].
+    metric : Metric
+        A metric with dry friction.
 
     Returns
     -------
@@ -25,10 +25,16 @@ def joint_rows(friction: Array) -> tuple[Array, Array]:
     mu : ndarray, shape (d,)
         See `coulomb_law`.
     """
-    joints = np.flatnonzero(friction > 0.0)
-    tangents = np.zeros((2 * len(joints), len(friction)))
+    friction, hinges = metric.friction, metric.hinges
+    assert friction is not None
+    nv = len(friction) if hinges is None else hinges.shape[1]
+    rough = np.flatnonzero(friction > 0.0)
+    joints = rough[rough < nv]
+    tangents = np.zeros((2 * len(rough), nv))
     tangents[2 * np.arange(len(joints)), joints] = 1.0
-    return tangents, -friction[joints]
+    if hinges is not None:
+        tangents[2 * len(joints) :: 2] = hinges[rough[len(joints) :] - nv]
+    return tangents, -friction[rough]
 
 
 def without_friction(metric: Metric) -> Metric:
@@ -48,7 +54,8 @@ def in_flight(motion: FreeMotion | TreeFreeMotion, residual: float = 1e-9) -> Ar
     """
     if motion.friction is None:
         return motion.free
-    tangents, mu = joint_rows(motion.friction)
+    metric = motion.metric
+    tangents, mu = joint_rows(metric)
     wide = np.zeros((3 * len(mu), tangents.shape[1]))
     wide[1::3] = tangents[::2]
-    return project_frictional(motion.free, motion.metric, wide, np.zeros(len(mu)), mu, residual).velocity
+    return project_frictional(motion.free, metric, wide, np.zeros(len(mu)), mu, residual).velocity

@@ -26,7 +26,14 @@ class Metric(Protocol):
 
     @property
     def friction(self) -> Array | None:
-        """The largest percussions of dry friction of joints in the step, shape (nv,) [N s, N m s]; None without."""
+        """The largest percussions of dry friction of joints in the step, shape (nv,) [N s, N m s]; None without.
+
+        Those of `hinges` follow, shape (nv + k,).
+        """
+
+    @property
+    def hinges(self) -> Array | None:
+        """Further rows with dry friction, the gradients of angles of hinges, shape (k, nv); None without."""
 
     def apply(self, w: Array) -> Array:
         """Return M w."""
@@ -67,7 +74,7 @@ class DenseMetric:
         If M is not positive definite.
     """
 
-    friction = None
+    friction = hinges = None
 
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
@@ -133,7 +140,7 @@ class DiagonalMetric:
         The positive entries.
     """
 
-    friction = None
+    friction = hinges = None
 
     def __init__(self, diagonal: Array) -> None:
         self.diagonal = diagonal
@@ -166,7 +173,7 @@ class BodiesMetric:
         The mass matrix of each body.
     """
 
-    friction = None
+    friction = hinges = None
 
     def __init__(self, blocks: Array) -> None:
         self.blocks = blocks
@@ -229,6 +236,8 @@ class BlockMetric:
     slices : sequence of slice
         Where each of them stands in w.
     """
+
+    hinges = None
 
     def __init__(self, parts: Sequence[Metric], slices: Sequence[slice]) -> None:
         self.parts = parts

@@ -281,11 +281,18 @@ class TreeMetric:
     friction : ndarray, shape (nv,), optional
         See `Metric`.
 
+    Attributes
+    ----------
+    hinges : ndarray, shape (k, nv), or None
+        See `Metric`.
+
     Raises
     ------
     InputError
         If M is not positive definite.
     """
+
+    hinges: Array | None = None
 
     def __init__(self, mass: Array, parent: Array, friction: Array | None = None) -> None:
         self.lower, self.parent, self.friction = np.empty(mass.shape), parent, friction
@@ -300,10 +307,10 @@ class TreeMetric:
         # the factor itself, and the basis of the equalities
         self._factor, self._basis = self.lower[: len(parent)], self.lower[len(parent) :]
 
-    def with_friction(self, friction: Array | None) -> TreeMetric:
-        """Return the metric with other percussions of dry friction."""
+    def with_friction(self, friction: Array | None, hinges: Array | None = None) -> TreeMetric:
+        """Return the metric with other percussions of dry friction; see `Metric`."""
         other = copy(self)
-        other.friction = friction
+        other.friction, other.hinges = friction, hinges
         return other
 
     def apply(self, w: Array) -> Array:

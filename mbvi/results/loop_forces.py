@@ -11,7 +11,7 @@ from ..arguments import printable, shown
 from ..errors import InputError
 from ..schemes import Centered
 from ..schemes.step import Step
-from ..system import ActuatedSystem, ArticulatedSystem, BlockSystem, ConnectedSystem, System
+from ..system import ActuatedSystem, ArticulatedSystem, BlockSystem, ConnectedSystem, HingedSystem, System
 from ..system.mechanisms.equalities import Equality, PointRows
 from .diagnosis.diagnose import State, states
 from .run_data import Array, RunData
@@ -104,6 +104,9 @@ def _percussions(run: RunData, bare: System, state: State, place: _Place) -> Arr
         # percussions of dry friction are not known: the least of all that balance
         rough = np.eye(nv)[np.flatnonzero(part.friction)]
         rows = np.concatenate([rows, rough])
+    if isinstance(system, HingedSystem):
+        # nor are those of the torques about hinges
+        rows = np.concatenate([rows, system.hinge_gradients(own)])
     percussions = np.linalg.lstsq(rows.T, reaction[place.v : place.v + nv])[0]
     one, end = place.equality, place.begin
     if not isinstance(one, PointRows):

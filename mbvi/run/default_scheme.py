@@ -8,7 +8,7 @@ from ..errors import DivergedError
 from ..geometry.shapes.shapes import HalfSpace, PlacedShape
 from ..problem import Problem
 from ..schemes import Centered, EventDriven, Scheme, StewartTrinkle
-from ..system import System, located_parts, parts_of
+from ..system import HingedSystem, System, located_parts, parts_of
 from ..system.lengths import velocity_units
 from ..system.system import Array, Part
 
@@ -140,8 +140,9 @@ def _mode_steps(problem: Problem, least: float) -> list[tuple[float, str]]:
     Modes that decay need no shorter step than `least` [s], as long as they are stable.
     """
     found, parts = [], located_parts(problem.system)
-    if problem.system.loaded and problem.system.nv <= _MOST_MODES:
-        # a force of the scene may couple the parts, so that they have common modes
+    coupled = problem.system.loaded or isinstance(problem.system, HingedSystem)
+    if coupled and problem.system.nv <= _MOST_MODES:
+        # a force of the scene or a hinge may couple the parts, so that they have common modes
         parts = [Part(problem.system, 0, 0, 0)]
     for system, q, v, _ in parts:
         q0, v0 = problem.q0[q : q + system.nq], problem.v0[v : v + system.nv]
@@ -208,9 +209,9 @@ def _acceleration(system: System, t: float, q: Array, v: Array) -> Array:
     except DivergedError:
         # a force that is not finite near the start has no slope
         return np.full(system.nv, np.nan)
-    damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts_of(system)])
+    damping = system.damping_force(q, v)
     if damping.any():
-        free = free + system.metric(q).solve_rows((damping * v)[None])[0]
+        free = free + system.metric(q).solve_rows(damping[None])[0]
     return free
 
 

@@ -25,10 +25,11 @@ from ..errors import InputError, MbviError
 from ..geometry.shapes.shape_table import ShapeTable, indexed
 from ..geometry.shapes.shapes import Array, Box, Capsule, HalfSpace, PlacedShape, Sphere
 from ..problem import Problem
-from ..system import ConnectedSystem, System
+from ..system import ConnectedSystem, HingedSystem, System
 from ..system.mechanisms.equalities import Equality
 from .blocks import Blocks, blocks_of
-from .connected.equalities import equalities_between, hinge_limits
+from .connected.equalities import equalities_between
+from .connected.hinges import acting_hinges, hinge_limits
 from .forces.actuation import actuated
 from .items import SceneItems, SurfaceItem
 from .model import SceneModel, Start
@@ -316,8 +317,7 @@ def assemble(
     blocks.leave_out_pairs(system, q0)
     builder = _ConstraintBuilder(blocks, blocks.lines(system, q0))
     constraints = list(builder.constraints(system))
-    limits = hinge_limits(items, system, blocks.frames, blocks.shapes, q0, blocks.length)
-    constraints += [] if limits is None else [limits]
+    constraints += hinge_limits(items, system, blocks.frames, blocks.shapes, q0, blocks.length)
     omitted = (
         *passing_robots(items),
         *(Omission(f"pairs of {pair[0]} and {pair[-1]}", "excluded") for pair in sorted(map(sorted, items.excluded))),
@@ -326,7 +326,8 @@ def assemble(
     )
     acted = actuated(blocks, system, blocks.length)
     if between:
-        acted = ConnectedSystem(acted, between)
+        hinges = acting_hinges(items, system, blocks.frames, blocks.shapes, np.concatenate(blocks.q0))
+        acted = ConnectedSystem(acted, between) if hinges is None else HingedSystem(acted, between, hinges)
     if start is None and at is None:
         start = closed_start(acted, q0)
     if resolve:

@@ -133,6 +133,8 @@ class ConnectionItem:
         rotation, then its origin [m]. A hinge turns about its third axis. Such a connection may be open at the start.
     limits : (float, float) or None
         Of a hinge: the least and the largest angle of the second body about the axis, zero at the start [rad].
+    stiffness, rest, damping, friction, control
+        Of a hinge; see `Hinges`.
     """
 
     name: str
@@ -143,6 +145,16 @@ class ConnectionItem:
     axis: Array | None = None
     frames: tuple[Array, Array] | None = None
     limits: tuple[float, float] | None = None
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    control: Control | None = None
+
+    @property
+    def acts(self) -> bool:
+        """Whether a torque acts about it, beside that of limits."""
+        return self.stiffness > 0.0 or self.damping > 0.0 or self.friction > 0.0 or self.control is not None
 
 
 @dataclass(frozen=True)

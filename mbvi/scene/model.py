@@ -14,6 +14,7 @@ from ..geometry.shapes.shapes import Array, HalfSpace, PlacedShape
 from ..system import System, parts_of
 from ..system.given import called
 from .forces.actuation import places_of
+from .items import ConnectionItem
 from .named_state import named_state
 from .plane import axes_of, check_same_plane
 from .reductions import Omission, savings
@@ -136,7 +137,7 @@ class SceneModel:
     def _equalities(self) -> list[str]:
         """Return in words what is connected and coupled."""
         kinds = {"point": "share a point", "hinge": "share a point and an axis", "weld": "are welded"}
-        found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}" for c in self.items.connections]
+        found = [f"{c.name}: {c.first} and {c.second} {kinds[c.kind]}{_acting(c)}" for c in self.items.connections]
         for c in self.items.couplings:
             found.append(f"{c.name}: {c.first} = {f'{c.ratio:g} {c.second} + ' if c.second else ''}{c.offset:g}")
         return found
@@ -173,3 +174,11 @@ class SceneModel:
         saved = savings(self.omitted)
         lines += [f"  saved in all: {saved}"] if saved else []
         return "\n".join(lines)
+
+
+def _acting(item: ConnectionItem) -> str:
+    """Return in words what acts about a hinge."""
+    found = ", a control" if item.control is not None else ""
+    spring, damper = ("stiffness", item.stiffness, "N m/rad"), ("damping", item.damping, "N m s/rad")
+    given = spring, damper, ("dry friction", item.friction, "N m")
+    return "".join(f", {what} {value:g} {unit}" for what, value, unit in given if value) + found

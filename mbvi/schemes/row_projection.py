@@ -64,7 +64,7 @@ def project_rows(
     resistance = None if tangents is None else tangents.resistance
     wide = rows if tangents is None else rows._replace(tangents=tangents.sliding())
     if friction is not None:
-        wide = with_joints(wide, friction)
+        wide = with_joints(wide, metric)
     others = len(wide.gap)
     if tangents is not None and resistance is not None:
         wide = with_resistance(wide, tangents, resistance)
@@ -114,13 +114,10 @@ def rotational(resistance: Array, turning: Array) -> Array:
     return about
 
 
-def with_joints(rows: Rows, friction: Array) -> Rows:
-    """Return rows with tangents, followed by those of joints with dry friction.
-
-    `friction`, shape (nv,), are the largest percussions of joints.
-    """
-    tangents, mu = joint_rows(friction)
-    k, d, nv = len(rows.gap), len(mu), len(friction)
+def with_joints(rows: Rows, metric: Metric) -> Rows:
+    """Return rows with tangents, followed by those of joints and hinges with dry friction, which the metric has."""
+    tangents, mu = joint_rows(metric)
+    k, d, nv = len(rows.gap), len(mu), tangents.shape[1]
     if rows.tangents is None:
         rows = rows._replace(tangents=Tangents(np.zeros(k), np.zeros((k, 2, 3)), np.zeros((2 * k, nv)), None))
     none, nowhere = np.zeros(d), np.full((d, 3), np.nan)

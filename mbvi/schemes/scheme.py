@@ -117,7 +117,7 @@ def refuse_friction(problem: Problem, scheme: SchemeBase, why: str) -> None:
     if problem.system.has_joint_friction:
         raise UnsuitableError(
             f"{scheme!r} has no dry friction of joints: take Centered(project_positions=True), StewartTrinkle, "
-            "MoreauJean or Paoli, or leave it out by joint_friction=False"
+            "MoreauJean or Paoli, or leave it out by joint_friction=False, of a hinge by friction=0"
         )
     if problem.constraints.frictional:
         raise UnsuitableError(

@@ -13,7 +13,7 @@ from ..compiled import kernel, plain_array
 from ..projection import FreeMotion, TreeFreeMotion
 from ..projection.tree import factor
 from ..projection.tree_factor import keep_equalities
-from ..system import System, independent_parts, located_parts
+from ..system import HingedSystem, System, independent_parts, located_parts
 from ..system.free.sparse_rows import dense
 from ..system.mechanisms.mechanism import weigh
 from ..system.system import Array
@@ -90,7 +90,9 @@ def with_tangent_velocity(system: System, step: Step, motion: FreeMotion | TreeF
         return step
     rows, nothing, marked = step.active, np.zeros(system.nv), np.empty(system.nv, bool)
     damping = np.concatenate([np.zeros(part.nv) if part.damping is None else part.damping for part in parts])
-    friction = nothing if motion.friction is None else motion.friction
+    friction = nothing if motion.friction is None else motion.friction[: system.nv]
+    if isinstance(system, HingedSystem):
+        damping += system.losing
     mu = np.zeros(len(rows.gap)) if rows.tangents is None else rows.tangents.friction
     lost = plain_array(damping), plain_array(friction)
     acted = plain_array(dense(rows.jacobian)), plain_array(rows.restitution), plain_array(mu)

@@ -6,6 +6,7 @@ from .connected import ConnectedSystem
 from .free.bodies import FreeBodies, Spheres
 from .free.planar import PlanarBodies, PlanarSpheres
 from .given_system import checked_system
+from .hinged import HingedSystem
 from .lagrangian import LagrangianSystem
 from .mechanisms.articulated import ArticulatedSystem
 from .system import System, independent_parts, located_parts, parts_of
@@ -16,6 +17,7 @@ __all__ = [
     "BlockSystem",
     "ConnectedSystem",
     "FreeBodies",
+    "HingedSystem",
     "LagrangianSystem",
     "PlanarBodies",
     "PlanarSpheres",

@@ -859,7 +859,7 @@ def test_functions_that_a_file_has_no_place_for_are_refused(tmp_path):
     path = tmp_path / "run.h5"
     run(saved_scene().build(), "paoli", 0.01, out=path)
     for wrong, words in (
-        ({"control": {"hopper": own_control}}, "'hopper'; the robots of .* that had a control are: 'other'"),
+        ({"control": {"hopper": own_control}}, "'hopper'; what had a control in .* is: 'other'"),
         ({"control": [feedback, feedback]}, "gives 2 functions control.* had 1 of them"),
         ({"control": 3}, "must be a function"),
         ({"control": [3]}, "must be a function"),

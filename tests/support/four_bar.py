@@ -68,8 +68,8 @@ def motion(duration, state=(START, 0.0), events=None):
     return solve_ivp(rate, (0.0, duration), state, method="DOP853", rtol=1e-12, atol=1e-12, events=events)
 
 
-def four_bar(e=0.0, floor=None):
-    """The linkage at rest; with a floor below a ball at the middle of the coupler."""
+def four_bar(e=0.0, floor=None, **acting):
+    """The linkage at rest; with a floor, and with what acts about the hinge of coupler and rocker."""
     scene = mbvi.Scene(restitution=e)
     coupler, rocker = angles(START)
     pin = CRANK * np.cos(START), 0.0, CRANK * np.sin(START)
@@ -85,7 +85,7 @@ def four_bar(e=0.0, floor=None):
     scene.hinge("world", "crank", at=ends[0], axis=y)
     scene.hinge("crank", "coupler", at=pin, axis=y)
     joint = GROUND + ROCKER * np.cos(rocker), 0.0, ROCKER * np.sin(rocker)
-    scene.hinge("coupler", "rocker", at=joint, axis=y)
+    scene.hinge("coupler", "rocker", at=joint, axis=y, name="elbow", **acting)
     scene.hinge("rocker", "world", at=ends[2], axis=y, name="bearing")
     if floor is not None:
         scene.add_halfspace((0, 0, 1), floor, name="floor")

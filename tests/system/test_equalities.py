@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
 
+from mbvi.projection.damped_rows import moving_rows
 from mbvi.projection.tree_factor import span_equalities
 from mbvi.system import ArticulatedSystem
 from mbvi.system.mechanisms.equalities import CoupledJoints, PointRows
@@ -86,6 +87,21 @@ def test_damping_of_joints_acts_along_the_equalities(seed):
     kept = 0.5 * (v + system.centered_motion(0.0, q, v, h, v).free)
     expected = 0.5 * (start + 2.0 * ends[3] - ends[4])
     np.testing.assert_allclose(kept, Z @ expected, rtol=0.0, atol=1e-9 * np.abs(v).max())
+
+
+@each_seed
+def test_rows_that_equalities_hold_do_not_move(seed):
+    """Sums of the equalities, and others, with and without a small part of one of these."""
+    rng = np.random.default_rng(seed)
+    system, q, _ = tied_robot(rng)
+    metric, (_, J) = system.metric(q), rows_of(system, q)
+    held, free = rng.normal(size=(3, len(J))) @ J, rng.normal(size=(3, system.nv))
+    # of the same size without equalities
+    bare = ArticulatedSystem(system.model).metric(q)
+    free *= (np.linalg.norm(bare.whiten(held.T), axis=0) / np.linalg.norm(bare.whiten(free.T), axis=0))[:, None]
+    assert not moving_rows(metric, np.concatenate([held, held + 1e-11 * free])).any()
+    assert moving_rows(metric, np.concatenate([free, held + 1e-6 * free])).all()
+    assert moving_rows(metric, free[:0]).size == 0
 
 
 @each_seed

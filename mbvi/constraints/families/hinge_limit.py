@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...system import System
-from ...system.free.sparse_rows import dense
+from ...system.mechanisms.hinge_angles import HingeAngles
 from ..family import ConstraintFamily
 from ..rows import Array
 
@@ -19,11 +19,8 @@ class HingeLimits(ConstraintFamily):
     ----------
     system : System
         The system.
-    bodies : ndarray of int, shape (2, n)
-        First and second body of each hinge; 0 is the world.
-    frames : ndarray, shape (2, n, 4, 3)
-        Frame of the hinge in the first and in the second body: its axes in rows, of which it turns about the third,
-        then its origin. The angle is zero where both have the same axes, and within (-pi, pi].
+    angles : HingeAngles
+        Their angles.
     limits : ndarray, shape (2, n)
         Lower and upper limits [rad].
     names : sequence of str
@@ -37,42 +34,23 @@ class HingeLimits(ConstraintFamily):
     of_joints = True
 
     def __init__(
-        self, system: System, bodies: Array, frames: Array, limits: Array, names: Sequence[str], restitution: float,
-        lever: float,
-    ) -> None:  # fmt: skip
-        self._system, self._bodies, self._frames, self._limits = system, bodies, frames, limits
+        self, system: System, angles: HingeAngles, limits: Array, names: Sequence[str], restitution: float, lever: float
+    ) -> None:
+        self._system, self._angles, self._limits = system, angles, limits
         self.size = 2 * len(names)
         self.names = tuple(f"{name} {side} limit" for side in ("lower", "upper") for name in names)
         self.restitution, self.lever = restitution, lever
 
     def gap(self, t: float, q: Array) -> Array:
         """Return the angles from the lower and to the upper limits, shape (2 n,) [rad]."""
-        (x, y, _, _), (turned, *_) = self._axes(q)
-        angle = np.arctan2(np.einsum("ij,ij->i", turned, y), np.einsum("ij,ij->i", turned, x))
+        angle = self._angles.at(self._system, q)
         return np.concatenate([angle - self._limits[0], self._limits[1] - angle])
 
     def gradient(self, t: float, q: Array) -> Array:
         """Return the gradients of the angles and their negatives, shape (2 n, nv)."""
-        # the rate of a point on one axis along the next one, less that of the origin, is the angular velocity
-        (x, y, _, origin), _ = self._axes(q)
-        first, second = self._bodies
-        rows = [dense(self._system.separation_rows(q, first, second, p, y)) for p in (origin + x, origin)]
-        turning = rows[0] - rows[1]
+        turning = self._angles.gradients(self._system, q)
         return np.concatenate([turning, -turning])
 
     def describe(self) -> str:
         """Return one line of `Problem.report()`, in words."""
         return f"{self.size} limits of hinges"
-
-    def _axes(self, q: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Return axes and origins of the frames on the first and the second bodies in the world, each (n, 3)."""
-        found = []
-        for bodies, frames in zip(self._bodies, self._frames, strict=True):
-            poses = np.tile(np.vstack([np.eye(3), np.zeros(3)]), (len(bodies), 1, 1))
-            moving = np.flatnonzero(bodies)
-            if moving.size:
-                poses[moving] = self._system.placements(q, bodies[moving])
-            axes = frames[:, :3] @ poses[:, :3]
-            origin = np.einsum("ij,ijk->ik", frames[:, 3], poses[:, :3]) + poses[:, 3]
-            found.append((*axes.transpose(1, 0, 2), origin))
-        return found[0], found[1]

@@ -194,7 +194,8 @@ def _failure(found: float, residual: float, metric: Metric, problem: dict[str, A
         message = "a contact whose normal row vanishes demands a positive rate: no velocity gives it"
         return ProjectionError(message, problem, found)
     moving = np.repeat(~still, 3)
-    margin = existence_margin(metric, J[moving], problem["friction"][~still])
+    # dry friction of joints alone always has a solution
+    margin = existence_margin(metric, J[moving], problem["friction"][~still]) if moving.any() else np.inf
     if margin > 0.0:
         existence = f"a solution exists (margin {margin:.1e})"
     else:

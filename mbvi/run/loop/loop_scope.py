@@ -7,6 +7,7 @@ import numpy as np
 from ...constraints.mechanism.state import can_be_compiled, has_given_rows
 from ...problem import Problem
 from ...schemes import Scheme
+from ...system import HingedSystem
 from ...system.control_table import TRACKING, ControlTable, no_control, side_by_side, tracking
 from ...system.controls import LoopControl
 from ...system.mechanisms.articulated import ArticulatedSystem
@@ -25,7 +26,7 @@ def is_compiled(problem: Problem, scheme: Scheme) -> bool:
     loop = loop_of(scheme)
     if loop is None or problem.energy_cap or system.sparse or not can_be_joined(system):
         return False
-    if problem.constraints.resistance is not None:
+    if problem.constraints.resistance is not None or isinstance(system, HingedSystem):
         return False
     # among several bodies `StewartTrinkle` linearises contacts again at the end of a step
     if loop is run_stewart_trinkle and not system.single_mechanism:

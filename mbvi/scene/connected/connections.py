@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 
-from ...arguments import finite, printable, shown, vector
+from ...arguments import between, finite, function, not_negative, printable, shown, vector
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array
+from ...system.mechanisms.articulated import Control
 from ..items import ConnectionItem, CouplingItem, SceneItems
 from ..urdf.robot import Robot
+from .hinges import fitted_control
 
 # largest angle of a hinge with limits, so that one beyond them is known [rad]
 _WIDEST = 3.1
@@ -60,19 +63,48 @@ class Connections:
         axis: Sequence[float] | Array,
         name: str | None = None,
         limits: Sequence[float] | Array | None = None,
+        *,
+        stiffness: float = 0.0,
+        rest: float = 0.0,
+        damping: float = 0.0,
+        friction: float = 0.0,
+        control: Control | None = None,
     ) -> str:
         """Let two bodies share a point and an axis through it, about which they turn; the rest as `connect`.
 
-        `axis`, shape (3,), is its direction in the world where the scene starts. `limits`, shape (2,), are the
-        least and the largest angle of the second body about it, counted from the start, within -3.1 and 3.1 rad. They
-        have the scene's restitution, as limits of joints.
+        Angles are those of the second body about the axis, counted from the start, within -pi and pi.
+
+        Parameters
+        ----------
+        axis : array_like, shape (3,)
+            Its direction in the world where the scene starts.
+        limits : array_like, shape (2,), optional
+            Least and largest angle, within -3.1 and 3.1 [rad]. They have the scene's restitution, as limits of joints.
+        stiffness, rest : float
+            Of a spring: torque per angle [N m/rad], and its angle without torque, within -3.1 and 3.1 [rad]. More than
+            half a turn from there it acts the shorter way.
+        damping : float
+            Torque per angular velocity [N m s/rad].
+        friction : float
+            Largest torque of dry friction [N m].
+        control : callable, optional
+            control(t, q, v) -> tau with the angle and its rate, each of shape (1,), as that of a robot with one joint;
+            also `ConstantTorque` or `PDControl` [N m].
         """
         direction = vector(axis, "axis")
         length = float(np.linalg.norm(direction))
         if not length > 0.0:
             raise InputError("axis is zero; it must have a direction")
         bounds = None if limits is None else _checked_limits(vector(limits, "limits", 2))
-        return self._add_connection("hinge", first, second, name, "hinge", vector(at, "at"), direction / length, bounds)
+        acting = {
+            "stiffness": not_negative(stiffness, "stiffness"),
+            "rest": between(rest, "rest", -_WIDEST, _WIDEST),
+            "damping": not_negative(damping, "damping"),
+            "friction": not_negative(friction, "friction"),
+            "control": None if control is None else function(control, "control", "control(t, q, v) -> tau"),
+        }
+        place, own = vector(at, "at"), direction / length
+        return self._add_connection("hinge", first, second, name, "hinge", place, own, limits=bounds, **acting)
 
     def weld(self, first: str, second: str, name: str | None = None) -> str:
         """Keep two bodies as they are to each other where the scene starts; the rest as `connect`."""
@@ -122,14 +154,16 @@ class Connections:
 
     def _add_connection(
         self, kind: str, first: str, second: str, name: str | None, default: str, at: Array | None, axis: Array | None,
-        limits: tuple[float, float] | None = None,
+        **more: Any,
     ) -> str:  # fmt: skip
         moves = [self._checked_side(side) for side in (first, second)]
         if first == second or not any(moves):
             why = "is one body" if first == second else "do not move"
             raise InputError(f"{first} and {second} {why}: there is nothing to connect")
         own = self._items.new_name(name, default)
-        self._items.connections.append(ConnectionItem(own, kind, first, second, at, axis, limits=limits))
+        item = ConnectionItem(own, kind, first, second, at, axis, **more)
+        fitted_control(item)
+        self._items.connections.append(item)
         if "world" not in (first, second):
             self._items.leave_out(first, second, own)
         return own

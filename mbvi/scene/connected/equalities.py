@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...constraints import HingeLimits
 from ...errors import InputError
 from ...geometry.shapes.shapes import Array, PlacedShape
 from ...system import System, located_parts
@@ -74,25 +73,6 @@ def _common(item: ConnectionItem, first: Side) -> Array:
     """Return the frame of a connection in the world."""
     origin = _composed(first.pose, first.frame)[3] if item.at is None else item.at
     return np.vstack([_axes(item.axis), origin])
-
-
-def hinge_limits(
-    items: SceneItems, system: System, frames: Mapping[str, PlacedShape], shapes: Sequence[PlacedShape], q: Array,
-    lever: float,
-) -> HingeLimits | None:  # fmt: skip
-    """Return the limits of the hinges of a scene, None if none has some.
-
-    The other arguments are those of `equalities_between`; `lever` makes a length of an angle [m/rad].
-    """
-    limited = [(one, one.limits) for one in items.connections if one.limits is not None]
-    if not limited:
-        return None
-    sides = sides_at(items, system, frames, shapes, q)
-    pairs = [(sides[one.first], sides[one.second]) for one, _ in limited]
-    found = np.array([frames_of(one, *pair) for (one, _), pair in zip(limited, pairs, strict=True)])
-    bodies = np.array([[side.body for side in pair] for pair in pairs], dtype=np.int64).T.copy()
-    limits, names = np.array([bounds for _, bounds in limited]).T, [one.name for one, _ in limited]
-    return HingeLimits(system, bodies, found.transpose(1, 0, 2, 3).copy(), limits, names, items.restitution, lever)
 
 
 def sides_at(
@@ -209,7 +189,10 @@ def equalities_between(
     points = [point_rows(one, sides[one.first], sides[one.second]) for one in items.connections]
     first_body, first_velocity = [p.body for p in parts], [p.v for p in parts]
     within, between = dict[int, list[Equality]](), list[Equality]()
-    for rows in points:
+    for one, rows in zip(items.connections, points, strict=True):
+        if one.acts:
+            between.append(rows)
+            continue
         owners = {_part_of(first_body, side - 1) for side in (rows.first, rows.second) if side}
         _sort(rows, owners, parts, within, between)
     for coupled in coupled_joints(items, parts):

@@ -90,7 +90,11 @@ def describe(problem: Problem) -> str:
             "spheres": [_plain(s.__dict__) for s in items.spheres],
             "controls": [_source(control) for control in items.controls],
             "connections": [
-                {**_plain(c.__dict__), "frames": None if c.frames is None else [f.tolist() for f in c.frames]}
+                {
+                    **_plain(c.__dict__),
+                    "frames": None if c.frames is None else [f.tolist() for f in c.frames],
+                    "control": None if c.control is None else _source(c.control),
+                }
                 for c in items.connections
             ],
             "couplings": [dict(c.__dict__) for c in items.couplings],
@@ -132,12 +136,13 @@ def restore(text: str, given: GivenAgain | None = None) -> Problem | None:
     shapes = [_shape_back(s) for s in data.get("shapes", ())]
     items.bodies += [_body_back(b, shapes) for b in data["bodies"]]
     items.spheres += [SphereItem(**_arrays(s)) for s in data["spheres"]]
-    sources = data.get("controls", ())
-    items.controls += given.scene or [LostSceneControl(str(source)) for source in sources]
+    items.controls += given.scene or [LostSceneControl(str(source)) for source in data.get("controls", ())]
     for one in data.get("connections", ()):
         frames = one["frames"] and tuple(np.array(frame) for frame in one["frames"])
-        limits = one.get("limits") and tuple(one["limits"])
-        items.connections.append(ConnectionItem(**{**_arrays(one), "frames": frames, "limits": limits}))
+        limits, source = one.get("limits") and tuple(one["limits"]), one.get("control")
+        control = None if source is None else given.robots.get(one["name"], LostControl(str(source)))
+        own = {"frames": frames, "limits": limits, "control": control}
+        items.connections.append(ConnectionItem(**_arrays(one) | own))
     items.couplings += [CouplingItem(**one) for one in data.get("couplings", ())]
     forces = {name: list(functions) for name, functions in given.forces.items()}
     for one in data.get("forces", ()):
@@ -181,6 +186,7 @@ def _actions(items: SceneItems) -> list[tuple[str, Any]]:
             for r in items.robots
             if r.control is not None and not isinstance(r.control, Actuators)
         ),
+        *((f"control of hinge {c.name!r}", c.control) for c in items.connections if c.control is not None),
         *(("control of the scene", control) for control in items.controls),
         *((f"force on {force.body!r}", force.function) for force in items.forces),
     ]

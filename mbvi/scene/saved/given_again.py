@@ -73,7 +73,7 @@ class GivenAgain:
     Attributes
     ----------
     robots : dict of str to callable
-        Controls of single robots.
+        Controls of single robots and of hinges.
     scene : list of callable
         Controls of the whole scene, all of them or none.
     forces : dict of str to list of callable
@@ -108,7 +108,8 @@ def given_again(
         If the file has no place for one of them, or they are not as many as it lost, or one is no function.
     """
     data, found = json.loads(scene), GivenAgain()
-    robots = [r["name"] for r in data.get("robots", ()) if r["control"] is not None]
+    owners = [*data.get("robots", ()), *data.get("connections", ())]
+    robots = [one["name"] for one in owners if one.get("control") is not None]
     for one in control if isinstance(control, list | tuple) else () if control is None else (control,):
         if not isinstance(one, Mapping):
             found.scene.append(function(one, "control", "control(state) -> {robot: tau}"))
@@ -116,7 +117,7 @@ def given_again(
         for name, law in one.items():
             if name not in robots:
                 known = ", ".join(map(repr, robots)) or "none"
-                raise InputError(f"control names {shown(name)}; the robots of {path} that had a control are: {known}")
+                raise InputError(f"control names {shown(name)}; what had a control in {path} is: {known}")
             found.robots[name] = function(law, f"the control of {name!r}", "control(t, q, v) -> tau")
     many = len(data.get("controls", ()))
     if found.scene and len(found.scene) != many:

@@ -53,7 +53,7 @@ def joined(system: System, between: Sequence[Equality] = ()) -> ArticulatedSyste
     if isinstance(system.whole, ArticulatedSystem):
         return system.whole
     system = _unloaded(system)
-    if isinstance(system, ArticulatedSystem):
+    if isinstance(system, ArticulatedSystem) and not between:
         return system
     if between and not can_be_joined(system):
         raise InputError(

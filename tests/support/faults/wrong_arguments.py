@@ -512,11 +512,13 @@ CALLS: dict[str, Call] = {
         lambda: {"first": "hopper/trunk", "second": "ball", "at": (5.0, 0.0, 1.0), "name": "rope"},
     ),
     "Scene.hinge": Call(
-        lambda **given: _controlled().hinge(**given),
+        _acted("hinge"),
         lambda: {
             "first": "world", "second": "hopper/trunk", "at": (0, 0, 1), "axis": (0, 1, 0), "name": "door",
-            "limits": (-1, 1),
+            "limits": (-1, 1), "stiffness": 2.0, "rest": 0.1, "damping": 0.3, "friction": 0.4,
+            "control": lambda t, q, v: np.zeros(1),
         },
+        _runs,
     ),
     "Scene.weld": Call(
         lambda **given: _controlled().weld(**given),
